@@ -26,8 +26,15 @@ from compensator.functions import (
     envelope_value,
 )
 
+Packed = tuple[Array, Array, Array, int, Array]  # (envelopes, radii, weights, code of D, parameters of D)
 Initial = Literal["cooled", "heated"]
 KINDS = ("extended_generalized_pi", "generalized_pi", "classical_pi", "mixed_envelopes")
+
+
+def writable(values: ArrayLike) -> Array:
+    """A contiguous array that a compiled loop takes without compiling anew (a read-only array is another type)."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
 
 
 @dataclass(frozen=True)
@@ -146,6 +153,11 @@ class FilmModel:
             array = np.append(array, 0.0)
         return array
 
+    @cached_property
+    def packed(self) -> Packed:
+        """The model as the compiled loops take it: always of the same array types, so that each compiles once."""
+        return self.envelopes, self.radii.copy(), self.weights.copy(), self.memoryless.code, self.memoryless_array
+
     def saturated(self, initial: Initial) -> Array:
         """Each operator's output after the input came from +inf ("cooled") or -inf ("heated"); may be infinite."""
         rows = np.broadcast_to(self.envelopes, (self.operators, 6))
@@ -166,20 +178,10 @@ class FilmModel:
 
     def simulate(self, inputs_degC: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
         """Outputs for a sequence of temperatures, shape (samples,), and the memory after the last."""
-        inputs = np.ascontiguousarray(inputs_degC, dtype=np.float64)
+        inputs = writable(inputs_degC)
         outputs = np.empty(inputs.size)
         plays = memory.plays.copy()
-        play.run(
-            inputs,
-            memory.input_degC,
-            plays,
-            self.envelopes,
-            self.radii,
-            self.weights,
-            self.memoryless.code,
-            self.memoryless_array,
-            outputs,
-        )
+        play.run(inputs, memory.input_degC, plays, self.packed, outputs)
         return outputs, Memory(float(inputs[-1]) if inputs.size else memory.input_degC, plays)
 
     def step(self, input_degC: float, memory: Memory) -> tuple[float, Memory]:
@@ -193,9 +195,9 @@ class FilmModel:
 
     def play_outputs(self, inputs_degC: ArrayLike, memory: Memory) -> Array:
         """Output of each operator, shape (samples, operators)."""
-        inputs = np.ascontiguousarray(inputs_degC, dtype=np.float64)
+        inputs = writable(inputs_degC)
         outputs = np.empty((inputs.size, self.operators))
-        play.play_outputs(inputs, memory.input_degC, memory.plays.copy(), self.envelopes, self.radii, outputs)
+        play.play_outputs(inputs, memory.input_degC, memory.plays.copy(), self.packed[0], self.packed[1], outputs)
         return outputs
 
     def order_margin(self, low_degC: float = -50.0, high_degC: float = 200.0) -> Array:

@@ -21,13 +21,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from compensator import play
-from compensator.film import FilmModel, Initial, Memory
+from compensator.film import FilmModel, Initial, Memory, Packed, writable
 from compensator.functions import (
     Array,
     envelope,
@@ -45,7 +46,7 @@ SEGMENTS = 256
 
 @njit(cache=True)
 def _evaluate(
-    side: int, v: float, film: tuple[Array, Array, Array, int, Array], memory: Array
+    side: int, v: float, film: Packed, memory: Array
 ) -> tuple[float, float, float, float, float, float]:
     """(f, D', D'', h, dh/dv, sum of moving weights) at v on a branch: side +1 rising, -1 falling."""
     envelopes, radii, weights, code, par = film
@@ -69,7 +70,7 @@ def _evaluate(
 
 @njit(cache=True)
 def _kinked_step(
-    side: int, x: float, f: float, d1: float, u: float, film: tuple[Array, Array, Array, int, Array], memory: Array
+    side: int, x: float, f: float, d1: float, u: float, film: Packed, memory: Array
 ) -> float:
     """The v where D linearized at x plus the operators, each with its envelope linearized at x, reaches u.
 
@@ -110,7 +111,7 @@ def _common_step(
     d2: float,
     h: float,
     u: float,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     memory: Array,
 ) -> float:
     """The same where all operators share their envelopes: exact in gamma, D to second order."""
@@ -158,7 +159,7 @@ def _bracketed(
     x: float,
     at_x: tuple[float, float, float, float, float, float],
     end: float,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     memory: Array,
     tolerance: float,
 ) -> tuple[bool, float, float, int]:
@@ -206,7 +207,7 @@ def search(
     u: float,
     start: float,
     end: float,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     memory: Array,
     least_slope: float,
     tolerance: float,
@@ -299,7 +300,7 @@ def _least_envelope_slope(envelopes: Array, first: int, low: float, high: float)
 def solve(
     u: float,
     v_before: float,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     memory: Array,
     low: float,
     high: float,
@@ -335,7 +336,7 @@ def _extreme(
     side: int,
     start: float,
     end: float,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     memory: Array,
     tolerance: float,
 ) -> float:
@@ -368,7 +369,7 @@ def trajectory(
     targets: Array,
     v_before: float,
     memory: Array,
-    film: tuple[Array, Array, Array, int, Array],
+    film: Packed,
     low: float,
     high: float,
     least_slope: float,
@@ -423,22 +424,22 @@ class Inverse:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low_degC) and self.low_degC < self.high_degC < math.inf):
             raise ValueError(f"limits: {self.low_degC!r} to {self.high_degC!r} degC: expected low < high")
-        m = self.model
-        film = (m.envelopes, m.radii, m.weights, m.memoryless.code, m.memoryless_array)
-        least = memoryless_slope_range(film[3], film[4], self.low_degC, self.high_degC)[0]
-        object.__setattr__(self, "_film", film)
-        object.__setattr__(self, "_least_slope", float(least))
+
+    @cached_property
+    def least_slope(self) -> float:
+        """A lower bound of dD/dv within the limits: where it is >= 0 the model is monotone without further proof."""
+        return float(memoryless_slope_range(self.model.memoryless.code, self.model.memoryless_array, self.low_degC, self.high_degC)[0])
 
     def solve(self, target: float, memory: Memory) -> Solution:
         """The temperature nearest to the present one at which the output is `target`, from this memory."""
         found, v, residual, count = solve(
             target,
             memory.input_degC,
-            self._film,  # type: ignore[attr-defined]
-            memory.plays,
+            self.model.packed,
+            memory.plays.copy(),
             self.low_degC,
             self.high_degC,
-            self._least_slope,  # type: ignore[attr-defined]
+            self.least_slope,
             self.tolerance,
         )
         if found:
@@ -459,15 +460,15 @@ class Inverse:
             target,
             self.low_degC,
             self.high_degC,
-            self._film,  # type: ignore[attr-defined]
+            self.model.packed,
             self.model.saturated(initial),
-            self._least_slope,  # type: ignore[attr-defined]
+            self.least_slope,
             self.tolerance,
         )
         if found:
             return Solution(True, v, residual, target, None, count, self.model.initial_memory(v, initial))
         saturated = self.model.saturated(initial)
-        ends = (self.low_degC, self.high_degC, self._film, saturated, self.tolerance)  # type: ignore[attr-defined]
+        ends = (self.low_degC, self.high_degC, self.model.packed, saturated, self.tolerance)
         low, high = _extreme(-1, side, *ends), _extreme(1, side, *ends)
         nearest = low if abs(target - low) <= abs(target - high) else high
         rest = self.model.initial_memory(self.low_degC, initial)
@@ -478,7 +479,7 @@ class Inverse:
         v = memory.input_degC
         here = self.model.output_at(memory)
         least, most = here, here
-        film, plays = self._film, memory.plays  # type: ignore[attr-defined]
+        film, plays = self.model.packed, memory.plays.copy()
         for side, end in ((1, self.high_degC), (-1, self.low_degC)):
             if (end - v) * side > 0.0:
                 least = min(least, _extreme(-1, side, v, end, film, plays, self.tolerance))
@@ -487,7 +488,7 @@ class Inverse:
 
     def trajectory(self, targets: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
         """Temperatures (degC) for a sequence of outputs, nan where one is out of reach, and the memory after."""
-        wanted = np.ascontiguousarray(targets, dtype=np.float64)
+        wanted = writable(targets)
         temperatures, residuals = np.empty(wanted.size), np.empty(wanted.size)
         counts = np.empty(wanted.size, dtype=np.int64)
         plays = memory.plays.copy()
@@ -495,10 +496,10 @@ class Inverse:
             wanted,
             memory.input_degC,
             plays,
-            self._film,  # type: ignore[attr-defined]
+            self.model.packed,
             self.low_degC,
             self.high_degC,
-            self._least_slope,  # type: ignore[attr-defined]
+            self.least_slope,
             self.tolerance,
             temperatures,
             residuals,
@@ -508,5 +509,5 @@ class Inverse:
 
     def _advanced(self, v: float, memory: Memory) -> Memory:
         plays = memory.plays.copy()
-        play.advance(v, memory.input_degC, self.model.envelopes, self.model.radii, plays)
+        play.advance(v, memory.input_degC, self.model.packed[0], self.model.packed[1], plays)
         return Memory(v, plays)

@@ -65,14 +65,14 @@ def run(
     inputs: Array,
     v_before: float,
     memory: Array,
-    envelopes: Array,
-    radii: Array,
-    weights: Array,
-    code: int,
-    par: Array,
+    film: tuple[Array, Array, Array, int, Array],
     outputs: Array,
 ) -> None:
-    """Outputs u for a sequence of inputs v (degC), eq (9); `memory` is left at the last sample."""
+    """Outputs u for a sequence of inputs v (degC), eq (9); `memory` is left at the last sample.
+
+    film: (envelopes, radii, weights, code of D, parameters of D).
+    """
+    envelopes, radii, weights, code, par = film
     for i in range(inputs.size):
         v = inputs[i]
         advance(v, v_before, envelopes, radii, memory)

@@ -1,0 +1,189 @@
+"""Records of a film made ready for a fit: checked, freed of outliers, with a path for the operators.
+
+A film's memory belongs to its record. What happened before the first row is described by a `Start`: saturation at
+the hot ("cooled") or cold ("heated") end and, where the first row lies inside the transition, one turning point
+between that end and the first row. Rate independence makes the path cheap: besides the rows with readings only its
+turning points count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.film import Initial
+from compensator.functions import Array
+from compensator.identify_operators import Integers, Sides
+from compensator.temperature_path import TemperaturePath, temperature_path
+
+FEWEST: Final = 12  # readings below which nothing is fitted
+OUTLIER: Final = 8.0  # in robust standard deviations
+GAP: Final = 1.5  # in median steps
+
+
+@dataclass(frozen=True, eq=False)
+class FilmRecord:
+    """One record: `time_s` increasing, `temperature_degC`, `output` (nan: no reading), each of shape (samples,)."""
+
+    time_s: ArrayLike
+    temperature_degC: ArrayLike
+    output: ArrayLike
+    name: str = "record"
+
+
+@dataclass(frozen=True)
+class Start:
+    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row."""
+
+    initial: Initial = "cooled"
+    previous_degC: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading."""
+
+    name: str
+    time_s: Array
+    path: TemperaturePath
+    output: Array
+    used: NDArray[np.bool_]
+    outliers: Integers
+    gaps: int
+
+    @property
+    def inputs(self) -> Array:
+        return self.path.temperature_degC
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Rows of all records in sequence: inputs (degC), sides as `operator_outputs` takes them, and which of them
+    carry readings: `rows`, with `output`, `record` and `sample` (row in the record), each of shape (readings,)."""
+
+    inputs: Array
+    side: Sides
+    rows: Integers
+    output: Array
+    record: Integers
+    sample: Integers
+
+
+def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
+    """Check one record and find its path; `ValueError` with one line where it cannot be used."""
+    name = record.name
+    time = np.asarray(record.time_s, dtype=np.float64)
+    temperature = np.asarray(record.temperature_degC, dtype=np.float64)
+    output = np.array(record.output, dtype=np.float64)
+    if not (time.ndim == temperature.ndim == output.ndim == 1 and time.size == temperature.size == output.size):
+        raise ValueError(
+            f"{name}: time_s {time.shape}, temperature_degC {temperature.shape}, output {output.shape}: "
+            "expected three arrays of the same length"
+        )
+    if not np.all(np.isfinite(time)):
+        raise ValueError(f"{name}: time_s: {int(np.sum(~np.isfinite(time)))} are not finite, expected finite seconds")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        k = int(back[0]) + 1
+        raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
+    known = np.isfinite(temperature)
+    if not np.any(known):
+        raise ValueError(f"{name}: temperature_degC: no finite number in {time.size} rows, expected degC")
+    finite = np.isfinite(output) & known
+    if not np.any(finite):
+        raise ValueError(f"{name}: output: no finite reading in {time.size} rows, expected at least {FEWEST}")
+    if np.sum(finite) < FEWEST:
+        raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
+    if np.ptp(temperature[known]) < 1e-3:
+        raise ValueError(
+            f"{name}: temperature_degC: constant at {temperature[known][0]:g}, expected a sweep through the transition"
+        )
+    path = temperature_path(time, temperature, noise_K=noise_K)
+    outliers = lone_outliers(output, finite)
+    finite[outliers] = False
+    steps = np.diff(time)
+    gaps = int(np.sum(steps > gap_threshold(steps)))
+    return Prepared(name, time, path, output, finite, outliers, gaps)
+
+
+def gap_threshold(steps_s: Array) -> float:
+    """Steps above it are gaps: 1.5 medians, or 1.5 times the 95th percentile where sampling is uneven."""
+    threshold = GAP * float(np.median(steps_s))
+    if np.mean(steps_s > threshold) > 0.1:
+        threshold = GAP * float(np.percentile(steps_s, 95.0))
+    return threshold
+
+
+def lone_outliers(values: Array, finite: NDArray[np.bool_]) -> Integers:
+    """Rows whose reading stands off its neighbours by far more than noise and than the neighbours' own range."""
+    rows = np.flatnonzero(finite)
+    if rows.size < 7:
+        return np.empty(0, dtype=np.int64)
+    y = values[rows]
+    padded = np.concatenate((y[2:0:-1], y, y[-2:-4:-1]))
+    around = np.stack([padded[k : k + y.size] for k in (0, 1, 3, 4)])
+    off = np.abs(y - np.median(around, axis=0))
+    near = np.sort(around, axis=0)
+    local = near[2] - near[1] + 0.5 * (near[3] - near[0] - np.maximum(near[3] - near[2], near[1] - near[0]))
+    noise = 1.4826 * float(np.median(off)) + 1e-12 * (1.0 + float(np.ptp(y)))
+    return np.asarray(rows[off > OUTLIER * (noise + local)], dtype=np.int64)
+
+
+def build_path(
+    records: Sequence[Prepared], starts: Sequence[Start], chosen: Sequence[NDArray[np.bool_]] | None = None
+) -> Path:
+    """One path through all records, with the chosen rows' readings (default: all used rows')."""
+    inputs, sides, rows, outputs, owners, samples = [], [], [], [], [], []
+    length = 0
+    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
+        keep = record.used if chosen is None else record.used & chosen[number]
+        needed = keep.copy()
+        needed[record.path.turning] = True
+        needed[0] = True
+        index = np.flatnonzero(needed)
+        v = record.inputs[index]
+        position = np.flatnonzero(keep[index])
+        if start.previous_degC is not None:
+            v = np.concatenate(([start.previous_degC], v))
+            position = position + 1
+        side = np.empty(v.size, dtype=np.int8)
+        side[0] = -2 if start.initial == "cooled" else 2
+        side[1:] = np.sign(np.diff(v))
+        inputs.append(v)
+        sides.append(side)
+        rows.append(position + length)
+        readings = np.flatnonzero(keep)
+        outputs.append(record.output[readings])
+        owners.append(np.full(readings.size, number))
+        samples.append(readings)
+        length += v.size
+    return Path(
+        np.concatenate(inputs),
+        np.concatenate(sides).astype(np.int8),
+        np.concatenate(rows).astype(np.int64),
+        np.concatenate(outputs),
+        np.concatenate(owners).astype(np.int64),
+        np.concatenate(samples).astype(np.int64),
+    )
+
+
+def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
+    """Rows to hold out: every third of short blocks of readings, which leaves each stretch of a sweep covered."""
+    rows = np.flatnonzero(record.used)
+    length = max(1, round(rows.size / blocks))
+    held = np.zeros(record.used.size, dtype=np.bool_)
+    held[rows[(np.arange(rows.size) // length) % 3 == 1]] = True
+    return held
+
+
+def thinned(record: Prepared, chosen: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """At most about `most` of the chosen rows, evenly in sequence."""
+    rows = np.flatnonzero(record.used & chosen)
+    keep = np.zeros(record.used.size, dtype=np.bool_)
+    if rows.size:
+        keep[rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]] = True
+    return keep

@@ -1,0 +1,147 @@
+"""Global search for the outer parameters of a film model: many starts, the best refined, the record's memory chosen.
+
+The starts are a Sobol set over the envelopes' slopes and centres and D's shape, scaled to the record: a local search
+from a single start often ends far from the best fit. Operator outputs do not depend on D, so that each start serves
+every form of D at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from compensator.functions import Array
+from compensator.identify_forms import Form
+from compensator.identify_operators import GROUP
+from compensator.identify_projection import Problem, Solution, Structure
+from compensator.identify_rows import Path, Prepared, Start, build_path
+
+STARTS: Final = 256
+REFINED: Final = 8
+
+
+def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
+    """Least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
+    low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
+    span = high - low
+    least = np.array([math.log(0.5 / span), low - 0.5 * span] * 2)
+    most = np.array([math.log(150.0 / span), high + 0.5 * span] * 2)
+    return np.tile(least, groups), np.tile(most, groups)
+
+
+def transition(path: Path) -> tuple[float, float]:
+    """Where the output changes: the middle and half-width (degC) of the central 80 % of its change per kelvin."""
+    v = path.inputs[path.rows]
+    edges = np.linspace(np.min(v), np.max(v), 61)
+    density = slope_density(path, edges)
+    total = np.cumsum(density)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    low, high = np.interp([0.1 * total[-1], 0.9 * total[-1]], total, centres)
+    return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
+
+
+def slope_density(path: Path, edges: Array) -> Array:
+    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart."""
+    v, y = path.inputs[path.rows], path.output
+    travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(v)))))
+    step = 0.5 * float(edges[1] - edges[0])
+    coarse = np.flatnonzero(np.diff(np.floor(travel / step), prepend=-1.0) > 0)
+    dv, dy = np.diff(v[coarse]), np.diff(y[coarse])
+    middle = 0.5 * (v[coarse][1:] + v[coarse][:-1])
+    size = edges.size - 1
+    place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
+    moved = np.bincount(place, weights=np.abs(dv), minlength=size)
+    changed = np.bincount(place, weights=np.maximum(np.sign(dv) * dy, 0.0), minlength=size)
+    return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
+
+
+def starting_points(problem: Problem, count: int, seed: int) -> Array:
+    """Starts over the bounds, shape (count, parameters): slopes on a log scale, centres drawn to the transition."""
+    groups = problem.structure.groups
+    middle, half = transition(problem.path)
+    dimensions = problem.low.size
+    unit = np.asarray(qmc.Sobol(dimensions, seed=seed).random(count), dtype=np.float64)
+    starts = problem.low + unit * (problem.high - problem.low)
+    for group in range(groups):
+        first = GROUP * group
+        centre = middle + 3.0 * half * (unit[:, first + 1] - 0.5)
+        apart = 6.0 * half * (unit[:, first + 3] - 0.5)
+        steepness = math.log(1.0 / half) + 3.0 * (unit[:, first] - 0.6)
+        starts[:, first] = steepness
+        starts[:, first + 2] = steepness + 1.2 * (unit[:, first + 2] - 0.5)
+        starts[:, first + 1] = centre + 0.5 * apart
+        starts[:, first + 3] = centre - 0.5 * apart
+    return np.clip(starts, problem.low, problem.high)
+
+
+def search(
+    path: Path, structure: Structure, forms: Sequence[Form], *, starts: int = STARTS, seed: int = 0, extra: Sequence[Array] = ()
+) -> dict[str, Solution]:
+    """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
+    low, high = envelope_bounds(path, structure.groups)
+    problems = {form.name: Problem(path, structure, form, low, high) for form in forms}
+    largest = max(problems.values(), key=lambda problem: problem.low.size)
+    points = starting_points(largest, starts, seed)
+    split = largest.split
+    found: dict[str, list[Solution]] = {name: [] for name in problems}
+    shapes = [*extra, *points[:, :split]]
+    for number, shape in enumerate(shapes):
+        row = points[number % points.shape[0]]
+        operators, _ = largest.operators(np.append(shape, row[split:]))
+        for name, problem in problems.items():
+            theta = np.append(shape, _within(problem, row[split:]))
+            found[name].append(problem.solve_columns(theta, operators))
+    return {name: _refined(problems[name], solutions) for name, solutions in found.items()}
+
+
+def _within(problem: Problem, drawn: Array) -> Array:
+    """D's nonlinear parameters from a draw made for the form with the most of them."""
+    count = problem.low.size - problem.split
+    return np.clip(drawn[:count], problem.low[problem.split :], problem.high[problem.split :])
+
+
+def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
+    best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
+    near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
+    return min((problem.refine(solution, steps=30) for solution in near[:3]), key=lambda solution: solution.square)
+
+
+def start_candidates(record: Prepared) -> list[Start]:
+    """Memories a record may begin with: saturated at either end, with or without one turning point since."""
+    v0 = float(record.inputs[0])
+    low, high = float(np.min(record.inputs)), float(np.max(record.inputs))
+    margin = 0.25 * (high - low)
+    candidates = [Start("cooled"), Start("heated")]
+    candidates += [Start("cooled", float(t)) for t in np.linspace(low - margin, v0, 14)[:-1]]
+    candidates += [Start("heated", float(t)) for t in np.linspace(v0, high + margin, 14)[1:]]
+    return candidates
+
+
+def choose_starts(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    candidates: Sequence[Sequence[Start]],
+    fit: Problem,
+    theta: Array,
+) -> list[Start]:
+    """The memories that fit best at theta, record by record: a later candidate has to gain 2 % to be taken."""
+    best = list(starts)
+
+    def square(trial: Sequence[Start]) -> float:
+        problem = Problem(build_path(records, trial, chosen), fit.structure, fit.form, *envelope_bounds(fit.path, fit.structure.groups))
+        return problem.solve(theta).square
+
+    for number in range(len(records)):
+        least = square(best)
+        for candidate in candidates[number]:
+            trial = [*best[:number], candidate, *best[number + 1 :]]
+            value = square(trial)
+            if value < least * (0.98 if candidate.previous_degC is not None else 0.999):
+                best, least = trial, value
+    return best

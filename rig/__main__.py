@@ -1,0 +1,93 @@
+"""The command line: `peltier VERB ...`. A verb's module is imported only when it is called."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+
+from rig.faults import Faults
+
+# verb -> what it does, for the overview; the verb's module is rig.command.VERB
+VERBS = {
+    "init": "write commented configurations to start from",
+    "run": "run an experiment",
+    "calibrate": "measure a film and its plate, and write their model",
+    "identify": "fit film and plate models to records",
+    "predict": "compare a model with a record that it was not fitted to",
+    "invert": "temperatures for a desired resistance",
+    "simulate": "a simulated record",
+    "tune": "PID gains from the plate model, with margins",
+    "emulate": "simulated instruments on pseudo-terminals",
+}
+
+
+def overview() -> str:
+    lines = ["usage: peltier VERB ...        (peltier VERB --help tells more)", ""]
+    lines += [f"  {verb:<10} {text}" for verb, text in VERBS.items()]
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a verb; the return value is the exit status (interfaces, names and exits)."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(overview())
+        return 0 if words else 2
+    if words[0] == "--version":
+        from importlib.metadata import version
+
+        print(version("peltier-rig"))
+        return 0
+    verb = words[0]
+    if verb not in VERBS:
+        import difflib
+
+        near = difflib.get_close_matches(verb, VERBS, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
+        return 2
+    module = importlib.import_module(f"rig.command.{verb}")
+    parser = argparse.ArgumentParser(
+        prog=f"peltier {verb}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    module.arguments(parser)
+    try:
+        options = parser.parse_args(words[1:])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return ended(lambda: int(module.main(options)), verb)
+
+
+def ended(action: object, verb: str) -> int:
+    """Run the action and turn what it raises into a line on stderr and an exit status."""
+    from rig.errors import RigError
+    from rig.outcome import NotConfirmedOff, Outcome
+
+    assert callable(action)
+    try:
+        return int(action())
+    except Faults as faults:
+        for line in faults.lines:
+            print(line, file=sys.stderr)
+        return 2
+    except NotConfirmedOff as outcome:
+        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand.", file=sys.stderr)
+        return outcome.exit_status
+    except Outcome as outcome:
+        print(f"peltier {verb}: {outcome}", file=sys.stderr)
+        return outcome.exit_status
+    except RigError as error:
+        print(f"peltier {verb}: {error}", file=sys.stderr)
+        return int(getattr(error, "exit_status", 1))
+    except OSError as error:
+        print(f"peltier {verb}: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

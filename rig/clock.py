@@ -1,0 +1,51 @@
+"""Clocks. Only `rig` has one; everything below is given times.
+
+Clock
+|- RealClock      monotonic seconds of this computer
+`- VirtualClock   seconds that pass only when somebody sleeps
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Seconds since an arbitrary moment, never backwards."""
+
+    def now_s(self) -> float:
+        """Time now, s."""
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Return at `time_s` or, where it has passed, at once."""
+
+
+class RealClock:
+    """The computer's monotonic clock: it neither jumps with daylight saving nor with network time."""
+
+    def now_s(self) -> float:
+        """Seconds since some moment before the program began."""
+        return time.monotonic()
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Sleep; a time in the past returns at once."""
+        remaining_s = time_s - time.monotonic()
+        if remaining_s > 0.0:
+            time.sleep(remaining_s)
+
+
+class VirtualClock:
+    """Time that advances only by sleeping, so that a simulated hour takes no longer than its arithmetic."""
+
+    def __init__(self, start_s: float = 0.0) -> None:
+        self._now_s = start_s
+
+    def now_s(self) -> float:
+        """Seconds since the experiment began."""
+        return self._now_s
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Jump to `time_s`; never backwards."""
+        if time_s > self._now_s:
+            self._now_s = time_s

@@ -1,0 +1,48 @@
+"""peltier calibrate CONFIG [--out DIR]: condition the film, run a profile that fixes film and plate, write MODEL.toml."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rig.command.say import Voice
+
+HELP = "measure a film and its plate, and write their model"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, help="configuration of bench and calibration (TOML)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_calibration_ID")
+    parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.files.configuration import read_configuration
+    from rig.files.run_folder import default_folder
+
+    voice = Voice(options.json)
+    file = read_configuration(options.config)
+    from rig.bench import open_bench
+    from rig.experiment.session import calibrate
+    from rig.signals import SignalStop
+
+    path = options.out if options.out is not None else default_folder("calibration")
+    with voice.progress() as progress, SignalStop() as signals, open_bench(file) as bench:
+        result = calibrate(bench, file, path, signals, voice.say, progress)
+    voice.say("output off, confirmed by the controller")
+    voice.say(f"report: {path / 'report.html'}")
+    voice.report(
+        {
+            "format": "peltier-calibration/1",
+            "folder": path,
+            "model": result.model_path,
+            "check_rmse_dec": result.check_rmse_dec,
+            "check_max_dec": result.check_max_dec,
+            "check_rmse_K": result.check_rmse_K,
+            "rows_fitted": result.rows_fitted,
+            "rows_checked": result.rows_checked,
+            "transition_degC": list(result.transition_degC),
+            "identifiability": result.film.identifiability,
+        }
+    )
+    return 0

@@ -1,0 +1,47 @@
+"""peltier run CONFIG [--out DIR]: an experiment; DIR is the run folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rig.command.say import Voice
+
+HELP = "run an experiment"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, help="configuration of bench and experiment (TOML)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_NAME_ID")
+    parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.files.configuration import read_configuration
+
+    voice = Voice(options.json)
+    file = read_configuration(options.config)
+    from rig.experiment.session import design_table, run
+
+    with voice.progress() as progress:
+        result = run(file, options.out, voice.say, progress)
+    voice.say("output off, confirmed by the controller")
+    voice.say(f"report: {result.folder / 'report.html'}")
+    calibration = result.calibration
+    voice.report(
+        {
+            "format": "peltier-run-result/1",
+            "folder": result.folder,
+            "scores": {score.law: score.table() for score in result.scores},
+            "designs": {name: design_table(design) for name, design in result.designs.items()},
+            "calibration": None
+            if calibration is None
+            else {
+                "model": calibration.model_path,
+                "check_rmse_dec": calibration.check_rmse_dec,
+                "rows_fitted": calibration.rows_fitted,
+                "rows_checked": calibration.rows_checked,
+            },
+        }
+    )
+    return 0

@@ -1,0 +1,54 @@
+"""What the verbs print: lines, progress, and JSON where it is asked for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rig.files.run_folder import plain_json
+
+
+class Voice:
+    """Lines for people; on stderr where stdout belongs to --json."""
+
+    def __init__(self, json_target: str | None) -> None:
+        self._json = json_target
+        self._stream = sys.stderr if json_target == "-" else sys.stdout
+
+    def say(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+    def report(self, value: Any) -> None:
+        """Write the JSON, if it was asked for."""
+        if self._json == "-":
+            sys.stdout.write(plain_json(value) + "\n")
+            sys.stdout.flush()
+        elif self._json is not None:
+            Path(self._json).write_text(plain_json(value) + "\n", encoding="utf-8")
+
+    @contextmanager
+    def progress(self) -> Iterator[Callable[[str, float, float], None] | None]:
+        """A progress bar a phase on a terminal; nothing elsewhere."""
+        if not sys.stderr.isatty():
+            yield None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        with Progress(
+            TextColumn("{task.description:<12}"),
+            BarColumn(),
+            TextColumn("{task.completed:7.1f} of {task.total:.1f} s"),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            transient=True,
+        ) as bars:
+            task = bars.add_task("", total=1.0)
+
+            def show(phase: str, done_s: float, of_s: float) -> None:
+                bars.update(task, description=phase, completed=done_s, total=max(of_s, 1e-9))
+
+            yield show

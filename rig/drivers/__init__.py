@@ -1,0 +1,1 @@
+"""Drivers: one instrument a file, behind `controller.TemperatureController` and `meter.ResistanceMeter`."""

@@ -1,0 +1,70 @@
+"""What the rig asks of a temperature controller, whatever its protocol."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from rig.drivers.identity import Identity
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Reading
+
+
+@dataclass(frozen=True, slots=True)
+class Status:
+    """What a controller says about itself. code: its own number of the error, 0 where there is none."""
+
+    text: str
+    is_error: bool
+    output_is_on: bool
+    code: int = 0
+
+
+class TemperatureController(Protocol):
+    """Drives a Peltier element and reads its thermometer. Positive current heats, however it is wired.
+
+    commands_current: whether it can be told a current (otherwise setpoints only). has_dead_man: whether it
+    turns its output off by itself when the host falls silent. All methods but `off` raise
+    `rig.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
+    """
+
+    LINE: ClassVar[LineSettings]
+    commands_current: ClassVar[bool]
+    has_dead_man: ClassVar[bool]
+    transport: Transport
+
+    def identify(self) -> Identity:
+        """Who it is; Refused where it is no instrument of this driver's family."""
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Output off, limits and dead man set and read back; Refused where the read-back differs."""
+
+    def arm_current(self) -> None:
+        """Output on at 0 A, ready for `set_current_A`."""
+
+    def set_current_A(self, current_A: float) -> None:
+        """Current from now on, A; acknowledged when it returns."""
+
+    def arm_setpoint(self) -> None:
+        """Output on under the instrument's own regulation, held at the temperature of now."""
+
+    def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """Target of the instrument's own regulation, degC; acknowledged when it returns."""
+
+    def read_temperature(self) -> Reading:
+        """Thermometer, degC."""
+
+    def read_current(self) -> Reading:
+        """Current that flows, A."""
+
+    def status(self) -> Status:
+        """What it says about itself."""
+
+    def off(self) -> bool:
+        """Output off; True only if the instrument has read back that it is. Never raises."""
+
+    def close(self) -> None:
+        """Let go of the port; the output stays as it is. Never raises."""

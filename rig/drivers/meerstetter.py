@@ -1,0 +1,208 @@
+"""Meerstetter TEC controllers 1089 to 1161 over MeCom.
+
+Sources: "Communication Protocol TEC Controller" 5136AL (parameter numbers in the code), "MeCom Protocol
+Specification" 5117C, Meerstetter's C header for 2020, 2021 and the live parameters 500xx.
+
+The output is enabled through the volatile parameter 50000 (2010 = 2), so a device that restarts comes back
+with its output off; automatic saving (108) is off before anything is set, because flash endures some 100000
+writes.
+"""
+
+from __future__ import annotations
+
+import struct
+from math import isfinite, nan
+from typing import ClassVar
+
+from rig.drivers.controller import Status
+from rig.drivers.identity import Identity
+from rig.drivers.mecom import MecomLink
+from rig.errors import Refused
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Quality, Reading
+
+STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
+RUNNING, IN_ERROR = 2, 3
+LIVE_SOURCE, OWN_REGULATION = 1, 2
+NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
+OFF_ATTEMPTS = 5
+DEVICE_ERRORS = {
+    11: "emergency stop",
+    30: "supply voltage too low",
+    31: "supply voltage too high",
+    60: "device too hot",
+    133: "object sensor out of range (open)",
+    134: "object sensor out of range (short)",
+    137: "object temperature below its error limit",
+    138: "object temperature above its error limit",
+    139: "object temperature changes too fast",
+}
+
+_float32 = struct.Struct(">f")
+
+
+class MeerstetterController:
+    """One channel of a Meerstetter TEC controller; see `rig.drivers.controller.TemperatureController`.
+
+    address: the device's, or 0 for the only one on the line. instance: the output channel, from 1.
+    """
+
+    LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
+    commands_current: ClassVar[bool] = True
+    has_dead_man: ClassVar[bool] = True
+
+    def __init__(
+        self, transport: Transport, *, address: int = 0, instance: int = 1, first_sequence: int | None = None
+    ) -> None:
+        self.transport = transport
+        self.link = MecomLink(
+            transport,
+            address=address,
+            instance=instance,
+            baudrate=self.LINE.baudrate,
+            first_sequence=first_sequence,
+        )
+        self.current_limit_A = nan
+        self.temperature_limits_degC = (nan, nan)
+        self._heating_sign = 1.0
+        self._armed_source: int | None = None
+
+    def identify(self) -> Identity:
+        """Device type, serial number and firmware (100, 102, 103). Refused where it is no TEC controller."""
+        firmware_text = self.link.query(b"?IF").decode("latin-1").strip()
+        device_type = self.link.read_int(100)
+        if not 1089 <= device_type <= 1161:
+            raise Refused(None, f"device type {device_type} is no TEC controller of the 1089 to 1161 family")
+        number = self.link.read_int(102)
+        firmware = self.link.read_int(103) / 100.0
+        return Identity("Meerstetter", f"TEC-{device_type}", str(number), f"{firmware:.2f} ({firmware_text})")
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Output off (2010), no flash (108), 2030, 4010, 4011, watchdog 2060 (0 is none); each read back."""
+        low_degC, high_degC = temperature_limits_degC
+        if not (isfinite(current_limit_A) and current_limit_A > 0.0):
+            raise ValueError(f"current limit {current_limit_A} A: a positive number is expected")
+        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
+            raise ValueError(
+                f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected"
+            )
+        if not (dead_man_s == 0.0 or 0.1 <= dead_man_s <= 600.0):
+            raise ValueError(f"dead man {dead_man_s} s: 0 (none) or 0.1 to 600 s is expected")
+        self._armed_source = None
+        self._set_int(108, 1)
+        self._set_int(2010, 0)
+        self._set_int(50000, 0)
+        self._set_float(2030, current_limit_A)
+        self._set_float(4010, low_degC)
+        self._set_float(4011, high_degC)
+        self._set_float(2060, dead_man_s)
+        self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
+        self.current_limit_A = current_limit_A
+        self.temperature_limits_degC = (low_degC, high_degC)
+
+    def arm_current(self) -> None:
+        """Live source (2000 = 1) at 0 A with the voltage limit as its voltage, enabled by 50000."""
+        self._require_configured()
+        self._set_float(50001, 0.0)
+        self._set_float(50002, self.link.read_float(2031))
+        self._enable(LIVE_SOURCE)
+
+    def set_current_A(self, current_A: float) -> None:
+        """Parameter 50001; outside the configured limit is a ValueError."""
+        if not abs(current_A) <= self.current_limit_A:
+            raise ValueError(f"{current_A} A is outside the configured +-{self.current_limit_A} A")
+        if self._armed_source != LIVE_SOURCE:
+            raise Refused(None, "the output is not armed for currents")
+        self.link.write_float(50001, self._heating_sign * current_A)
+
+    def arm_setpoint(self) -> None:
+        """The device's own regulation (2000 = 2), target (3000) at the object's temperature of now."""
+        self._require_configured()
+        now = self.read_temperature()
+        low_degC, high_degC = self.temperature_limits_degC
+        if not (now.is_number and low_degC <= now.value <= high_degC):
+            raise Refused(
+                None, f"object temperature {now.value} degC is not within {low_degC} to {high_degC} degC"
+            )
+        self._set_float(3000, now.value)
+        self._enable(OWN_REGULATION)
+
+    def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """Parameter 3000; outside the configured limits is a ValueError."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not low_degC <= setpoint_degC <= high_degC:
+            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        if self._armed_source != OWN_REGULATION:
+            raise Refused(None, "the output is not armed for setpoints")
+        self.link.write_float(3000, setpoint_degC)
+
+    def read_temperature(self) -> Reading:
+        """Object temperature (1000), degC; `time_s` is when the request had arrived."""
+        value_degC = self.link.read_float(1000)
+        quality = Quality.OK if -273.15 <= value_degC <= 1000.0 else Quality.INVALID
+        return Reading(value_degC, self.link.sent_s, quality)
+
+    def read_current(self) -> Reading:
+        """Actual output current (1020), A, positive heats by parameter 3034."""
+        value_A = self._heating_sign * self.link.read_float(1020)
+        return Reading(value_A, self.link.sent_s, Quality.OK if isfinite(value_A) else Quality.INVALID)
+
+    def status(self) -> Status:
+        """Device status (104) and, in an error, its number (105)."""
+        state = self.link.read_int(104)
+        if state != IN_ERROR:
+            return Status(STATES.get(state, f"state {state}"), state > IN_ERROR, state == RUNNING)
+        code = self.link.read_int(105)
+        return Status(f"error {code}: {DEVICE_ERRORS.get(code, 'see the manual')}", True, False, code)
+
+    def off(self) -> bool:
+        """2010 = 0 and 50000 = 0; True if 2010, status and current say so. Never raises."""
+        self._armed_source = None
+        for attempt in range(OFF_ATTEMPTS):
+            try:
+                if attempt >= 2:
+                    self.transport.reopen()
+                self.link.write_int(2010, 0, trials=1)
+                self.link.write_int(50000, 0, trials=1)
+                if (
+                    self.link.read_int(2010, trials=1) == 0
+                    and self.link.read_int(104, trials=1) != RUNNING
+                    and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
+                ):
+                    return True
+            except Exception:
+                continue
+        return False
+
+    def close(self) -> None:
+        """Let go of the port; the output stays as it is."""
+        self.transport.close()
+
+    def _enable(self, source: int) -> None:
+        self._armed_source = None
+        self._set_int(2000, source)
+        self._set_int(50000, 1)
+        self._set_int(2010, 2)
+        status = self.status()
+        if status.is_error or not status.output_is_on:
+            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        self._armed_source = source
+
+    def _require_configured(self) -> None:
+        if not isfinite(self.current_limit_A):
+            raise Refused(None, "limits are not configured yet")
+
+    def _set_int(self, parameter: int, value: int) -> None:
+        self.link.write_int(parameter, value)
+        read_back = self.link.read_int(parameter)
+        if read_back != value:
+            raise Refused(None, f"parameter {parameter} was set to {value} and reads {read_back}")
+
+    def _set_float(self, parameter: int, value: float) -> None:
+        self.link.write_float(parameter, value)
+        read_back = self.link.read_float(parameter)
+        if read_back != _float32.unpack(_float32.pack(value))[0]:
+            raise Refused(None, f"parameter {parameter} was set to {value} and reads {read_back}")

@@ -1,0 +1,176 @@
+"""SCPI over a serial line: a question, and the proof that an answer belongs to it.
+
+Source: IEEE 488.2-1992 (*ESE, *ESE?, `;` lists answered in one line), Model 2000 User's Manual rev J p.
+4-38 (^X aborts and discards pending output), p. 5-63 (error queue).
+
+SCPI has neither sequence numbers nor checksums. Two means make up for that:
+
+* a token. Every message ends in `*ESE?;*ESE n`: it asks for the number that the message before has left in
+  the event status enable register, and leaves another. A late, repeated or lost answer, and an instrument
+  that has restarted in between (its register is 0), show a wrong number.
+* after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number, fresh and
+  random, comes back. The instrument answers in order, so everything older has come before it and is thrown
+  away.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.ports.transport import Transport
+
+RESYNCHRONISATIONS = 3
+ANSWER_S = 0.5
+
+
+class ScpiLink:
+    """One instrument. terminator: of its answers; end: of our messages; baudrate: of the line, 1/s.
+
+    after_resynchronisation is called when the line is in step again, for the driver to look at what the
+    instrument still remembers.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        terminator: bytes = b"\n",
+        end: bytes = b"\r",
+        baudrate: float,
+        seed: int | None = None,
+        after_resynchronisation: Callable[[], None] | None = None,
+    ) -> None:
+        self.transport = transport
+        self._terminator, self._end = terminator, end
+        self._byte_s = 10.0 / baudrate
+        self._random = random.Random(seed)
+        self._token = 0
+        self._in_doubt = True
+        self._pending = False
+        self._deadline_s = 0.0
+        self._after_resynchronisation = after_resynchronisation
+        self.arrived_s = 0.0
+        self.errors: list[tuple[int, str]] = []
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the next question has to bring the line in step first."""
+        return self._in_doubt
+
+    def doubt(self) -> None:
+        """Something was wrong with an answer: resynchronise before the next question."""
+        self._in_doubt = True
+
+    def start(self, message: str, answer_s: float = ANSWER_S) -> None:
+        """Send a message with a question; `finish` brings the answer within `answer_s` from now."""
+        if self._pending:
+            self._pending = False
+            self._in_doubt = True
+            raise OutOfStep("a question is asked while another waits for its answer")
+        if self._in_doubt or self.transport.has_more:
+            self.resynchronise()
+        self._send(message, answer_s)
+
+    def finish(self) -> str:
+        """The answer, proven to belong to the question. TimedOut, Corrupt, OutOfStep, Disconnected."""
+        if not self._pending:
+            raise OutOfStep("there is no question to be answered")
+        self._pending = False
+        line = self.transport.receive_line(self._terminator, self._deadline_s)
+        answer, _, token = line.rpartition(b";")
+        if token.rstrip(b"\r") != self._expected:
+            if not token.strip().isdigit() or not answer:
+                raise Corrupt(f"{line!r} is no answer")
+            raise OutOfStep(f"answer with token {token!r} where {self._expected!r} was left: {line!r}")
+        self._in_doubt = False
+        return answer.decode("latin-1")
+
+    def ask(self, message: str, answer_s: float = ANSWER_S) -> str:
+        """Question and answer. Refused, from the error queue, where the instrument gave none."""
+        try:
+            self.start(message, answer_s)
+            return self.finish()
+        except TimedOut:
+            self.resynchronise()
+            if self.errors:
+                raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}") from None
+            raise
+
+    def command(self, message: str) -> None:
+        """Send what has no answer, and see whether it was taken: Refused with the first error."""
+        answer = self.ask(message + ";:SYST:ERR?")
+        code, text = _error(answer)
+        if code:
+            raise Refused(code, f"{text}: {message}")
+
+    def ask_alone(self, message: str, answer_s: float = ANSWER_S) -> str:
+        """A question that must stand alone in its message (*IDN?); resynchronises before and after."""
+        self.resynchronise()
+        self._in_doubt = True
+        self.transport.send(message.encode("ascii") + self._end)
+        deadline_s = self.transport.clock.now_s() + answer_s
+        answer = self.transport.receive_line(self._terminator, deadline_s).decode("latin-1").strip()
+        self.resynchronise()
+        return answer
+
+    def _send(self, message: str, answer_s: float) -> None:
+        # in doubt until the answer is here, whatever interrupts us
+        self._in_doubt = True
+        self._expected = b"%d" % self._token
+        self._token = self._token % 255 + 1
+        data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self._end
+        transport = self.transport
+        transport.send(data)
+        now_s = transport.clock.now_s()
+        self.arrived_s = now_s + len(data) * self._byte_s
+        self._deadline_s = self.arrived_s + answer_s
+        self._pending = True
+
+    def resynchronise(self) -> None:
+        """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`. OutOfStep."""
+        self._pending = False
+        self._in_doubt = True
+        problem: InstrumentError | None = None
+        for attempt in range(RESYNCHRONISATIONS):
+            try:
+                if attempt == RESYNCHRONISATIONS - 1:
+                    self.transport.reopen()
+                self._await_token()
+                break
+            except InstrumentError as error:
+                problem = error
+        else:
+            raise problem or OutOfStep("the line cannot be brought in step")
+        self.errors = []
+        for _ in range(16):
+            self._send(":SYST:ERR?", ANSWER_S)
+            code, text = _error(self.finish())
+            if not code:
+                break
+            self.errors.append((code, text))
+        if self._after_resynchronisation is not None:
+            try:
+                self._after_resynchronisation()
+            except BaseException:
+                self._in_doubt = True  # in step, but nobody knows what the instrument is set to
+                raise
+
+    def _await_token(self) -> None:
+        token = self._random.choice([n for n in range(1, 256) if n != self._token])
+        self.transport.drain()
+        self.transport.send(b"\x18" + self._end + b"*ESE %d;*ESE?" % token + self._end)
+        deadline_s = self.transport.clock.now_s() + ANSWER_S
+        while self.transport.receive_line(self._terminator, deadline_s).strip() != b"%d" % token:
+            pass
+        self._token = token
+
+
+def _error(answer: str) -> tuple[int, str]:
+    """An entry of the error queue, with or without quotes; (0, ...) where it is empty."""
+    code, _, text = answer.rpartition(";")[2].partition(",")
+    try:
+        return int(code), text.strip().strip('"')
+    except ValueError:
+        raise Corrupt(f"{answer!r} is no entry of an error queue") from None

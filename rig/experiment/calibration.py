@@ -1,0 +1,226 @@
+"""Calibration: condition the film, run a profile that fixes film and plate, identify, check on held-out rows.
+
+    pulse      three current pulses: the plate's first model, and whether the current heats when it should
+    condition  to the hot end: whatever the film was, it is saturated now
+    major      down to the cold end and back: the major loop, and with it where the transition lies
+    minor      nested and crossing minor loops inside the transition with dwells: what fixes the weights
+    check      minor loops that no fit has seen: the model is simulated over them, never one step ahead
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from compensator.design import design_temperature
+from compensator.film import FilmModel
+from compensator.functions import Array
+from compensator.identify_film import FilmFit, identify_film
+from compensator.identify_plate import PlateFit, identify_plate
+from compensator.law import Law, LawSettings
+from compensator.plate import PlateModel
+from compensator.temperature_path import temperature_path
+from rig.bench import Bench
+from rig.experiment.policies import CurrentProfile, Follow
+from rig.files.configuration import Configuration
+from rig.files.model_file import Model, write_model
+from rig.files.run_folder import RunFolder
+from rig.files.target import Target
+from rig.loop import Loop
+from rig.outcome import Tripped
+
+PULSE_SHARE = 0.5  # of the current limit
+PULSE_S = 8.0
+LEAST_RISE_K = 0.3  # that a heating pulse must give
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What came out: the fits, the check on held-out rows, the model and where it was written."""
+
+    film: FilmFit
+    plate: PlateFit
+    model: Model
+    model_path: Path
+    transition_degC: tuple[float, float]
+    rows_fitted: int
+    rows_checked: int
+    check_rmse_dec: float
+    check_max_dec: float
+    check_rmse_K: float
+    predicted_output: Array
+
+
+def calibration_range(configuration: Configuration) -> tuple[float, float]:
+    """The range of the profile: as configured, else 5 K inside the limits."""
+    if configuration.calibration.temperature_degC is not None:
+        return configuration.calibration.temperature_degC
+    low, high = configuration.limits.temperature_degC
+    inset = min(5.0, 0.1 * (high - low))
+    return low + inset, high - inset
+
+
+def record_calibration(bench: Bench, loop: Loop, configuration: Configuration) -> None:
+    """Run the whole profile; the rows are in the loop's folder afterwards."""
+    c = configuration.calibration
+    low, high = calibration_range(configuration)
+    plate = _pulse(loop, configuration)
+    law = _temperature_law(configuration, plate, c.period_s)
+    rate = min(c.rate_K_per_s, _fastest(plate, configuration, low, high))
+    now = float(loop.folder.column("temperature_degC")[-1])
+    condition = _temperature_target([now, high], rate, c.dwell_s, hold_first=False)
+    follow = Follow(law, condition)
+    loop.phase("condition", follow, condition.duration_s, c.period_s)
+    major = _temperature_target([high, low, high, low], rate, c.dwell_s)
+    follow.target = major
+    loop.phase("major", follow, major.duration_s, c.period_s)
+    span = c.transition_degC or transition_range(loop.folder)
+    turns = minor_turning_points(span, c.minor_loops, c.seed)
+    fitted = turns[: max(2, (3 * len(turns)) // 4)]
+    checked = turns[len(fitted) :]
+    for name, points in (("minor", [low, *fitted]), ("check", [fitted[-1], *checked])):
+        follow.target = _temperature_target(points, rate, c.dwell_s)
+        loop.phase(name, follow, follow.target.duration_s, c.period_s)
+
+
+def _pulse(loop: Loop, configuration: Configuration) -> PlateModel:
+    """Pulses of current: a first plate model. Raises Tripped where a heating current does not heat."""
+    current = PULSE_SHARE * configuration.limits.current_A
+    low, high = configuration.limits.temperature_degC
+    inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
+    period = configuration.calibration.period_s
+    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, PULSE_S), (-current, PULSE_S), (0.0, PULSE_S)]
+    for k, (value, length) in enumerate(steps):
+        before = len(loop.folder.rows)
+        profile = Target("current", np.array([0.0, length]), np.array([value, value]))
+        loop.phase("pulse", CurrentProfile(profile, low + inset, high - inset), length, period)
+        if k == 1:
+            rise = loop.folder.column("temperature_degC")[before:]
+            change = float(rise[-1] - rise[0])
+            if not change > LEAST_RISE_K:
+                text = (
+                    f"{value:g} A for {length:g} s changed the temperature by {change:+.2f} K; expected a rise of "
+                    f"more than {LEAST_RISE_K:g} K: is the Peltier connected, and with the right polarity?"
+                )
+                raise Tripped("polarity", text, loop.elapsed_s())
+    folder = loop.folder
+    fit = identify_plate(folder.column("time_s"), folder.column("temperature_degC"), folder.column("current_A"))
+    return fit.model
+
+
+def _temperature_law(configuration: Configuration, plate: PlateModel, period_s: float) -> Law:
+    control = configuration.control
+    dead_time = control.dead_time_s if control.dead_time_s is not None else period_s
+    design = design_temperature(period_s, dead_time, control.ms)
+    low, high = configuration.limits.temperature_degC
+    settings = LawSettings(
+        "temperature", period_s, configuration.limits.current_A, low, high, design.gains, rate_share=control.rate_share
+    )
+    return Law(settings, plate, None)
+
+
+def _fastest(plate: PlateModel, configuration: Configuration, low: float, high: float) -> float:
+    """The rate that the plate can keep, up and down, over the whole range."""
+    limit = configuration.limits.current_A
+    rates = [plate.rate_range_K_per_s(t, limit) for t in (low, high)]
+    share = configuration.control.rate_share
+    return max(0.01, share * min(min(-cool, heat) for cool, heat in rates))
+
+
+def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_first: bool = True) -> Target:
+    """Straight ramps between turning points, with a dwell at each."""
+    times, values = [0.0], [points[0]]
+    if hold_first and dwell_s > 0.0:
+        times.append(dwell_s)
+        values.append(points[0])
+    for before, after in zip(points[:-1], points[1:], strict=True):
+        times.append(times[-1] + max(abs(after - before) / rate, 1e-3))
+        values.append(after)
+        if dwell_s > 0.0:
+            times.append(times[-1] + dwell_s)
+            values.append(after)
+    return Target("temperature", np.array(times), np.array(values))
+
+
+def transition_range(folder: RunFolder) -> tuple[float, float]:
+    """Where 3 to 97 % of the major loop's change of log R lies: over heating and cooling together, degC.
+
+    Raises Tripped where the film shows no transition in the range.
+    """
+    major = folder.column("phase") == "major"
+    temperature = folder.column("temperature_degC")[major]
+    resistance = folder.column("resistance_ohm")[major]
+    good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(temperature)
+    temperature, output = temperature[good], -np.log10(resistance[good])
+    if output.size < 10 or float(np.ptp(output)) < 0.05:
+        text = (
+            "the film's resistance changed by less than 0.05 decades over the major loop: is the film connected, "
+            "and does calibration.temperature_degC span its transition?"
+        )
+        raise Tripped("no_transition", text, math.nan)
+    low, high = float(output.min()), float(output.max())
+    inside = (output > low + 0.03 * (high - low)) & (output < high - 0.03 * (high - low))
+    return float(temperature[inside].min()), float(temperature[inside].max())
+
+
+def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> list[float]:
+    """Turning points of minor loops in the transition: nested ones first, then random ones, never twice the same.
+
+    Every second point lies above the one before; from the cold end.
+    """
+    low, high = span
+    random = np.random.default_rng(seed)
+    points = []
+    nested = max(2, loops // 3)
+    for k in range(nested):  # shrinking about the middle, as the damped oscillations of the paper's figure 2
+        share = 1.0 - k / nested
+        middle = low + (high - low) * (0.5 + 0.15 * float(random.uniform(-1.0, 1.0)))
+        points += [middle + 0.5 * share * (high - low), middle - 0.5 * share * (high - low)]
+    for _ in range(loops - nested):
+        a, b = sorted(random.uniform(low, high, 2))
+        if b - a < 0.15 * (high - low):
+            b = min(high, a + 0.15 * (high - low))
+        points += [float(b), float(a)]
+    return points
+
+
+def identify_calibration(folder: RunFolder, configuration: Configuration, model_path: Path) -> Calibration:
+    """Fit film and plate to all phases but "check", predict "check" in a simulation over the whole record."""
+    time, temperature = folder.column("time_s"), folder.column("temperature_degC")
+    current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
+    output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
+    checked = folder.column("phase") == "check"
+    fitted = ~checked
+    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted])
+    film_fit = identify_film(time[fitted], temperature[fitted], output[fitted], seed=configuration.calibration.seed)
+    film: FilmModel = film_fit.model
+    path = temperature_path(time, temperature).temperature_degC
+    predicted, _ = film.simulate(path, film_fit.memories[0])
+    error = (predicted - output)[checked]
+    error = error[np.isfinite(error)]
+    simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
+    error_K = (simulated - temperature)[checked]
+    model = Model(film, plate_fit.model)
+    rmse = float(np.sqrt(np.mean(error**2)))
+    write_model(
+        model_path,
+        model,
+        f"from {int(fitted.sum())} rows of a calibration; RMSE on {int(checked.sum())} held-out rows {rmse:.4f} dec",
+    )
+    span = configuration.calibration.transition_degC or transition_range(folder)
+    return Calibration(
+        film=film_fit,
+        plate=plate_fit,
+        model=model,
+        model_path=model_path,
+        transition_degC=span,
+        rows_fitted=int(fitted.sum()),
+        rows_checked=int(checked.sum()),
+        check_rmse_dec=rmse,
+        check_max_dec=float(np.max(np.abs(error))),
+        check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
+        predicted_output=predicted,
+    )

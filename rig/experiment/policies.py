@@ -1,0 +1,83 @@
+"""Policies: what decides the current at each tick of the loop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.film import Memory
+from compensator.law import Law, LawState
+from rig.files.target import Target
+from rig.loop import Decision
+
+
+class CurrentProfile:
+    """A current over time; ends early where the temperature leaves a range."""
+
+    def __init__(self, target: Target, low_degC: float = -math.inf, high_degC: float = math.inf) -> None:
+        self._target = target
+        self._low, self._high = low_degC, high_degC
+
+    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+        if temperature_degC < self._low or temperature_degC > self._high:
+            return Decision(0.0, done=True)
+        return Decision(float(self._target.at(time_s)))
+
+
+class Follow:
+    """A law following a target; holds the law's state between ticks, and gives it to the next phase.
+
+    The target's quantity says what it is: a temperature for the law "temperature", else a resistance.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        target: Target,
+        memory: Memory | None = None,
+        state: LawState | None = None,
+    ) -> None:
+        self.law = law
+        self.target = target
+        self.state = state
+        self.unreachable = 0
+        self._memory = memory
+        self._ahead = law.preview_times_s()
+
+    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+        law = self.law
+        if self.state is None:
+            if math.isnan(temperature_degC):
+                return Decision(0.0)  # nothing is known yet
+            self.state = law.start(temperature_degC, self._memory)
+        now = float(self.target.at(time_s))
+        coming = np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
+        command, self.state = law.step(self.state, temperature_degC, output, now, coming)
+        self.unreachable += not command.reachable
+        resistance = self.target.quantity == "resistance"
+        return Decision(
+            current_A=command.current_A,
+            setpoint_degC=command.setpoint_degC,
+            use_setpoint=law.settings.name == "instrument_pid",
+            reference_degC=command.reference_degC,
+            target_ohm=10.0**-now if resistance else math.nan,
+            predicted_ohm=10.0**-command.output_model if math.isfinite(command.output_model) else math.nan,
+        )
+
+
+class Setpoints:
+    """A temperature over time as setpoints for the controller's own PID: it needs no model."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+
+    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+        return Decision(setpoint_degC=float(self._target.at(time_s)), use_setpoint=True)
+
+
+def handed_over(state: LawState, law: Law) -> LawState:
+    """The state of one law as the start of another: the estimates stay, the correction begins anew."""
+    fresh = law.start(state.temperature_degC, state.memory, state.current_A)
+    return replace(fresh, disturbance=state.disturbance if law.settings.name != "feedforward" else 0.0)

@@ -1,0 +1,242 @@
+"""One experiment from its configuration to its run folder: what `peltier run` and `peltier calibrate` do.
+
+Order on every way out: output off and confirmed, rows flushed, reason written, report, exit status.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from compensator.design import Design
+from compensator.law import LawName
+from rig.bench import Bench, open_bench
+from rig.errors import PortHeld
+from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
+from rig.experiment.policies import CurrentProfile, Follow, Setpoints
+from rig.experiment.tracking import Score, check_target, law_and_design, track
+from rig.faults import Faults, fault
+from rig.files.configuration import ConfigurationFile
+from rig.files.model_file import Model, read_model
+from rig.files.run_folder import RunFolder, default_folder
+from rig.files.target import Target, read_target, target_in_words
+from rig.interlock import Limits
+from rig.loop import COLUMNS, Loop, OutputOff, Progress
+from rig.outcome import NotConfirmedOff, Outcome
+from rig.signals import SignalStop
+
+QUANTITY = {
+    "track_resistance": "resistance",
+    "temperature_profile": "temperature",
+    "current_profile": "current",
+    "hold": "temperature",
+}
+
+
+@dataclass
+class Result:
+    """What an experiment gave, for the report and the summary."""
+
+    folder: Path
+    calibration: Calibration | None = None
+    scores: list[Score] = field(default_factory=list)
+    designs: dict[str, Design] = field(default_factory=dict)
+    model: Model | None = None
+    target: Target | None = None
+
+
+def limits_of(file: ConfigurationFile) -> Limits:
+    """The interlock's limits from the configuration."""
+    table = file.content.limits
+    low, high = table.temperature_degC
+    return Limits(low, high, table.current_A, table.meter_current_A, table.stale_s)
+
+
+def target_of(file: ConfigurationFile) -> Target:
+    """The wanted course. Raises Faults."""
+    e = file.content.experiment
+    quantity = QUANTITY[e.kind]
+    if e.target is None:
+        raise fault(file.path, "experiment.target", f"missing; kind {e.kind!r} needs a CSV file or a profile in words")
+    if isinstance(e.target, str):
+        return read_target(file.beside(e.target), quantity)
+    return target_in_words(e.target, quantity, f"{file.path}: experiment.target")
+
+
+@contextmanager
+def one_run(
+    bench: Bench, file: ConfigurationFile, path: Path, what: str, signals: SignalStop, say: Callable[[str], None],
+    progress: Progress | None,
+) -> Iterator[tuple[Loop, RunFolder]]:
+    """A run folder and a loop on the bench; at the end the output is off and the reason is written down."""
+    start: dict[str, Any] = {
+        "what": what,
+        "configuration": str(file.path),
+        "settings": file.content.model_dump(mode="json"),
+        "instruments": {name: asdict(identity) for name, identity in bench.identities.items()},
+    }
+    folder = RunFolder(path, start, file.text, COLUMNS)
+    loop = Loop(bench, limits_of(file), folder, progress)
+    output = OutputOff(bench.controller, signals, say)
+    try:
+        with output:
+            yield loop, folder
+    except BaseException as error:
+        reason = getattr(error, "cause", None) or type(error).__name__
+        folder.event(loop.elapsed_s(), "stop", str(error), cause=reason)
+        folder.stop(reason, text=str(error), output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
+        folder.abandon()
+        raise
+    folder.stop("done", output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
+
+
+def calibrate(
+    bench: Bench, file: ConfigurationFile, path: Path, signals: SignalStop, say: Callable[[str], None],
+    progress: Progress | None,
+) -> Calibration:
+    """Run the calibration into a folder, write MODEL.toml there and its report."""
+    if bench.meter is None:
+        raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
+    with one_run(bench, file, path, "calibration", signals, say, progress) as (loop, folder):
+        record_calibration(bench, loop, file.content)
+    say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
+    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
+    folder.note(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
+    from rig.report.calibration import write_calibration_report
+
+    write_calibration_report(folder, result)
+    whole = folder.finish()
+    result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
+    say(
+        f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows; "
+        f"model {result.model_path}"
+    )
+    return result
+
+
+def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], progress: Progress | None) -> Result:
+    """The experiment that a configuration asks for. Raises Faults, RigError, Outcome."""
+    e = file.content.experiment
+    path = out if out is not None else default_folder(e.name)
+    target = target_of(file)
+    model = None
+    if e.kind != "current_profile" and e.model is not None:
+        needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)
+        model = read_model(file.beside(e.model), needs=cast(Any, needs))
+    if e.kind == "track_resistance" and model is not None:
+        assert model.film is not None
+        check_target(target, model.film, file.content, f"{file.path}: experiment.target")
+    if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
+        raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} needs a model with [plate]")
+    with SignalStop() as signals, open_bench(file) as bench:
+        result = Result(path, model=model, target=target)
+        if e.kind == "track_resistance":
+            _track_all(bench, file, path, result, signals, say, progress)
+        else:
+            _profile(bench, file, path, result, signals, say, progress)
+    return result
+
+
+def _track_all(
+    bench: Bench, file: ConfigurationFile, path: Path, result: Result, signals: SignalStop,
+    say: Callable[[str], None], progress: Progress | None,
+) -> None:
+    """A calibration where no model is given, the law, and the laws to compare it with; the report over all."""
+    e = file.content.experiment
+    target, model = result.target, result.model
+    assert target is not None
+    inner = path.with_name(path.name + ".runs")
+    if model is None:
+        result.calibration = calibrate(bench, file, inner / "calibration", signals, say, progress)
+        model = result.model = result.calibration.model
+        assert model.film is not None
+        check_target(target, model.film, file.content, f"{file.path}: experiment.target")
+    assert model.film is not None
+    assert model.plate is not None
+    names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
+    folders: dict[str, RunFolder] = {}
+    for name in names:
+        where = path if name == e.law else inner / name
+        with one_run(bench, file, where, f"law {name}", signals, say, progress) as (loop, folder):
+            score, design = track(loop, file.content, target, model.film, model.plate, name)
+        folder.note(law=name, score=score.table(), design=design_table(design))
+        result.scores.append(score)
+        result.designs[name] = design
+        folders[name] = folder
+        say(f"{name}: RMS error {score.rms_dec:.4f} dec, largest {score.max_dec:.3f} dec")
+    from rig.report.tracking import write_tracking_report
+
+    for name in names[1:]:
+        write_tracking_report(folders[name], result, {name: folders[name]})
+        folders[name].finish()
+    write_tracking_report(folders[e.law], result, folders)
+    if inner.is_dir():
+        for child in sorted(inner.iterdir()):
+            child.rename(folders[e.law].part / child.name)
+        inner.rmdir()
+    result.folder = folders[e.law].finish()
+    if result.calibration is not None:
+        moved = result.folder / "calibration" / "MODEL.toml"
+        result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
+
+
+def _profile(
+    bench: Bench, file: ConfigurationFile, path: Path, result: Result, signals: SignalStop,
+    say: Callable[[str], None], progress: Progress | None,
+) -> None:
+    """A temperature or current over time, recorded."""
+    e, target = file.content.experiment, result.target
+    assert target is not None
+    plate = result.model.plate if result.model is not None else None
+    film = result.model.film if result.model is not None else None
+    policy: CurrentProfile | Follow | Setpoints
+    if e.kind == "current_profile":
+        policy = CurrentProfile(target)
+    elif e.law == "instrument_pid":
+        policy = Setpoints(target)
+    else:
+        assert plate is not None
+        law, result.designs["temperature"] = law_and_design("temperature", file.content, cast(Any, film), plate)
+        policy = Follow(law, target)
+    with one_run(bench, file, path, e.kind, signals, say, progress) as (loop, folder):
+        loop.phase("profile", policy, target.duration_s, e.period_s)
+    from rig.report.profile import write_profile_report
+
+    write_profile_report(folder, e.kind)
+    result.folder = folder.finish()
+    temperature = folder.column("temperature_degC")
+    wanted = folder.column("setpoint_degC")
+    if np.any(np.isfinite(wanted)):
+        error = float(np.sqrt(np.nanmean((temperature - wanted) ** 2)))
+        say(f"temperature: RMS error {error:.4f} K over {len(folder.rows)} rows")
+
+
+def design_table(design: Design) -> dict[str, Any]:
+    """A design as plain values, for run.json and the report."""
+    return {
+        "gains": dict(design.gains.__dict__),
+        "margins": dict(design.margins.__dict__),
+        "closed_loop_time_s": design.closed_loop_time_s,
+        "process_gain": design.process_gain,
+        "process_pole_per_s": design.process_pole_per_s,
+        "dead_time_s": design.dead_time_s,
+        "period_s": design.period_s,
+    }
+
+
+def exit_status(error: BaseException) -> int:
+    """The exit status that an error stands for: interfaces, section names and exits."""
+    if isinstance(error, NotConfirmedOff):
+        return 11
+    if isinstance(error, Outcome):
+        return error.exit_status
+    if isinstance(error, Faults):
+        return 2
+    if isinstance(error, PortHeld):
+        return 75
+    return 1

@@ -1,0 +1,180 @@
+"""Tracking a wanted resistance with one law: condition the film, go to the first target, follow it.
+
+    condition  to the hot end, so that the film's memory is known (after an outage it is not)
+    approach   down to the first target, the same for every law, so that laws are compared from the same place
+    settle     the law itself on the first target
+    track      the target
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from compensator.design import Design, design_log_resistance, design_temperature
+from compensator.film import FilmModel
+from compensator.inverse import Inverse
+from compensator.law import Law, LawName, LawSettings
+from compensator.plate import PlateModel
+from rig.experiment.calibration import calibration_range
+from rig.experiment.policies import Follow, handed_over
+from rig.faults import fault
+from rig.files.configuration import Configuration
+from rig.files.run_folder import RunFolder
+from rig.files.target import Target
+from rig.loop import Decision, Loop
+
+HOT_DWELL_S = 3.0
+FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
+DEFAULT_BAND_DEC = 0.003
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well a law tracked, after the first tenth of the target: errors in decades."""
+
+    law: str
+    rms_dec: float
+    max_dec: float
+    p95_dec: float
+    rms_from_start_dec: float
+    samples: int
+    missing: int
+
+    def table(self) -> dict[str, Any]:
+        return dict(self.__dict__)
+
+
+def law_and_design(
+    name: LawName, configuration: Configuration, film: FilmModel, plate: PlateModel
+) -> tuple[Law, Design]:
+    """A law with its gains, designed to the configured Ms with the bench's dead time."""
+    e, control = configuration.experiment, configuration.control
+    dead_time = control.dead_time_s if control.dead_time_s is not None else e.period_s
+    low, high = configuration.limits.temperature_degC
+    limit = configuration.limits.current_A
+    if name == "pid":
+        design = design_log_resistance(film, plate, low, high, limit, e.period_s, dead_time, control.ms)
+    else:
+        design = design_temperature(e.period_s, dead_time, control.ms)
+    spacing = max(e.period_s, control.preview_s / 8.0)
+    settings = LawSettings(
+        name=name,
+        period_s=e.period_s,
+        current_limit_A=limit,
+        low_degC=low,
+        high_degC=high,
+        gains=design.gains,
+        preview=max(2, math.ceil(control.preview_s / spacing)),
+        preview_spacing_s=spacing,
+        band=control.band_dec if control.band_dec is not None else DEFAULT_BAND_DEC,
+        disturbance_time_s=control.disturbance_time_s,
+        rate_share=control.rate_share,
+    )
+    return Law(settings, plate, film), design
+
+
+def check_target(target: Target, film: FilmModel, configuration: Configuration, where: str) -> None:
+    """Refuse a target outside what the film can reach within the temperature limits. Raises Faults."""
+    low, high = configuration.limits.temperature_degC
+    inverse = Inverse(film, low, high)
+    hot = film.initial_memory(high, "cooled")
+    least, most = inverse.reachable_interval(hot)
+    for k, value in enumerate(target.values):
+        if not least <= value <= most:
+            raise fault(
+                where,
+                f"at {target.times_s[k]:g} s",
+                f"{10.0**-value:.6g} ohm is outside the film's range within {low:g} to {high:g} degC; "
+                f"expected {10.0**-most:.6g} to {10.0**-least:.6g} ohm",
+            )
+
+
+def track(
+    loop: Loop, configuration: Configuration, target: Target, film: FilmModel, plate: PlateModel, name: LawName
+) -> tuple[Score, Design]:
+    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
+    e = configuration.experiment
+    law, design = law_and_design(name, configuration, film, plate)
+    helper, _ = law_and_design("temperature", configuration, film, plate)
+    hot = calibration_range(configuration)[1]
+    state = _to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition")
+    inverse = Inverse(film, *configuration.limits.temperature_degC)
+    first = inverse.solve(float(target.values[0]), state.state.memory)
+    if not first.reachable:
+        low, high = first.interval or (math.nan, math.nan)
+        raise fault(
+            "experiment.target",
+            "its first value",
+            f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
+            f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
+        )
+    approach = _to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach")
+    assert approach.state is not None
+    follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]))
+    follow.state = handed_over(approach.state, law)
+    if e.settle_s > 0.0:
+        loop.phase("settle", follow, e.settle_s, e.period_s)
+    follow.target = target
+    loop.phase("track", follow, target.duration_s, e.period_s)
+    return score(loop.folder, name, target.duration_s), design
+
+
+def _to_temperature(
+    loop: Loop, law: Law, before: Follow | None, temperature_degC: float, dwell_s: float, name: str
+) -> Follow:
+    """Ramp to a temperature as fast as the plate can, and dwell there."""
+    period = law.settings.period_s
+    if before is None:
+        probe = _Look()
+        loop.phase(name, probe, 2 * period, period)
+        start, state = probe.temperature_degC, None
+        memory = law.film.initial_memory(start) if law.film is not None else None
+    else:
+        assert before.state is not None
+        start, state, memory = before.state.reference_degC, before.state, None
+    limit = law.settings.current_limit_A
+    rates = [law.plate.rate_range_K_per_s(t, limit) for t in (start, temperature_degC)]
+    up = temperature_degC > start
+    rate = law.settings.rate_share * min(heat if up else -cool for cool, heat in rates)
+    ramp_s = abs(temperature_degC - start) / max(rate, 0.01) + period
+    times = np.array([0.0, ramp_s, ramp_s + max(dwell_s, period)])
+    target = Target("temperature", times, np.array([start, temperature_degC, temperature_degC]))
+    follow = Follow(law, target, memory, state)
+    loop.phase(name, follow, target.duration_s, period)
+    return follow
+
+
+class _Look:
+    """Current 0, to see where the temperature is."""
+
+    def __init__(self) -> None:
+        self.temperature_degC = math.nan
+
+    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+        if not math.isnan(temperature_degC):
+            self.temperature_degC = temperature_degC
+        return Decision(0.0)
+
+
+def score(folder: RunFolder, law: str, duration_s: float) -> Score:
+    """Tracking errors of the rows of phase "track"."""
+    inside = folder.column("phase") == "track"
+    time = folder.column("time_s")[inside]
+    resistance, target = folder.column("resistance_ohm")[inside], folder.column("target_ohm")[inside]
+    good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(target)
+    error = np.log10(resistance[good]) - np.log10(target[good])
+    late = (time[good] - time[0]) >= FIRST_SHARE_LEFT_OUT * duration_s
+    counted = error[late]
+    return Score(
+        law=law,
+        rms_dec=float(np.sqrt(np.mean(counted**2))),
+        max_dec=float(np.max(np.abs(counted))),
+        p95_dec=float(np.quantile(np.abs(counted), 0.95)),
+        rms_from_start_dec=float(np.sqrt(np.mean(error**2))),
+        samples=int(counted.size),
+        missing=int(good.size - good.sum()),
+    )

@@ -1,0 +1,210 @@
+"""Model files: film, plate and effects as TOML, read and written to the same bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import tomli_w
+from pydantic import Field, model_validator
+
+from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
+from compensator.plate import PlateModel
+from rig.faults import Faults
+from rig.files.toml_file import Table, checked, read_toml
+
+
+class EnvelopeTable(Table):
+    """gamma(v) = f(a v + b), v in degC: paper eqs (28), (29)."""
+
+    function: Literal["tanh", "linear"]
+    a: float = Field(gt=0.0)
+    b: float
+
+    def envelope(self) -> Envelope:
+        return Envelope(self.function, self.a, self.b)
+
+
+class MemorylessTable(Table):
+    """D(v), in the output's unit: paper eqs (30), (31)."""
+
+    function: Literal["none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius"] = "none"
+    amplitude: float = 0.0
+    a: float = 1.0
+    b: float = 0.0
+    offset: float = 0.0
+    coefficients: list[float] = []
+
+    def memoryless(self) -> Memoryless:
+        return Memoryless(self.function, self.amplitude, self.a, self.b, self.offset, tuple(self.coefficients))
+
+
+class OperatorTable(Table):
+    """One operator of kind "mixed_envelopes"."""
+
+    radius: float = Field(ge=0.0)
+    weight: float = Field(ge=0.0)
+    rising: EnvelopeTable
+    falling: EnvelopeTable
+
+
+class FilmTable(Table):
+    """[film]."""
+
+    kind: Literal["extended_generalized_pi", "generalized_pi", "classical_pi", "mixed_envelopes"]
+    output: str = "minus_log10_ohm"
+    radii: list[float] = []
+    weights: list[float] = []
+    initial: Literal["cooled", "heated"] = "cooled"
+    rising: EnvelopeTable | None = None
+    falling: EnvelopeTable | None = None
+    memoryless: MemorylessTable = MemorylessTable()
+    operators: list[OperatorTable] = []
+
+    @model_validator(mode="after")
+    def _whole(self) -> FilmTable:
+        if self.kind == "mixed_envelopes":
+            if not self.operators:
+                raise ValueError("operators: missing; kind 'mixed_envelopes' needs [[film.operators]]")
+        elif not self.radii:
+            raise ValueError("radii: missing; expected a list of numbers >= 0")
+        if self.kind in ("extended_generalized_pi", "generalized_pi") and (self.rising is None or self.falling is None):
+            raise ValueError(f"rising, falling: missing; kind {self.kind!r} needs both envelopes")
+        if self.kind == "generalized_pi" and self.memoryless.function != "none":
+            raise ValueError("memoryless.function: expected 'none' (offset alone) for kind 'generalized_pi'")
+        self.model()
+        return self
+
+    def model(self) -> FilmModel:
+        memoryless = self.memoryless.memoryless()
+        common: dict[str, Any] = {
+            "memoryless": memoryless,
+            "kind": self.kind,
+            "output": self.output,
+            "initial": self.initial,
+        }
+        if self.kind == "mixed_envelopes":
+            return FilmModel(
+                [o.radius for o in self.operators],  # type: ignore[arg-type]
+                [o.weight for o in self.operators],  # type: ignore[arg-type]
+                tuple(o.rising.envelope() for o in self.operators),
+                tuple(o.falling.envelope() for o in self.operators),
+                **common,
+            )
+        rising = self.rising.envelope() if self.rising else IDENTITY
+        falling = self.falling.envelope() if self.falling else IDENTITY
+        return FilmModel(self.radii, self.weights, rising, falling, **common)  # type: ignore[arg-type]
+
+
+class PlateTable(Table):
+    """[plate]."""
+
+    kind: Literal["peltier", "heater"] = "peltier"
+    seebeck_over_capacity_per_A_s: float = Field(default=0.0, ge=0.0)
+    resistance_over_capacity_K_per_A2_s: float = Field(default=0.0, ge=0.0)
+    conductance_over_capacity_per_s: float = Field(ge=0.0)
+    drive_over_capacity_K_per_s: float = Field(default=0.0, ge=0.0)
+    ambient_degC: float
+
+    @model_validator(mode="after")
+    def _whole(self) -> PlateTable:
+        self.model()
+        return self
+
+    def model(self) -> PlateModel:
+        return PlateModel(
+            self.seebeck_over_capacity_per_A_s,
+            self.resistance_over_capacity_K_per_A2_s,
+            self.conductance_over_capacity_per_s,
+            self.ambient_degC,
+            self.drive_over_capacity_K_per_s,
+            self.kind,
+        )
+
+
+class ModelTable(Table):
+    """A whole model file; [[effects]] are kept as they are, each with a name and its parameters."""
+
+    film: FilmTable | None = None
+    plate: PlateTable | None = None
+    effects: list[dict[str, float | str]] = []
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file holds: a film, a plate, or both, and effects beyond the base model."""
+
+    film: FilmModel | None
+    plate: PlateModel | None
+    effects: tuple[dict[str, float | str], ...] = ()
+
+
+def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) -> Model:
+    """Read and check a model file. Raises Faults; `needs` names the tables that must be there."""
+    table = checked(ModelTable, read_toml(path), path)
+    lines = [f"{path}: {name}: missing; expected a table [{name}]" for name in needs if getattr(table, name) is None]
+    lines += [f"{path}: effects: expected a name in each" for effect in table.effects if "name" not in effect]
+    if lines:
+        raise Faults(lines)
+    return Model(
+        table.film.model() if table.film else None,
+        table.plate.model() if table.plate else None,
+        tuple(table.effects),
+    )
+
+
+def _envelope(envelope: Envelope) -> dict[str, Any]:
+    return {"function": envelope.function, "a": float(envelope.a), "b": float(envelope.b)}
+
+
+def _film(model: FilmModel) -> dict[str, Any]:
+    d = model.memoryless
+    memoryless: dict[str, Any] = {"function": d.function}
+    if d.function in ("tanh", "sin", "cos", "linear"):
+        memoryless |= {"amplitude": float(d.amplitude), "a": float(d.a), "b": float(d.b)}
+    elif d.function == "polynomial":
+        memoryless["coefficients"] = [float(c) for c in d.coefficients]
+    elif d.function == "arrhenius":
+        memoryless["amplitude"] = float(d.amplitude)
+    memoryless["offset"] = float(d.offset)
+    table: dict[str, Any] = {"kind": model.kind, "output": model.output, "initial": model.initial}
+    if isinstance(model.rising, tuple):
+        assert isinstance(model.falling, tuple)
+        table["operators"] = [
+            {"radius": float(r), "weight": float(p), "rising": _envelope(up), "falling": _envelope(down)}
+            for r, p, up, down in zip(model.radii, model.weights, model.rising, model.falling, strict=True)
+        ]
+    else:
+        assert isinstance(model.falling, Envelope)
+        table["radii"] = [float(r) for r in model.radii]
+        table["weights"] = [float(p) for p in model.weights]
+        if model.kind != "classical_pi":
+            table["rising"], table["falling"] = _envelope(model.rising), _envelope(model.falling)
+    table["memoryless"] = memoryless
+    return table
+
+
+def _plate(model: PlateModel) -> dict[str, Any]:
+    table: dict[str, Any] = {"kind": model.kind}
+    if model.kind == "peltier":
+        table["seebeck_over_capacity_per_A_s"] = float(model.seebeck_over_capacity_per_A_s)
+        table["resistance_over_capacity_K_per_A2_s"] = float(model.resistance_over_capacity_K_per_A2_s)
+    else:
+        table["drive_over_capacity_K_per_s"] = float(model.drive_over_capacity_K_per_s)
+    table["conductance_over_capacity_per_s"] = float(model.conductance_over_capacity_per_s)
+    table["ambient_degC"] = float(model.ambient_degC)
+    return table
+
+
+def write_model(path: Path, model: Model, comment: str = "") -> None:
+    """Write a model file; numbers read back to the same bits. `comment` lines go on top."""
+    table: dict[str, Any] = {}
+    if model.film is not None:
+        table["film"] = _film(model.film)
+    if model.plate is not None:
+        table["plate"] = _plate(model.plate)
+    if model.effects:
+        table["effects"] = [dict(effect) for effect in model.effects]
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    path.write_text(head + tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")

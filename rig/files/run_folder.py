@@ -1,0 +1,169 @@
+"""The run folder: a run is a document of start, rows and stop.
+
+    DIR.part/ while it runs, DIR/ when it is whole
+    run.json        start (settings, versions, instruments, limits) and stop (why it ended)
+    config.toml     the configuration as it was
+    record.csv, record.nc     rows; NetCDF-3
+    events.jsonl    what happened, a line each
+    report.html, figures/
+
+A run.json without "stop" is of a run that crashed.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import os
+import platform
+import secrets
+import shutil
+from importlib import metadata
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from rig.faults import fault
+
+
+def default_folder(name: str, root: Path = Path("runs")) -> Path:
+    """runs/2026-11-21/20261121T031037Z_<name>_<id>: the date is the local one, the time UTC."""
+    now = datetime.datetime.now(datetime.UTC)
+    day = now.astimezone().date().isoformat()
+    return root / day / f"{now:%Y%m%dT%H%M%SZ}_{name}_{secrets.token_hex(3)}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computed the run."""
+    found = {"python": platform.python_version()}
+    for name in ("peltier-rig", "numpy", "scipy", "numba", "control", "pyserial"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+class RunFolder:
+    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole."""
+
+    def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
+        self.path = path
+        self.part = path.with_name(path.name + ".part")
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise fault(path, "--out", "exists and is not empty; expected a new folder")
+        try:
+            if self.part.exists():
+                shutil.rmtree(self.part)
+            self.part.mkdir(parents=True)
+        except OSError as error:
+            raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
+        self.columns = columns
+        self.rows: list[tuple[Any, ...]] = []
+        self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
+        self._record.write(",".join(columns) + "\n")
+        self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
+        (self.part / "config.toml").write_text(configuration_text, encoding="utf-8")
+        self._document: dict[str, Any] = {
+            "format": "peltier-run/1",
+            "start": {
+                "at": datetime.datetime.now(datetime.UTC).isoformat(),
+                "versions": versions(),
+                **start,
+            },
+        }
+        self._write_document()
+
+    def row(self, values: tuple[Any, ...]) -> None:
+        """One row, in the order of the columns; nan becomes an empty field."""
+        self.rows.append(values)
+        self._record.write(",".join(["" if v != v else str(v) for v in values]) + "\n")
+
+    def flush(self) -> None:
+        self._record.flush()
+        self._events.flush()
+
+    def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
+        """Something that happened, at a time of the run."""
+        self._events.write(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
+
+    def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+        """A column of the rows so far."""
+        k = self.columns.index(name)
+        return np.array([row[k] for row in self.rows])
+
+    def note(self, **more: Any) -> None:
+        """Add to the start of the document what is known only later (instruments, models, design)."""
+        self._document["start"].update(more)
+        self._write_document()
+
+    def stop(self, reason: str, **more: Any) -> None:
+        """Why the run ended, and its results; all rows and the document are on disk after this."""
+        self._document["stop"] = {
+            "at": datetime.datetime.now(datetime.UTC).isoformat(),
+            "reason": reason,
+            "rows": len(self.rows),
+            **more,
+        }
+        self._write_document()
+        self.flush()
+
+    def finish(self) -> Path:
+        """Close the files, write record.nc, and give the folder its name."""
+        self._record.close()
+        self._events.close()
+        write_netcdf(self.part / "record.nc", self.columns, self.rows)
+        if self.path.exists():
+            self.path.rmdir()
+        self.part.rename(self.path)
+        return self.path
+
+    def abandon(self) -> None:
+        """Close the files of a run that stays a .part."""
+        self._record.close()
+        self._events.close()
+
+    def _write_document(self) -> None:
+        path = self.part / "run.json"
+        temporary = path.with_suffix(".json.new")
+        temporary.write_text(json.dumps(_plain(self._document), indent=2) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON knows it: not-a-number and infinity become null and text."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (np.floating, np.integer, np.bool_)):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else ("inf" if value > 0 else "-inf")
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def plain_json(value: Any) -> str:
+    """The value as JSON text; numbers read back to the same bits."""
+    return json.dumps(_plain(value), indent=2)
+
+
+def write_netcdf(path: Path, columns: list[str], rows: list[tuple[Any, ...]]) -> None:
+    """The numeric columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the name's ending."""
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        file.history = b"peltier-rig"
+        file.createDimension("row", len(rows))
+        for k, name in enumerate(columns):
+            if rows and isinstance(rows[0][k], str):
+                continue
+            variable = file.createVariable(name, "f8", ("row",))
+            variable[:] = np.array([row[k] for row in rows], dtype=np.float64)
+            variable.units = name.rpartition("_")[2].encode()

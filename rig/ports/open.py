@@ -1,0 +1,100 @@
+"""Open a port with the settings its instrument needs, alone; say who has it otherwise."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import serial
+
+import rig.ports.registry  # noqa: F401 - tells pyserial of sim://
+from rig.errors import Disconnected, PortHeld
+from rig.ports.transport import GONE
+
+WRITE_TIMEOUT_S = 1.0
+LOCKED = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY}
+
+
+@dataclass(frozen=True, slots=True)
+class LineSettings:
+    """Line settings: baudrate, 1/s; bytesize, bits; parity "N", "E" or "O"; stopbits 1, 1.5 or 2."""
+
+    baudrate: int = 9600
+    bytesize: int = 8
+    parity: str = "N"
+    stopbits: float = 1
+    xonxoff: bool = False
+
+
+def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
+    """Open whatever pyserial opens (/dev/ttyUSB0, COM3, socket://host:port, sim://NAME), exclusively.
+
+    PortHeld where another process has it, Disconnected where it is not there.
+    """
+    try:
+        opened: serial.SerialBase = serial.serial_for_url(
+            port,
+            baudrate=settings.baudrate,
+            bytesize=settings.bytesize,
+            parity=settings.parity,
+            stopbits=settings.stopbits,
+            xonxoff=settings.xonxoff,
+            timeout=0,
+            write_timeout=WRITE_TIMEOUT_S,
+            exclusive=True,
+        )
+    except GONE as error:
+        if _is_lock(error):
+            raise PortHeld(port, *holder(port)) from error
+        raise Disconnected(f"{port}: {error}") from error
+    except ValueError as error:  # an unknown scheme, a setting that the handler does not know
+        raise Disconnected(f"{port}: {error}") from error
+    return opened
+
+
+def _is_lock(error: BaseException) -> bool:
+    if getattr(error, "errno", None) in LOCKED:
+        return True
+    text = str(error)
+    return "lock port" in text or "PermissionError(13, 'Access is denied" in text  # the latter on Windows
+
+
+def holder(port: str) -> tuple[int | None, str]:
+    """Process number and command line of who has `port` locked; (None, "") where that cannot be found out.
+
+    Linux only: /proc tells who has the device open, and which of those descriptors carries the lock. Other
+    users' processes do not show theirs.
+    """
+    if port.startswith("sim://"):
+        return os.getpid(), "this process"
+    try:
+        device = os.path.realpath(port)
+        processes = [entry for entry in os.listdir("/proc") if entry.isdigit()]
+    except OSError:
+        return None, ""
+    has_it_open: list[int] = []
+    for process in processes:
+        with contextlib.suppress(OSError):  # gone meanwhile, or not ours to see
+            for descriptor in os.listdir(f"/proc/{process}/fd"):
+                if os.path.realpath(f"/proc/{process}/fd/{descriptor}") != device:
+                    continue
+                if "FLOCK" in Path(f"/proc/{process}/fdinfo/{descriptor}").read_text():
+                    return int(process), _command(process)
+                has_it_open.append(int(process))
+    others = [process for process in has_it_open if process != os.getpid()]
+    return (others[0], _command(str(others[0]))) if others else (None, "")
+
+
+def _command(process: str) -> str:
+    with contextlib.suppress(OSError):
+        return (
+            Path(f"/proc/{process}/cmdline")
+            .read_bytes()
+            .replace(b"\0", b" ")
+            .decode(errors="replace")
+            .strip()
+        )
+    return ""

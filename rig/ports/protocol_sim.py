@@ -1,0 +1,174 @@
+"""pyserial's handler of `sim://NAME`: a serial port whose far end is an emulated instrument in this process.
+
+pyserial finds this module by its name, `protocol_` and the scheme, through `protocol_handler_packages`.
+Anything that takes a pyserial port can use it: our transport, PyMeasure's SerialAdapter, PyVISA-py
+(`ASRLsim://NAME::INSTR`). A read that blocks sleeps on the clock registered with the instrument: in virtual
+time it jumps to the next byte.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any
+
+from serial.serialutil import PortNotOpenError, SerialBase, SerialException
+
+from rig.clock import Clock, RealClock
+from rig.ports.registry import Line, look_up
+from sim.instruments.instrument import Instrument
+
+PATIENCE_S = 0.02  # longest real sleep at once, so that cancel_read is heard
+
+
+class Serial(SerialBase):
+    """The port. Line settings are kept but change nothing: the emulator has its own baud rate."""
+
+    _line: Line | None = None
+    _instrument: Instrument
+    _clock: Clock
+    _buffer = b""
+    _cancelled = False
+
+    def open(self) -> None:
+        """Connect; SerialException where nothing is registered, or the port is held exclusively."""
+        if self.is_open:
+            raise SerialException("Port is already open.")
+        url = str(self.portstr)
+        line = look_up(url.partition("://")[2])
+        if line is None:
+            raise SerialException(2, f"could not open port {url}: no instrument is registered there")
+        if self.exclusive:
+            if line.holder is not None and line.holder.is_open:
+                raise SerialException(
+                    11, f"Could not exclusively lock port {url}: it is open in this process"
+                )
+            line.holder = self
+        self._line, self._instrument, self._clock = line, line.instrument, line.clock
+        self._buffer = b""
+        self.is_open = True
+
+    def close(self) -> None:
+        """Disconnect; closing twice is fine."""
+        if self._line is not None and self._line.holder is self:
+            self._line.holder = None
+        self._line = None
+        self.is_open = False
+
+    def _reconfigure_port(self, force_update: bool = False) -> None:
+        pass
+
+    @property
+    def timeout(self) -> float | None:
+        """How long a read blocks, s; None for ever."""
+        return self._timeout
+
+    @timeout.setter
+    def timeout(self, timeout: float | None) -> None:
+        if timeout is not None and timeout < 0:
+            raise ValueError(f"Not a valid timeout: {timeout!r}")
+        self._timeout = timeout
+
+    def _require_line(self) -> None:
+        if self._line is None:
+            raise PortNotOpenError()
+        if look_up(str(self.portstr).partition("://")[2]) is not self._line:
+            raise SerialException(5, "device reports readiness to read but returned no data: it is gone")
+
+    @property
+    def in_waiting(self) -> int:
+        """How many bytes can be read without blocking."""
+        self._require_line()
+        self._buffer += self._instrument.transmit(self._clock.now_s())
+        return len(self._buffer)
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Up to `size` bytes; fewer where the time-out ends first.
+
+        In virtual time a read that would block for ever raises SerialException instead.
+        """
+        self._require_line()
+        buffer = self._buffer
+        if len(buffer) < size:
+            buffer = self._wait_for(size)
+        self._buffer = buffer[size:]
+        return buffer[:size]
+
+    def _wait_for(self, size: int) -> bytes:
+        instrument, clock = self._instrument, self._clock
+        now_s = clock.now_s()
+        deadline_s = inf if self._timeout is None else now_s + self._timeout
+        real = isinstance(clock, RealClock)
+        buffer = self._buffer
+        while True:
+            buffer += instrument.transmit(now_s)
+            if len(buffer) >= size or now_s >= deadline_s or self._cancelled:
+                self._cancelled = False
+                return buffer
+            next_s = instrument.next_transmit_s()
+            wake_s = deadline_s if next_s is None or next_s > deadline_s else next_s
+            if real:
+                wake_s = min(wake_s, now_s + PATIENCE_S)
+                self._require_line()
+            elif wake_s == inf:
+                raise SerialException(
+                    "nothing is under way, and the read has no time-out: it would block for ever"
+                )
+            clock.sleep_until_s(wake_s)
+            now_s = clock.now_s()
+
+    def cancel_read(self) -> None:
+        """Let a read that blocks in another thread return."""
+        self._cancelled = True
+
+    def write(self, data: Any, /) -> int:
+        """Hand `data` to the instrument; it takes no time here, but on the emulated wire."""
+        self._require_line()
+        data = bytes(data)
+        self._instrument.receive(data, self._clock.now_s())
+        return len(data)
+
+    def flush(self) -> None:
+        """Nothing is held back."""
+
+    def reset_input_buffer(self) -> None:
+        """Discard what has arrived by now."""
+        self._require_line()
+        self._instrument.transmit(self._clock.now_s())
+        self._buffer = b""
+
+    def reset_output_buffer(self) -> None:
+        """Nothing is held back."""
+
+    @property
+    def out_waiting(self) -> int:
+        """Nothing is held back."""
+        return 0
+
+    def _update_rts_state(self) -> None:
+        pass
+
+    def _update_dtr_state(self) -> None:
+        pass
+
+    def _update_break_state(self) -> None:
+        pass
+
+    @property
+    def cts(self) -> bool:
+        """Clear to send: always."""
+        return True
+
+    @property
+    def dsr(self) -> bool:
+        """Data set ready: always."""
+        return True
+
+    @property
+    def ri(self) -> bool:
+        """Ring indicator: never."""
+        return False
+
+    @property
+    def cd(self) -> bool:
+        """Carrier detect: always."""
+        return True

@@ -1,0 +1,133 @@
+"""Bytes to an instrument and lines back, with one deadline for a whole answer.
+
+A line counts only with its terminator; bytes that trickle in do not extend the deadline; a read never
+returns part of a line. What a vanished device makes pyserial raise (SerialException, OSError,
+termios.error, TypeError) becomes `Disconnected`. That an answer belongs to its question is proven by the
+protocols above, which know how.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Protocol
+
+from serial import SerialException, SerialTimeoutException
+
+from rig.clock import Clock
+from rig.errors import Corrupt, Disconnected, InstrumentError, TimedOut
+
+try:
+    from termios import error as _TermiosError
+except ImportError:  # Windows
+
+    class _TermiosError(Exception):  # type: ignore[no-redef]
+        pass
+
+
+GONE = (OSError, _TermiosError, TypeError)  # a SerialException is an OSError; termios.error is not
+LONGEST_LINE = 4096
+SHORTEST_WAIT_S = 1e-6
+
+
+class Port(Protocol):
+    """What the transport needs of a pyserial port."""
+
+    timeout: float | None
+
+    @property
+    def in_waiting(self) -> int: ...
+    @property
+    def is_open(self) -> bool: ...
+    def read(self, size: int = 1, /) -> bytes: ...
+    def write(self, data: bytes, /) -> int | None: ...
+    def open(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class Transport:
+    """One serial line. port: open, with a write time-out; clock: the one its reads block by."""
+
+    def __init__(self, port: Port, clock: Clock) -> None:
+        self.port = port
+        self.clock = clock
+        self.stale_bytes = 0
+        self._received = b""
+
+    def send(self, data: bytes) -> None:
+        """Throw away what came uncalled, then write. TimedOut where the line is stuck, Disconnected."""
+        try:
+            if self._received or self.port.in_waiting:
+                self.drain()
+            self.port.write(data)
+        except GONE as error:
+            raise _meaning(error) from error
+
+    def receive_line(self, terminator: bytes, deadline_s: float) -> bytes:
+        """The next line without its terminator. TimedOut at `deadline_s`, Corrupt where a line has no end."""
+        received = self._received
+        try:
+            while True:
+                end = received.find(terminator)
+                if end >= 0:
+                    self._received = received[end + len(terminator) :]
+                    return received[:end]
+                if len(received) > LONGEST_LINE:
+                    self._received = b""
+                    raise Corrupt(f"{len(received)} bytes without a terminator")
+                remaining_s = deadline_s - self.clock.now_s()
+                if remaining_s < SHORTEST_WAIT_S:
+                    self._received = received
+                    raise TimedOut(f"no answer, {len(received)} bytes of one" if received else "no answer")
+                port = self.port
+                port.timeout = remaining_s
+                received += port.read(1)
+                waiting = port.in_waiting
+                if waiting:
+                    received += port.read(waiting)
+        except GONE as error:
+            self._received = b""
+            raise _meaning(error) from error
+
+    @property
+    def has_more(self) -> bool:
+        """Whether bytes are there that no question has asked for."""
+        try:
+            return bool(self._received or self.port.in_waiting)
+        except GONE as error:
+            raise _meaning(error) from error
+
+    def drain(self) -> bytes:
+        """Throw away what has arrived by now, and return it."""
+        stale = self._received
+        self._received = b""
+        try:
+            waiting = self.port.in_waiting
+            if waiting:
+                self.port.timeout = 0
+                stale += self.port.read(waiting)
+        except GONE as error:
+            raise _meaning(error) from error
+        self.stale_bytes += len(stale)
+        return stale
+
+    def reopen(self) -> None:
+        """Close and open again, for a device that was gone; Disconnected where it still is."""
+        self._received = b""
+        self.close()
+        try:
+            self.port.open()
+        except GONE as error:
+            raise _meaning(error) from error
+
+    def close(self) -> None:
+        """Let go of the port; never raises."""
+        with contextlib.suppress(*GONE):
+            self.port.close()
+
+
+def _meaning(error: BaseException) -> InstrumentError:
+    if isinstance(error, SerialTimeoutException):
+        return TimedOut("the line does not take what is written")
+    if isinstance(error, SerialException):
+        return Disconnected(str(error))
+    return Disconnected(f"{type(error).__name__}: {error}")

@@ -1,0 +1,73 @@
+"""Figures as SVG, each also kept in the run's folder figures/."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from compensator.functions import Array
+
+COLOURS = {
+    "measured": "#1f5fbf",
+    "target": "#1c2330",
+    "full": "#1f5fbf",
+    "pid": "#c8553d",
+    "feedforward": "#d9a021",
+    "instrument_pid": "#6a8d3f",
+    "temperature": "#c8553d",
+    "current": "#6a8d3f",
+    "model": "#c8553d",
+}
+MOST_POINTS = 2500
+SETTINGS: dict[str, Any] = {
+    "font.size": 10.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#8b94a3",
+    "axes.labelcolor": "#1c2330",
+    "axes.grid": True,
+    "grid.color": "#e6e9ef",
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "peltier-rig",
+    "path.simplify": True,
+}
+
+
+def new_figure(rows: int, height: float, heights: list[float] | None = None, share: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure 10 inches wide with axes below one another."""
+    with mpl.rc_context(SETTINGS):
+        figure = Figure(figsize=(10.0, height), layout="constrained")
+        axes = figure.subplots(rows, 1, sharex=share, squeeze=False, height_ratios=heights)
+    return figure, list(axes[:, 0])
+
+
+def thinned(*columns: Array) -> list[Array]:
+    """Columns with at most MOST_POINTS rows, evenly taken."""
+    size = columns[0].size
+    if size <= MOST_POINTS:
+        return list(columns)
+    index = np.linspace(0, size - 1, MOST_POINTS).astype(np.int64)
+    return [column[index] for column in columns]
+
+
+def saved(figure: Figure, folder: Path, name: str) -> str:
+    """Write folder/figures/NAME.svg; returns the SVG element for a page."""
+    with mpl.rc_context(SETTINGS):
+        FigureCanvasSVG(figure)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    text = buffer.getvalue()
+    (folder / "figures").mkdir(exist_ok=True)
+    (folder / "figures" / f"{name}.svg").write_text(text, encoding="utf-8")
+    start = text.index("<svg")
+    unique = text[start:].replace('id="', f'id="{name}-').replace('href="#', f'href="#{name}-')
+    return unique.replace("url(#", f"url(#{name}-")

@@ -1,0 +1,43 @@
+"""The report of a plain temperature or current profile."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.files.run_folder import RunFolder
+from rig.report.figures import COLOURS, new_figure, saved, thinned
+from rig.report.page import figure, tiles, write_page
+
+
+def write_profile_report(folder: RunFolder, kind: str) -> None:
+    """report.html of a recorded profile."""
+    time, temperature, current = (folder.column(n) for n in ("time_s", "temperature_degC", "current_A"))
+    wanted, resistance = folder.column("setpoint_degC"), folder.column("resistance_ohm")
+    measured = bool(np.any(np.isfinite(resistance)))
+    fig, axes = new_figure(3 if measured else 2, 7.0 if measured else 5.0)
+    t, shown, reference = thinned(time, temperature, wanted)
+    axes[0].plot(t, shown, color=COLOURS["temperature"], label="measured")
+    if np.any(np.isfinite(reference)):
+        axes[0].plot(t, reference, color=COLOURS["target"], linestyle=(0, (4, 2)), linewidth=1.0, label="wanted")
+        axes[0].legend(loc="upper right", ncols=2)
+    axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
+    t, shown = thinned(time, current)
+    axes[1].step(t, shown, where="post", color=COLOURS["current"], linewidth=0.9)
+    axes[1].set_ylabel("current / A")
+    if measured:
+        t, shown = thinned(time, resistance)
+        axes[2].semilogy(t, shown, color=COLOURS["measured"])
+        axes[2].set_ylabel("resistance / ohm")
+    axes[-1].set_xlabel("time / s")
+    numbers = [(str(len(folder.rows)), "rows"), (f"{float(time[-1]):.0f} s", "duration")]
+    if np.any(np.isfinite(wanted)):
+        error = float(np.sqrt(np.nanmean((temperature - wanted) ** 2)))
+        numbers.append((f"{error * 1e3:.1f} mK", "RMS temperature error"))
+    title = {"temperature_profile": "Temperature profile", "current_profile": "Current profile", "hold": "Hold"}[kind]
+    caption = "Temperature, current" + (" and resistance." if measured else ".")
+    write_page(
+        folder.part / "report.html",
+        title,
+        f"{len(folder.rows)} rows over {float(time[-1]):.0f} s were recorded.",
+        [tiles(numbers), figure(saved(fig, folder.part, "courses"), caption)],
+    )

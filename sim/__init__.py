@@ -1,0 +1,1 @@
+"""The simulated rig: physics, films, emulated instruments and the diagnosis. It never imports `rig`."""

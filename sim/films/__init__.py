@@ -1,0 +1,1 @@
+"""Films that no play operator holds, to put the compensator to the test."""

@@ -1,0 +1,1 @@
+"""Byte-level emulators of the instruments: bytes and times in, bytes and times out, no clock and no port."""

@@ -1,0 +1,41 @@
+"""What the instrument tests share: a still world, a virtual clock, and simulated ports with clean-up."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from still_plant import StillPlant  # noqa: E402
+
+from rig.clock import VirtualClock  # noqa: E402
+from rig.ports import registry  # noqa: E402
+from sim.instruments.instrument import Instrument  # noqa: E402
+
+
+@pytest.fixture
+def plant() -> StillPlant:
+    return StillPlant()
+
+
+@pytest.fixture
+def clock() -> VirtualClock:
+    return VirtualClock()
+
+
+@pytest.fixture
+def attach(clock: VirtualClock) -> Iterator[Callable[[Instrument], str]]:
+    """Put an instrument behind a `sim://` port of its own; it is pulled out when the test ends."""
+    names: list[str] = []
+
+    def put(instrument: Instrument) -> str:
+        names.append(f"test-{len(names)}")
+        return registry.register(names[-1], instrument, clock)
+
+    yield put
+    for name in names:
+        registry.unregister(name)
