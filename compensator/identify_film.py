@@ -3,9 +3,10 @@
     u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
 
 The way: check the records and find the path behind the noisy temperature (`identify_rows`, `temperature_path`);
-search globally on thinned rows for each form of D (`identify_search`); choose the form, and whether operators with
-mixed envelopes are worth it (`identify_mixed`), by rows that were held out; refine the winner on all rows; say how
-sure it is (`identify_errors`) and what the record cannot fix (`identify_notes`).
+search globally on thinned rows for each form of D and the memory that each record began with (`identify_search`);
+choose the form, and whether operators with mixed envelopes are worth it (`identify_mixed`), by rows that were held
+out (`identify_selection`); refine the winner on all rows; say how sure it is (`identify_bands`) and what the records
+cannot fix (`identify_notes`).
 """
 
 from __future__ import annotations
@@ -20,38 +21,40 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.film import Envelope, FilmModel, Initial, Memory
 from compensator.functions import Array
+from compensator.identify_bands import NORMAL_95, Linearized, Uncertainty, uncertainty
 from compensator.identify_forms import FORMS, Form
-from compensator.identify_mixed import RESOLUTIONS, MixedSolution, dictionary, half_loop_width, solve_mixed
+from compensator.identify_mixed import MixedSolution, solve_mixed
 from compensator.identify_notes import film_notes
-from compensator.identify_projection import Problem, Solution, Structure, equal_structure
-from compensator.identify_rows import (
-    FilmRecord,
-    Path,
-    Prepared,
-    Start,
-    build_path,
-    held_out_blocks,
-    prepare,
-    thinned,
+from compensator.identify_projection import PlainFit, Problem, Solution, Structure, equal_structure
+from compensator.identify_rows import FilmRecord, Prepared, Start, build_path, prepare
+from compensator.identify_search import choose_starts, refine_starts, search, start_candidates
+from compensator.identify_selection import (
+    MIXED_WORTH,
+    Candidate,
+    Rows,
+    choose_form,
+    choose_mixed,
+    make_problem,
+    predict,
+    refine_plain,
+    rms,
+    share_out,
+    without_strays,
 )
-from compensator.identify_search import choose_starts, envelope_bounds, search, start_candidates
+from compensator.temperature_path import temperature_path
 
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
-WORTH: Final = 0.98  # a less simple form has to bring the held-out error below this share
-MIXED_WORTH: Final = 0.9
-GLOBAL_ROWS: Final = 700
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
+__all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """One model that was tried: errors in the output's unit, on the rows fitted and on the rows held out."""
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading."""
 
-    kind: str
-    form: str
-    operators: int
-    rmse: float
-    held_out_rmse: float
+    output: Array
+    half_width: Array
+    half_width_reading: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +63,9 @@ class FilmFit:
 
     model; starts and memories: what each record's film remembered at its first row; rmse, max_abs: over all trusted
     readings; held_out_rmse: of the same kind of model fitted without the held-out rows; candidates: what was tried;
-    active_operators: those with weight > 0; temperature_noise_K: of each record's thermometer; outliers: indices of
-    readings left out, of each record; identifiability: in plain words what these records cannot fix.
+    active_operators: those with weight > 0; uncertainty: covariance of all that was fitted; temperature_noise_K: of
+    each record's thermometer; outliers: indices of readings left out, of each record; identifiability: in plain
+    words what these records cannot fix.
     """
 
     model: FilmModel
@@ -72,19 +76,44 @@ class FilmFit:
     held_out_rmse: float
     candidates: tuple[Candidate, ...]
     active_operators: int
+    uncertainty: Uncertainty
     temperature_noise_K: tuple[float, ...]
     outliers: tuple[NDArray[np.int64], ...]
     identifiability: tuple[str, ...]
 
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters, with units; none with mixed envelopes."""
+        return self.uncertainty.fitted.outer_names
 
-@dataclass(frozen=True, eq=False)
-class _Split:
-    """The rows of all records: fitted in the global stage, fitted in full, and held out."""
+    @property
+    def outer_values(self) -> Array:
+        """Their values, shape (outer,)."""
+        return self.uncertainty.fitted.outer_values
 
-    records: list[Prepared]
-    thin: list[NDArray[np.bool_]]
-    train: list[NDArray[np.bool_]]
-    held: list[NDArray[np.bool_]]
+    @property
+    def outer_standard_errors(self) -> Array:
+        """Their standard errors, shape (outer,); inf where a record does not determine one."""
+        return self.uncertainty.outer_standard_errors
+
+    def predict(
+        self,
+        time_s: ArrayLike,
+        temperature_degC: ArrayLike,
+        *,
+        start: Start | None = None,
+        temperature_noise_K: float | None = None,
+    ) -> Prediction:
+        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's."""
+        path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
+        v = path.temperature_degC
+        start = start or Start(self.model.initial)
+        output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
+        every = np.ones(v.size, dtype=np.bool_)
+        none = np.empty(0, dtype=np.int64)
+        record = Prepared("record", np.asarray(time_s, dtype=np.float64), path, np.zeros(v.size), every, none, 0)
+        half_width = self.uncertainty.half_width(build_path([record], [start]))
+        return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 
 
 def identify_film(
@@ -96,7 +125,7 @@ def identify_film(
     form: str | None = None,
     operators: int = 30,
     initial: Initial | Literal["fitted"] = "fitted",
-    monotone: bool = True,
+    monotone: bool | None = None,
     ordered: bool = True,
     temperature_noise_K: float | None = None,
     output_name: str = "minus_log10_ohm",
@@ -105,14 +134,14 @@ def identify_film(
     """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
 
     kind: None chooses between "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has
-    no D. form: of D, None chooses among none, linear, arrhenius, tanh, polynomial. operators: number of radii.
-    initial: the memory before the first row. monotone: D increases with v. ordered: every radius keeps the order
-    condition below paper eq (6). temperature_noise_K: None estimates it, 0 takes the temperature as it is.
+    no D. form: of D, None chooses among none, linear, arrhenius, tanh, polynomial. operators: the largest number of
+    radii. initial: the memory before the first row. monotone: D increases with v; None: unless the form is sin or
+    cos. ordered: every radius keeps the order condition below paper eq (6); without it the output jumps where a
+    record reverses inside the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
     Raises ValueError with one line for a record that cannot be used.
     """
-    record = FilmRecord(time_s, temperature_degC, output)
     return identify_film_records(
-        [record],
+        [FilmRecord(time_s, temperature_degC, output)],
         kind=kind,
         form=form,
         operators=operators,
@@ -132,7 +161,7 @@ def identify_film_records(
     form: str | None = None,
     operators: int = 30,
     initial: Initial | Literal["fitted"] = "fitted",
-    monotone: bool = True,
+    monotone: bool | None = None,
     ordered: bool = True,
     temperature_noise_K: float | None = None,
     output_name: str = "minus_log10_ohm",
@@ -141,163 +170,132 @@ def identify_film_records(
     """One film model for several records, each with its own memory; arguments as for `identify_film`."""
     if not records:
         raise ValueError("records: none given, expected at least one")
+    if kind not in (None, "extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
+        raise ValueError(f"kind: {kind!r}: expected extended_generalized_pi, generalized_pi or mixed_envelopes")
     if form is not None and form not in FORMS:
         raise ValueError(f"form: {form!r} is none of {', '.join(FORMS)}")
     if operators < 1:
         raise ValueError(f"operators: {operators}: expected at least 1")
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
-    prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
-    held = [held_out_blocks(record) for record in prepared]
-    train = [record.used & ~out for record, out in zip(prepared, held, strict=True)]
-    share = max(GLOBAL_ROWS // len(prepared), 60)
-    thin = [thinned(record, rows, share) for record, rows in zip(prepared, train, strict=True)]
-    split = _Split(prepared, thin, train, held)
+    rows = share_out([prepare(record, noise_K=temperature_noise_K) for record in records])
+    low = min(float(np.min(record.inputs)) for record in rows.records)
+    high = max(float(np.max(record.inputs)) for record in rows.records)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
-    low = min(float(np.min(record.inputs)) for record in prepared)
-    high = max(float(np.max(record.inputs)) for record in prepared)
-    forms = [Form(name, monotone and not (name in ("sin", "cos") and form is not None), low, high) for name in names]
+    increasing = monotone if monotone is not None else form not in ("sin", "cos")
+    forms = [Form(name, increasing, low, high) for name in names]
     structure = equal_structure(operators, 1, ordered)
-    starts = [Start("heated" if initial == "heated" else "cooled") for _ in prepared]
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
 
-    found = search(build_path(prepared, starts, thin), structure, forms, seed=seed)
+    starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
+    found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
-        best = min(found, key=lambda name: found[name].square)
-        problem = _problem(build_path(prepared, starts, thin), structure, forms[names.index(best)])
-        options = [start_candidates(record) for record in prepared]
-        chosen = choose_starts(prepared, thin, starts, options, problem, found[best].theta)
-        if chosen != starts:
-            starts = chosen
-            extra = [solution.theta[: problem.split] for solution in found.values()]
-            found = search(build_path(prepared, starts, thin), structure, forms, seed=seed, extra=extra)
-
-    thin_path = build_path(prepared, starts, thin)
-    held_path = build_path(prepared, starts, held)
-    candidates: list[Candidate] = []
-    plain = _choose_form(forms, found, structure, thin_path, held_path, candidates, kind)
-    mixed: MixedSolution | None = None
+        starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
+    chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
+    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, chosen)
+    cleaned = without_strays(rows, starts, problem, solution)
+    if cleaned is not rows:
+        rows = cleaned
+        path = build_path(rows.records, starts, rows.thin)
+        found = {
+            each.name: make_problem(path, structure, each).refine(
+                make_problem(path, structure, each).solve(found[each.name].theta)
+            )
+            for each in forms
+        }
+        chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
     if kind in (None, "mixed_envelopes"):
-        mixed = _choose_mixed(split, starts, plain, held_path, candidates, kind is None)
-    if mixed is not None:
-        return _finish_mixed(split, starts, mixed, plain, held_path, candidates, output_name)
-    return _finish_plain(split, starts, structure, plain, held_path, candidates, kind, output_name, initial)
+        error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
+        to_beat = MIXED_WORTH * error if kind is None else math.inf
+        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat)
+        candidates += tried
+        if mixed is not None:
+            return _finish_mixed(rows, starts, mixed, candidates, output_name)
+    return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
 
 
-def _problem(path: Path, structure: Structure, form: Form) -> Problem:
-    return Problem(path, structure, form, *envelope_bounds(path, structure.groups))
+def _likely_end(record: Prepared) -> Initial:
+    """The end of the sweep that the record begins nearer to."""
+    middle = 0.5 * (float(np.min(record.inputs)) + float(np.max(record.inputs)))
+    return "cooled" if record.inputs[0] >= middle else "heated"
 
 
-def _predict(problem: Problem, solution: Solution, path: Path) -> Array:
-    """The fit at another path's readings, shape (readings,)."""
-    other = _problem(path, problem.structure, problem.form)
-    operators, _ = other.operators(solution.theta)
-    memoryless = problem.form.columns(other.v, solution.theta[problem.split :]) @ solution.coefficients
-    return np.asarray(solution.offset + memoryless + operators @ solution.weights, dtype=np.float64)
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(float(np.mean(values**2)))
-
-
-def _choose_form(
+def _fit_memories(
+    rows: Rows,
+    starts: list[Start],
+    structure: Structure,
     forms: Sequence[Form],
     found: dict[str, Solution],
-    structure: Structure,
-    path: Path,
-    held: Path,
-    candidates: list[Candidate],
-    kind: Kind | None,
-) -> tuple[Form, Solution, float]:
-    """The simplest form of D whose held-out error is within `WORTH` of the best."""
-    chosen: tuple[Form, Solution, float] | None = None
+    seed: int,
+) -> tuple[list[Start], dict[str, Solution]]:
+    """The memories with which the records began, and the search repeated with them where they are others."""
+    best = min(forms, key=lambda form: found[form.name].square)
+    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, best)
+    options = [start_candidates(record) for record in rows.records]
+    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, found[best.name].theta)
+    if chosen == starts:
+        return starts, found
+    for _ in range(2):
+        extra = [found[form.name].theta[: problem.split] for form in forms]
+        path = build_path(rows.records, chosen, rows.thin)
+        found = search(path, structure, forms, seed=seed, extra=extra)
+        best = min(forms, key=lambda form: found[form.name].square)
+        problem = make_problem(path, structure, best)
+        refined = refine_starts(rows.records, rows.train, chosen, problem, found[best.name].theta)
+        if refined == chosen:
+            break
+        chosen = refined
+    path = build_path(rows.records, chosen, rows.thin)
     for form in forms:
-        solution = found[form.name]
-        error = _rms(held.output - _predict(_problem(path, structure, form), solution, held))
-        name = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
-        candidates.append(Candidate(name, form.name, structure.group.size, math.sqrt(solution.square), error))
-        if chosen is None or error < WORTH * chosen[2]:
-            chosen = form, solution, error
-    assert chosen is not None
-    return chosen
-
-
-def _choose_mixed(
-    split: _Split,
-    starts: Sequence[Start],
-    plain: tuple[Form, Solution, float],
-    held: Path,
-    candidates: list[Candidate],
-    compare: bool,
-) -> MixedSolution | None:
-    """The best dictionary by held-out rows; None if it is not worth its operators."""
-    share = max(2 * GLOBAL_ROWS // len(split.records), 60)
-    rows = [thinned(record, train, share) for record, train in zip(split.records, split.train, strict=True)]
-    path = build_path(split.records, starts, rows)
-    half_width = half_loop_width(path)
-    form, solution, plain_error = plain
-    shape = solution.theta[4:]
-    best: MixedSolution | None = None
-    least = MIXED_WORTH * plain_error if compare else math.inf
-    for centres, steepness, by_output in RESOLUTIONS:
-        trial = solve_mixed(path, dictionary(path, centres, steepness, by_output, half_width), form, shape)
-        error = _rms(held.output - trial.at(held))
-        candidates.append(Candidate("mixed_envelopes", form.name, trial.weights.size, math.sqrt(trial.square), error))
-        if error < (WORTH if best is not None else 1.0) * least:
-            best, least = trial, error
-    return best
+        problem = make_problem(path, structure, form)
+        found[form.name] = problem.refine(problem.solve(found[form.name].theta))
+    return chosen, found
 
 
 def _finish_mixed(
-    split: _Split,
-    starts: Sequence[Start],
-    mixed: MixedSolution,
-    plain: tuple[Form, Solution, float],
-    held: Path,
-    candidates: list[Candidate],
-    output_name: str,
+    rows: Rows, starts: Sequence[Start], mixed: MixedSolution, candidates: list[Candidate], output_name: str
 ) -> FilmFit:
-    train = solve_mixed(build_path(split.records, starts, split.train), mixed.operators, mixed.form, mixed.shape)
-    error = _rms(held.output - train.at(held))
-    path = build_path(split.records, starts)
-    final = solve_mixed(path, mixed.operators, mixed.form, mixed.shape, accurate=True)
+    held = build_path(rows.records, starts, rows.held)
+    train = solve_mixed(build_path(rows.records, starts, rows.train), mixed.operators, mixed.form, mixed.shape)
+    error = rms(held.output - train.at(held))
+    final = solve_mixed(build_path(rows.records, starts), mixed.operators, mixed.form, mixed.shape)
     model = final.model(output_name, starts[0].initial)
-    return _fit(split, starts, model, final.residual, error, candidates, final.columns(path), path)
+    return _fit(rows, starts, model, final, final.residual, error, candidates)
 
 
 def _finish_plain(
-    split: _Split,
+    rows: Rows,
     starts: Sequence[Start],
     structure: Structure,
-    plain: tuple[Form, Solution, float],
-    held: Path,
+    form: Form,
+    solution: Solution,
     candidates: list[Candidate],
-    kind: Kind | None,
+    kind: str,
     output_name: str,
-    initial: str,
 ) -> FilmFit:
-    form, solution, _ = plain
-    train = _problem(build_path(split.records, starts, split.train), structure, form)
-    fitted = train.refine(train.solve(solution.theta, accurate=True), steps=10, accurate=True)
-    error = _rms(held.output - _predict(train, fitted, held))
-    path = build_path(split.records, starts)
-    problem = _problem(path, structure, form)
-    final = problem.refine(problem.solve(fitted.theta, accurate=True), steps=10, accurate=True)
-    shape = final.theta[:4]
-    radii, _ = structure.radii(problem.shapes(final.theta))
-    a_r, a_l = math.exp(shape[0]), math.exp(shape[2])
-    model = FilmModel(
+    held = build_path(rows.records, starts, rows.held)
+    train = refine_plain(build_path(rows.records, starts, rows.train), structure, form, solution.theta)
+    error = rms(held.output - predict(*train, held))
+    problem, final = refine_plain(build_path(rows.records, starts), structure, form, train[1].theta)
+    model = plain_model(problem, final, kind, output_name, starts[0].initial)
+    return _fit(rows, starts, model, PlainFit(problem, final), final.residual, error, candidates)
+
+
+def plain_model(problem: Problem, solution: Solution, kind: str, output_name: str, initial: Initial) -> FilmModel:
+    """The solution as a model with one pair of envelopes."""
+    theta = solution.theta
+    radii, _ = problem.structure.radii(problem.shapes(theta))
+    a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
+    return FilmModel(
         radii,
-        final.weights,
-        Envelope("tanh", a_r, -a_r * float(shape[1])),
-        Envelope("tanh", a_l, -a_l * float(shape[3])),
-        form.memoryless(final.coefficients, final.theta[4:], final.offset),
-        "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi",
+        solution.weights,
+        Envelope("tanh", a_r, -a_r * float(theta[1])),
+        Envelope("tanh", a_l, -a_l * float(theta[3])),
+        problem.form.memoryless(solution.coefficients, theta[4:], solution.offset),
+        kind,
         output_name,
-        starts[0].initial,
+        initial,
     )
-    operators, _ = problem.operators(final.theta)
-    columns = problem.active_columns(final, operators)
-    return _fit(split, starts, model, final.residual, error, candidates, columns, path)
 
 
 def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory:
@@ -309,26 +307,28 @@ def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory
 
 
 def _fit(
-    split: _Split,
+    rows: Rows,
     starts: Sequence[Start],
     model: FilmModel,
+    fitted: Linearized,
     residual: Array,
     held_out_rmse: float,
     candidates: list[Candidate],
-    columns: Array,
-    path: Path,
 ) -> FilmFit:
-    firsts = [float(record.inputs[0]) for record in split.records]
+    path = build_path(rows.records, starts)
+    sure = uncertainty(fitted, path, residual)
+    firsts = [float(record.inputs[0]) for record in rows.records]
     return FilmFit(
         model,
         tuple(starts),
         tuple(memory_at_start(model, start, first) for start, first in zip(starts, firsts, strict=True)),
-        _rms(residual),
+        rms(residual),
         float(np.max(np.abs(residual))),
         held_out_rmse,
         tuple(candidates),
         int(np.sum(model.weights > 0.0)),
-        tuple(record.path.noise_K for record in split.records),
-        tuple(record.outliers for record in split.records),
-        film_notes(split.records, model, columns, residual),
+        sure,
+        tuple(record.path.noise_K for record in rows.records),
+        tuple(record.outliers for record in rows.records),
+        film_notes(rows.records, path, fitted.play_outputs(path), model.weights, fitted.parameters, rms(residual)),
     )

@@ -77,19 +77,20 @@ class Form:
         """The columns at temperatures v, shape (rows, k)."""
         x = (v - self.middle) / self.half
         if self.name == "linear":
-            return x[:, None]
+            return np.asarray(x[:, None], dtype=np.float64)
         if self.name == "arrhenius":
-            return self._arrhenius_scale() * (1.0 / (self.middle + KELVIN) - 1.0 / (v + KELVIN))[:, None]
+            inverse = 1.0 / (self.middle + KELVIN) - 1.0 / (v + KELVIN)
+            return np.asarray(self._arrhenius_scale() * inverse[:, None], dtype=np.float64)
         if self.name == "polynomial":
             if not self.monotone:
                 return np.column_stack((x, x * x, x**3))
             u = 0.5 * (x + 1.0)
             return np.column_stack((u - u * u + u**3 / 3.0, u * u - 2.0 * u**3 / 3.0, u**3 / 3.0))
         if self.name == "tanh":
-            return np.tanh(math.exp(par[0]) * (v - par[1]))[:, None]
+            return np.asarray(np.tanh(math.exp(par[0]) * (v - par[1]))[:, None], dtype=np.float64)
         if self.periodic and self.monotone:
             a, centre = self._within_quarter(par)
-            return np.sin(a * (v - centre))[:, None]
+            return np.asarray(np.sin(a * (v - centre))[:, None], dtype=np.float64)
         if self.periodic:
             a = math.exp(par[0])
             return np.column_stack((np.sin(a * (v - self.middle)), np.cos(a * (v - self.middle))))

@@ -17,11 +17,12 @@ import numpy as np
 
 from compensator.film import Envelope, FilmModel
 from compensator.functions import Array
+from compensator.gram import gram, triangle
 from compensator.identify_forms import Form
-from compensator.identify_operators import operator_outputs
+from compensator.identify_operators import Integers, operator_outputs
 from compensator.identify_rows import Path
 from compensator.identify_search import slope_density
-from compensator.nnls import solve_triangle, triangle
+from compensator.nnls import solve_triangle
 
 WIDTHS: Final = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.45, 1.75, 2.1, 2.6, 3.2])  # of the loop's half-width
 RESOLUTIONS: Final = (
@@ -53,7 +54,7 @@ class Dictionary:
         operator_outputs(gamma, path.side, widths, group, np.inf, path.rows, plays)
         return np.asarray(np.tanh(self.slope * (plays[:, place] - self.centre)), dtype=np.float64)
 
-    def only(self, kept: Array) -> Dictionary:
+    def only(self, kept: Integers) -> Dictionary:
         return Dictionary(self.centre[kept], self.slope[kept], self.half_width[kept])
 
 
@@ -112,8 +113,24 @@ class MixedSolution:
         memoryless = self.form.columns(v, self.shape) @ self.coefficients
         return np.asarray(self.offset + memoryless + self.operators.outputs(path) @ self.weights, dtype=np.float64)
 
-    def columns(self, path: Path) -> Array:
-        """The active columns, the constant first: shape (readings, 1 + active)."""
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def outer_values(self) -> Array:
+        return np.empty(0)
+
+    @property
+    def parameters(self) -> int:
+        return self.weights.size + int(np.sum(self.coefficients != 0.0)) + 1
+
+    def play_outputs(self, path: Path) -> Array:
+        """Operator outputs at the path's readings, shape (readings, operators)."""
+        return self.operators.outputs(path)
+
+    def jacobian(self, path: Path) -> Array:
+        """Offset, D's coefficients, active weights: shape (readings, parameters)."""
         v = path.inputs[path.rows]
         memoryless = self.form.columns(v, self.shape)[:, self.coefficients != 0.0]
         return np.concatenate((np.ones((v.size, 1)), memoryless, self.operators.outputs(path)), axis=1)
@@ -134,14 +151,14 @@ class MixedSolution:
         )
 
 
-def solve_mixed(path: Path, operators: Dictionary, form: Form, shape: Array, *, accurate: bool = False) -> MixedSolution:
+def solve_mixed(path: Path, operators: Dictionary, form: Form, shape: Array) -> MixedSolution:
     """The best weights of a dictionary, with D of the given form and shape."""
     memoryless = form.columns(path.inputs[path.rows], shape)
     columns = np.concatenate((memoryless, operators.outputs(path), path.output[:, None]), axis=1)
     mean = columns.mean(axis=0)
     centred = columns - mean
     k = memoryless.shape[1]
-    x, _ = solve_triangle(triangle(centred, accurate=accurate), 0 if form.monotone else k)
+    x, _ = solve_triangle(triangle(gram(centred)), 0 if form.monotone else k)
     kept = np.flatnonzero(x[k:] > 1e-6 * float(np.sum(x[k:])))
     x_kept = np.append(x[:k], x[k:][kept])
     index = np.append(np.arange(k), k + kept)

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from compensator.functions import KELVIN, Array
-from compensator.identify_covariance import block_sandwich, correlation, correlation_rows
+from compensator.identify_covariance import block_sandwich, correlation_rows
 from compensator.identify_rows import gap_threshold
 from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
@@ -171,10 +171,12 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     near = [fit.descend(fit.evaluate(start), 12) for start in _starts(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
     for _ in range(2):
+        start = best.par
         limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)
         one_reading = float(np.mean(best.weights * best.residual**2)) * correlation_rows(best.residual)
         fit = _Fit(stretches, PLACES[kind], limit, one_reading)
-        best = fit.descend(fit.evaluate(best.par), 60)
+        near = [fit.descend(fit.evaluate(par), 12) for par in (start, *_starts(stretches, kind))]
+        best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
     return _result(fit, best, kind, float(np.median(noises)), outliers)
 
 
@@ -368,14 +370,8 @@ def _result(fit: _Fit, best: _Trial, kind: Kind, noise_K: float, outliers: int) 
     change = np.eye(len(fit.places))  # from (.., g, h) to (.., g, T_a)
     change[-1, -1] = 1.0 / max(g, 1e-12)
     change[-1, -2] = -ambient / max(g, 1e-12)
-    spread = np.diag(covariance)
-    if np.all(np.isfinite(spread)):
-        covariance = change @ covariance @ change.T
-    else:
-        covariance = np.where(np.isfinite(covariance), covariance, np.inf)
-        if not (np.isfinite(spread[-1]) and np.isfinite(spread[-2])):
-            covariance[-1, -1] = np.inf
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    covariance = covariance.transformed(change)
+    errors = covariance.standard_errors
     values = best.par[fit.places].copy()
     values[-1] = ambient
     return PlateFit(
@@ -383,7 +379,7 @@ def _result(fit: _Fit, best: _Trial, kind: Kind, noise_K: float, outliers: int) 
         NAMES[kind],
         values,
         errors,
-        correlation(covariance),
+        covariance.correlation,
         tuple(float(first) for first in best.firsts),
         tuple((part.record, part.first, part.first + part.used.size) for part in fit.stretches),
         noise_K,

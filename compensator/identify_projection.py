@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.functions import Array
+from compensator.gram import gram, triangle
 from compensator.identify_forms import Form
 from compensator.identify_operators import (
     GROUP,
@@ -24,7 +25,7 @@ from compensator.identify_operators import (
     radius_floor,
 )
 from compensator.identify_rows import Path
-from compensator.nnls import solve_triangle, triangle
+from compensator.nnls import solve_triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,32 @@ def equal_structure(operators: int, groups: int = 1, ordered: bool = True) -> St
     sizes = [operators // groups + (k < operators % groups) for k in range(groups)]
     group = np.repeat(np.arange(groups), sizes).astype(np.int64)
     return Structure(group, np.concatenate([np.arange(size) / size for size in sizes]), ordered)
+
+
+def denser(structure: Structure, factor: int = 4) -> Structure:
+    """The same groups on radius grids with `factor` times as many places: true radii are on nobody's grid."""
+    sizes = [factor * int(np.sum(structure.group == k)) for k in range(structure.groups)]
+    group = np.repeat(np.arange(structure.groups), sizes).astype(np.int64)
+    return Structure(group, np.concatenate([np.arange(size) / size for size in sizes]), structure.ordered)
+
+
+def merged(structure: Structure, weights: Array, most: int) -> Structure:
+    """Only the operators with weight, neighbours joined at their common centre until there are at most `most`."""
+    kept = weights > 1e-6 * float(np.sum(weights))
+    if not np.any(kept):
+        return Structure(structure.group[:1], structure.fractions[:1], structure.ordered)
+    group, place, weight = structure.group[kept], structure.fractions[kept], weights[kept]
+    while place.size > most:
+        together = weight[1:] + weight[:-1]
+        cost = weight[1:] * weight[:-1] / together * np.diff(place) ** 2
+        cost = np.where(group[1:] == group[:-1], cost, np.inf)
+        k = int(np.argmin(cost))
+        if not np.isfinite(cost[k]):
+            break
+        place[k] = (weight[k] * place[k] + weight[k + 1] * place[k + 1]) / together[k]
+        weight[k] = together[k]
+        group, place, weight = np.delete(group, k + 1), np.delete(place, k + 1), np.delete(weight, k + 1)
+    return Structure(group, place, structure.ordered)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +117,17 @@ class Problem:
         operator_outputs(gamma, self.path.side, radii, self.structure.group, 1.0, self.path.rows, out)
         return out, gamma
 
-    def solve(self, theta: Array, *, accurate: bool = False) -> Solution:
+    def solve(self, theta: Array) -> Solution:
         """The best coefficients at theta."""
-        return self.solve_columns(theta, self.operators(theta)[0], accurate=accurate)
+        return self.solve_columns(theta, self.operators(theta)[0])
 
-    def solve_columns(self, theta: Array, operators: Array, *, accurate: bool = False) -> Solution:
+    def solve_columns(self, theta: Array, operators: Array) -> Solution:
         memoryless = self.form.columns(self.v, theta[self.split :])
         columns = np.concatenate((memoryless, operators, self.path.output[:, None]), axis=1)
         mean = columns.mean(axis=0)
         centred = columns - mean
         free = 0 if self.form.monotone else memoryless.shape[1]
-        x, _ = solve_triangle(triangle(centred, accurate=accurate), free)
+        x, _ = solve_triangle(triangle(gram(centred)), free)
         residual = centred[:, -1] - centred[:, :-1] @ x
         k = memoryless.shape[1]
         offset = float(mean[-1] - mean[:-1] @ x)
@@ -142,24 +169,20 @@ class Problem:
         ones = np.ones((self.v.size, 1))
         return np.concatenate((ones, memoryless[:, used], operators[:, solution.weights > 0.0]), axis=1)
 
-    def refine(self, start: Solution, *, steps: int = 20, tolerance: float = 1e-5, accurate: bool = False) -> Solution:
+    def refine(self, start: Solution, *, steps: int = 20, tolerance: float = 1e-5) -> Solution:
         """The local minimum reached from a solution."""
         best, damping = start, 1e-2
         for _ in range(steps):
             operators, gamma = self.operators(best.theta)
             if best.residual.size != self.v.size:
-                best = self.solve_columns(best.theta, operators, accurate=accurate)
-            active, _ = np.linalg.qr(self.active_columns(best, operators))
-            jacobian = self.derivatives(best, gamma)
-            jacobian -= active @ (active.T @ jacobian)
-            normal = jacobian.T @ jacobian
-            gradient = jacobian.T @ best.residual
+                best = self.solve_columns(best.theta, operators)
+            normal, gradient = self._projected(self.active_columns(best, operators), self.derivatives(best, gamma), best)
             scale = np.diag(normal) + 1e-12 * float(np.trace(normal)) + 1e-300
             before = best.square
             for _ in range(6):
                 step = np.linalg.solve(normal + damping * np.diag(scale), gradient)
                 theta = np.clip(best.theta + np.clip(step, -self._reach, self._reach), self.low, self.high)
-                trial = self.solve(theta, accurate=accurate)
+                trial = self.solve(theta)
                 if trial.square < best.square:
                     best, damping = trial, max(0.2 * damping, 1e-9)
                     break
@@ -168,7 +191,55 @@ class Problem:
                 break
         return best
 
+    @staticmethod
+    def _projected(active: Array, jacobian: Array, solution: Solution) -> tuple[Array, Array]:
+        """J'PJ and J'Pe, P the projector off the active columns: the lower right block of the common triangle."""
+        common = np.concatenate((active, jacobian, solution.residual[:, None]), axis=1)
+        first = active.shape[1]
+        rest = triangle(gram(common))[first:, first:]
+        return rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
+
     @property
     def _reach(self) -> Array:
         """The largest step of each parameter: a fifth of its range."""
         return 0.2 * (self.high - self.low)
+
+
+@dataclass(frozen=True, eq=False)
+class PlainFit:
+    """A solution with its derivatives by everything that was fitted, along any path."""
+
+    problem: Problem
+    solution: Solution
+
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        each = ("log_rising_slope", "rising_centre_degC", "log_falling_slope", "falling_centre_degC")
+        groups = self.problem.structure.groups
+        names = each if groups == 1 else tuple(f"{name}_{k + 1}" for k in range(groups) for name in each)
+        shape = ("log_memoryless_slope", "memoryless_centre_degC")
+        return (*names, *shape[: self.problem.form.parameters])
+
+    @property
+    def outer_values(self) -> Array:
+        return self.solution.theta
+
+    @property
+    def parameters(self) -> int:
+        used = np.sum(self.solution.weights > 0.0) + np.sum(self.solution.coefficients != 0.0)
+        return int(used) + 1 + self.solution.theta.size
+
+    def _along(self, path: Path) -> Problem:
+        own = self.problem
+        return Problem(path, own.structure, own.form, own.low[: own.split], own.high[: own.split])
+
+    def play_outputs(self, path: Path) -> Array:
+        """Operator outputs at the path's readings, shape (readings, operators)."""
+        return self._along(path).operators(self.solution.theta)[0]
+
+    def jacobian(self, path: Path) -> Array:
+        """Outer parameters, offset, D's coefficients, active weights: shape (readings, parameters)."""
+        other = self._along(path)
+        operators, gamma = other.operators(self.solution.theta)
+        outer = other.derivatives(self.solution, gamma)
+        return np.concatenate((outer, other.active_columns(self.solution, operators)), axis=1)

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.film import Initial
 from compensator.functions import Array
 from compensator.identify_operators import Integers, Sides
+from compensator.outliers import lone_outliers
 from compensator.temperature_path import TemperaturePath, temperature_path
 
 FEWEST: Final = 12  # readings below which nothing is fitted
-OUTLIER: Final = 8.0  # in robust standard deviations
 GAP: Final = 1.5  # in median steps
 
 
@@ -98,11 +98,12 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
         raise ValueError(f"{name}: output: no finite reading in {time.size} rows, expected at least {FEWEST}")
     if np.sum(finite) < FEWEST:
         raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
-    if np.ptp(temperature[known]) < 1e-3:
-        raise ValueError(
-            f"{name}: temperature_degC: constant at {temperature[known][0]:g}, expected a sweep through the transition"
-        )
     path = temperature_path(time, temperature, noise_K=noise_K)
+    if np.ptp(path.temperature_degC) < max(1e-3, 3.0 * path.noise_K):
+        raise ValueError(
+            f"{name}: temperature_degC: constant at {np.median(temperature[known]):g}, "
+            "expected a sweep through the transition"
+        )
     outliers = lone_outliers(output, finite)
     finite[outliers] = False
     steps = np.diff(time)
@@ -116,21 +117,6 @@ def gap_threshold(steps_s: Array) -> float:
     if np.mean(steps_s > threshold) > 0.1:
         threshold = GAP * float(np.percentile(steps_s, 95.0))
     return threshold
-
-
-def lone_outliers(values: Array, finite: NDArray[np.bool_]) -> Integers:
-    """Rows whose reading stands off its neighbours by far more than noise and than the neighbours' own range."""
-    rows = np.flatnonzero(finite)
-    if rows.size < 7:
-        return np.empty(0, dtype=np.int64)
-    y = values[rows]
-    padded = np.concatenate((y[2:0:-1], y, y[-2:-4:-1]))
-    around = np.stack([padded[k : k + y.size] for k in (0, 1, 3, 4)])
-    off = np.abs(y - np.median(around, axis=0))
-    near = np.sort(around, axis=0)
-    local = near[2] - near[1] + 0.5 * (near[3] - near[0] - np.maximum(near[3] - near[2], near[1] - near[0]))
-    noise = 1.4826 * float(np.median(off)) + 1e-12 * (1.0 + float(np.ptp(y)))
-    return np.asarray(rows[off > OUTLIER * (noise + local)], dtype=np.int64)
 
 
 def build_path(

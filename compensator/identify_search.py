@@ -13,8 +13,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.stats import qmc
 
+from compensator.film import Initial
 from compensator.functions import Array
 from compensator.identify_forms import Form
 from compensator.identify_operators import GROUP
@@ -130,18 +132,50 @@ def choose_starts(
     fit: Problem,
     theta: Array,
 ) -> list[Start]:
-    """The memories that fit best at theta, record by record: a later candidate has to gain 2 % to be taken."""
+    """The memories that fit best at theta, record by record: another one has to gain 3 % to be taken."""
     best = list(starts)
-
-    def square(trial: Sequence[Start]) -> float:
-        problem = Problem(build_path(records, trial, chosen), fit.structure, fit.form, *envelope_bounds(fit.path, fit.structure.groups))
-        return problem.solve(theta).square
-
     for number in range(len(records)):
-        least = square(best)
+        least = _square(records, chosen, best, fit, theta)
         for candidate in candidates[number]:
             trial = [*best[:number], candidate, *best[number + 1 :]]
-            value = square(trial)
-            if value < least * (0.98 if candidate.previous_degC is not None else 0.999):
+            value = _square(records, chosen, trial, fit, theta)
+            if value < 0.97 * least:
                 best, least = trial, value
     return best
+
+
+def refine_starts(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    fit: Problem,
+    theta: Array,
+) -> list[Start]:
+    """The turning points before the first rows, each at its best at theta."""
+    best = list(starts)
+    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
+        if start.previous_degC is None:
+            continue
+        step = 1.25 * float(np.ptp(record.inputs)) / 13.0
+        v0 = float(record.inputs[0])
+        low, high = start.previous_degC - step, start.previous_degC + step
+        low, high = (low, min(high, v0)) if start.initial == "cooled" else (max(low, v0), high)
+
+        def square(previous: float, number: int = number, initial: Initial = start.initial) -> float:
+            trial = [*best[:number], Start(initial, previous), *best[number + 1 :]]
+            return _square(records, chosen, trial, fit, theta)
+
+        found = minimize_scalar(square, bounds=(low, high), method="bounded", options={"xatol": 0.01, "maxiter": 25})
+        best[number] = Start(start.initial, float(found.x))
+    return best
+
+
+def _square(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    fit: Problem,
+    theta: Array,
+) -> float:
+    path = build_path(records, starts, chosen)
+    return Problem(path, fit.structure, fit.form, *envelope_bounds(path, fit.structure.groups)).solve(theta).square

@@ -30,7 +30,7 @@ from compensator.functions import Array
 from compensator.inverse import Inverse
 from compensator.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.plate import PlateModel
-from compensator.reference import shaped, wanted_temperatures
+from compensator.reference import next_reference, next_temperature
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 
@@ -96,7 +96,6 @@ class Law:
         self.plate = plate
         self.film = film
         self.inverse = Inverse(film, settings.low_degC, settings.high_degC) if film is not None else None
-        self._wanted = np.empty(settings.preview)
 
     def start(self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0) -> LawState:
         """State at the first reading; memory None: as after cooling down from the hot end."""
@@ -129,11 +128,11 @@ class Law:
         cooling, heating = min(s.rate_share * cooling, -1e-6), max(s.rate_share * heating, 1e-6)
         reachable = True
         if s.name == "temperature":
-            wanted = targets
+            following = next_temperature(
+                targets, s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating
+            )
         else:
-            wanted = self._wanted
-            reachable = self._invert(state, targets - state.disturbance, wanted)
-        following = shaped(wanted, s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating)
+            reachable, following = self._plan(state, targets - state.disturbance, cooling, heating)
         following = min(max(following, s.low_degC), s.high_degC)
         rate = (following - state.reference_degC) / s.period_s
         pid = state.pid
@@ -167,23 +166,26 @@ class Law:
             disturbance += share * (output - expected - disturbance)
         return replace(state, temperature_degC=predicted, memory=memory, disturbance=disturbance)
 
-    def _invert(self, state: LawState, targets: Array, wanted: Array) -> bool:
-        inverse = self.inverse
+    def _plan(self, state: LawState, targets: Array, slowest: float, fastest: float) -> tuple[bool, float]:
+        inverse, s = self.inverse, self.settings
         assert inverse is not None
-        return bool(
-            wanted_temperatures(
-                targets,
-                self.settings.band if self.settings.name != "feedforward" else 0.0,
-                state.memory.input_degC,
-                state.memory.plays.copy(),
-                inverse.model.packed,
-                inverse.low_degC,
-                inverse.high_degC,
-                inverse.least_slope,
-                inverse.tolerance,
-                wanted,
-            )
+        reached, following = next_reference(
+            targets,
+            s.band if s.name != "feedforward" else 0.0,
+            state.memory.input_degC,
+            state.memory.plays.copy(),
+            inverse.model.packed,
+            inverse.low_degC,
+            inverse.high_degC,
+            inverse.least_slope,
+            inverse.tolerance,
+            s.preview_spacing_s,
+            s.period_s,
+            state.reference_degC,
+            slowest,
+            fastest,
         )
+        return bool(reached), float(following)
 
     def _output_pid(self, state: LawState, output: float, target: float) -> tuple[Command, LawState]:
         """PID on the film's output alone, in A; the last current holds while there is no reading."""

@@ -1,20 +1,24 @@
 """The temperature reference: the inverse looked up ahead, and shaped to what the plate can do.
 
-A turning point of the wanted resistance makes the wanted temperature jump across the loop. A plate with limited
-rates must start before the jump to split the error about it: the reference is the mean of where the plate should be
-now (the inverse), and where it has to be to arrive in time (the same, limited backwards from the end of the preview).
+A turning point of the wanted resistance makes the wanted temperature jump across the loop, and a plate has limited
+rates: it must leave before the jump, or arrive after it. How early is decided by the film: several departure times
+are run through the model, and the one with the smallest squared error over the preview is taken.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Final
 
+import numpy as np
 from numba import njit
 
 from compensator import play
 from compensator.film import Packed
 from compensator.functions import Array, memoryless
 from compensator.inverse import solve
+
+DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 
 
 @njit(cache=True)
@@ -56,19 +60,77 @@ def _memoryless_value(film: Packed, v: float) -> float:
     return memoryless(film[3], film[4], v)[0]
 
 
-def shaped(
-    wanted_degC: Array, spacing_s: float, first_s: float, reference_degC: float, slowest: float, fastest: float
-) -> float:
-    """The reference after first_s, from the one now and the wanted temperatures at first_s, first_s + spacing_s, ...
+@njit(cache=True)
+def limited(value: float, low: float, high: float) -> float:
+    """The value held within [low, high]."""
+    return min(max(value, low), high)
 
-    slowest < 0 < fastest: the rates (K/s) that the plate can do here.
+
+@njit(cache=True)
+def latest_departures(wanted: Array, spacing_s: float, slowest: float, fastest: float, departures: Array) -> None:
+    """Where the plate has to be at each moment to arrive in time: the wanted temperatures limited backwards."""
+    last = wanted.size - 1
+    departures[last] = wanted[last]
+    for i in range(last - 1, -1, -1):
+        after = departures[i + 1]
+        departures[i] = limited(wanted[i], after - fastest * spacing_s, after - slowest * spacing_s)
+
+
+@njit(cache=True)
+def next_temperature(
+    wanted: Array, spacing_s: float, first_s: float, reference: float, slowest: float, fastest: float
+) -> float:
+    """The reference after first_s where temperatures themselves are wanted: half-way between now and in time."""
+    departures = np.empty(wanted.size)
+    latest_departures(wanted, spacing_s, slowest, fastest, departures)
+    step = 0.5 * (wanted[0] + departures[0]) - reference
+    return reference + limited(step, slowest * first_s, fastest * first_s)
+
+
+@njit(cache=True)
+def next_reference(
+    targets: Array,
+    band: float,
+    v_now: float,
+    plays: Array,
+    film: Packed,
+    low: float,
+    high: float,
+    least_slope: float,
+    tolerance: float,
+    spacing_s: float,
+    first_s: float,
+    reference: float,
+    slowest: float,
+    fastest: float,
+) -> tuple[bool, float]:
+    """(whether the first target can be reached, the reference after first_s) for coming outputs.
+
+    The targets lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s). Of
+    several departure times, from `now` to `just in time`, the one is taken whose course, limited to the plate's
+    rates and run through the film model, keeps the smallest squared error over the preview.
     """
-    backwards = float(wanted_degC[-1])
-    for i in range(len(wanted_degC) - 2, -1, -1):
-        value = float(wanted_degC[i])
-        backwards = min(max(value, backwards - fastest * spacing_s), backwards - slowest * spacing_s)
-    middle = 0.5 * (float(wanted_degC[0]) + backwards)
-    step = middle - reference_degC
-    if not math.isfinite(step):
-        return reference_degC
-    return reference_degC + min(max(step, slowest * first_s), fastest * first_s)
+    count = targets.size
+    wanted, departures = np.empty(count), np.empty(count)
+    reached = wanted_temperatures(
+        targets, band, v_now, plays.copy(), film, low, high, least_slope, tolerance, wanted
+    )
+    latest_departures(wanted, spacing_s, slowest, fastest, departures)
+    best, cheapest = reference, math.inf
+    for choice in range(DEPARTURES):
+        share = choice / (DEPARTURES - 1.0)
+        memory = plays.copy()
+        temperature, v, cost, first = reference, v_now, 0.0, reference
+        for i in range(count):
+            dt = first_s if i == 0 else spacing_s
+            step = wanted[i] + share * (departures[i] - wanted[i]) - temperature
+            temperature += limited(step, slowest * dt, fastest * dt)
+            play.advance(temperature, v, film[0], film[1], memory)
+            v = temperature
+            error = _memoryless_value(film, v) + play.weighted_sum(film[2], memory) - targets[i]
+            cost += dt * error * error
+            if i == 0:
+                first = temperature
+        if cost < cheapest:
+            best, cheapest = first, cost
+    return reached, best

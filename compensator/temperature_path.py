@@ -27,11 +27,14 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from compensator.functions import Array
+from compensator.outliers import lone_outliers
 
 REVERSAL: Final = 3.0  # in sigma: smaller reversals are taken for noise
 NEGLIGIBLE: Final = 1e-5  # noise over span: below it readings are taken as they are
+BREAK: Final = 6.0  # in usual changes of the rate per step: a corner of the profile
 GATE: Final = 6.0  # in predicted standard deviations: readings further off are outliers
 LIKELIHOOD_ROWS: Final = 2500
+CORNER: Final = 3.0  # in ranges of the rate: how much it may change where it breaks
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +156,7 @@ def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
     return found[:count]
 
 
-def _density(steps: Array, readings: Array, used: NDArray[np.bool_], factor: Array) -> float:
+def _density(steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array) -> float:
     """q / sigma^2 (1/s^3) of the highest likelihood, from at most `LIKELIHOOD_ROWS` rows in one stretch."""
     n = min(readings.size, LIKELIHOOD_ROWS)
     first = (readings.size - n) // 2
@@ -163,7 +166,7 @@ def _density(steps: Array, readings: Array, used: NDArray[np.bool_], factor: Arr
     scale = float(np.median(steps))
 
     def cost(log_density: float) -> float:
-        density = factor[inner] * math.exp(log_density)
+        density = extra[inner] + math.exp(log_density)
         return _smooth(steps[inner], readings[part], used[part], density, False, work)[0]
 
     grid = math.log(1.0 / scale**3) + np.arange(-22.0, 9.0, 2.0)
@@ -184,36 +187,38 @@ def temperature_path(time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K:
     time = np.ascontiguousarray(time_s, dtype=np.float64)
     readings = np.array(temperature_degC, dtype=np.float64)
     finite = np.isfinite(readings)
-    if not np.all(finite):
-        readings = np.interp(time, time[finite], readings[finite])
-    nobody = np.empty(0, dtype=np.int64)
+    lone = lone_outliers(readings, finite)
+    used = finite.copy()
+    used[lone] = False
+    if not np.all(used):
+        readings = np.interp(time, time[used], readings[used])
     span = float(np.ptp(readings)) if readings.size else 0.0
     if readings.size < 8 or span == 0.0 or noise_K == 0.0:
-        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, nobody)
+        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, lone)
+    trusted = used.copy()
     steps = np.diff(time)
-    used = finite.copy()
-    factor = np.ones(steps.size)
+    extra = np.zeros(steps.size)  # density at the corners
     work = np.empty((readings.size, 8))
     density, variance = 1.0, 0.0
-    for _ in range(3):
-        density = _density(steps, readings, used, factor)
-        _smooth(steps, readings, used, density * factor, False, work)
+    for _ in range(4):
+        density = _density(steps, readings, used, extra)
+        _smooth(steps, readings, used, density + extra, False, work)
         variance = float(1.4826 * np.median(np.abs(work[used, 5]))) ** 2
         if math.sqrt(variance) < NEGLIGIBLE * span:
             break
-        used = finite & _trusted(work[:, 5] / math.sqrt(variance))
-        _smooth(steps, readings, used, density * factor, True, work)
-        breaks = _breaks(work[:, 1], steps, density * factor * variance)
-        if np.array_equal(breaks, factor > 1.0):
+        used = trusted & _trusted(work[:, 5] / math.sqrt(variance))
+        _smooth(steps, readings, used, density + extra, True, work)
+        breaks = _breaks(work[:, 1], extra > 0.0)
+        if np.array_equal(breaks, extra > 0.0):
             break
-        factor = np.where(breaks, 1e4, 1.0)
+        extra = np.where(breaks, (CORNER * np.ptp(work[:, 1])) ** 2 / (variance * steps), 0.0)
     sigma = math.sqrt(variance) if noise_K is None else noise_K
     outliers = np.flatnonzero(finite & ~used)
     if sigma < NEGLIGIBLE * span:
         if outliers.size:
             readings = np.interp(time, time[used], readings[used])
         return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, outliers)
-    _smooth(steps, readings, used, density * factor, True, work)
+    _smooth(steps, readings, used, density + extra, True, work)
     smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
     path = np.empty_like(smooth)
@@ -237,12 +242,14 @@ def _trusted(innovations: Array) -> NDArray[np.bool_]:
     return np.asarray(~(far & back), dtype=np.bool_)
 
 
-def _breaks(rates: Array, steps: Array, variance_density: Array) -> NDArray[np.bool_]:
-    """The steps (and their neighbours) in which the smoothed rate changes by far more than usual: corners."""
+def _breaks(rates: Array, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The steps in which the smoothed rate changes by far more than usual, those known and their neighbours."""
     change = np.abs(np.diff(rates))
     usual = 1.4826 * float(np.median(change)) + 1e-300
-    sharp = change > 6.0 * usual
+    sharp = change > BREAK * usual
+    for k in (-1, 1):  # only the sharpest of a run: a corner is one step
+        sharp &= change >= np.roll(change, k)
     wide = sharp.copy()
     wide[1:] |= sharp[:-1]
     wide[:-1] |= sharp[1:]
-    return np.asarray(wide, dtype=np.bool_)
+    return np.asarray(wide | known, dtype=np.bool_)

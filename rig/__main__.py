@@ -17,7 +17,6 @@ VERBS = {
     "identify": "fit film and plate models to records",
     "predict": "compare a model with a record that it was not fitted to",
     "invert": "temperatures for a desired resistance",
-    "simulate": "a simulated record",
     "tune": "PID gains from the plate model, with margins",
     "emulate": "simulated instruments on pseudo-terminals",
 }
@@ -36,9 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
         print(overview())
         return 0 if words else 2
     if words[0] == "--version":
-        from importlib.metadata import version
+        from rig.version import __version__
 
-        print(version("peltier-rig"))
+        print(__version__)
         return 0
     verb = words[0]
     if verb not in VERBS:

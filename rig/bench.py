@@ -17,6 +17,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
 from rig.simulation import simulated_world
+from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter
 from sim.plant import SimulatedPlant
 
@@ -86,22 +87,25 @@ def _controller_options(file: ConfigurationFile) -> dict[str, int]:
     return {"address": address} if address else {}
 
 
-def _simulated(file: ConfigurationFile, clock: Clock, stack: ExitStack) -> list[str]:
-    """Emulated instruments that share one plant, registered with the clock; their addresses."""
+def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[str, str, Instrument]]:
+    """(role, driver's name, emulator) of the configured instruments; they share one plant. Raises Faults."""
     c = file.content
-    _known(file)
-    for role, name, known in (
-        ("controller", c.bench.controller.driver, CONTROLLERS),
-        ("meter", c.bench.meter.driver if c.bench.meter else "", METERS),
-    ):
-        if name and name not in known:
-            raise fault(file.path, f"bench.{role}.driver", f"{name!r} has no emulator; there are {', '.join(known)}")
-    start_s = clock.now_s()
-    plant = SimulatedPlant(simulated_world(file), start_s)
-    number = next(_numbers)
-    addresses = [register(f"controller-{number}", emulated_controller(c.bench.controller.driver, plant, start_s), clock)]
-    stack.callback(unregister, f"controller-{number}")
+    roles = [("controller", c.bench.controller.driver, CONTROLLERS)]
     if c.bench.meter is not None:
-        addresses.append(register(f"meter-{number}", emulated_meter(c.bench.meter.driver, plant, start_s), clock))
-        stack.callback(unregister, f"meter-{number}")
+        roles.append(("meter", c.bench.meter.driver, METERS))
+    for role, name, known in roles:
+        if name not in known:
+            raise fault(file.path, f"bench.{role}.driver", f"{name!r} has no emulator; there are {', '.join(known)}")
+    plant = SimulatedPlant(simulated_world(file), start_s)
+    make = {"controller": emulated_controller, "meter": emulated_meter}
+    return [(role, name, make[role](name, plant, start_s)) for role, name, _ in roles]
+
+
+def _simulated(file: ConfigurationFile, clock: Clock, stack: ExitStack) -> list[str]:
+    """The emulated instruments registered with the clock: their addresses."""
+    addresses = []
+    for role, _, instrument in emulated_instruments(file, clock.now_s()):
+        name = f"{role}-{next(_numbers)}"
+        addresses.append(register(name, instrument, clock))
+        stack.callback(unregister, name)
     return [*addresses, ""]

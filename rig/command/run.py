@@ -28,6 +28,8 @@ def main(options: argparse.Namespace) -> int:
     voice.say("output off, confirmed by the controller")
     voice.say(f"report: {result.folder / 'report.html'}")
     calibration = result.calibration
+    if calibration is not None:
+        voice.say(f"model: {calibration.model_path}")
     voice.report(
         {
             "format": "peltier-run-result/1",

@@ -50,11 +50,11 @@ class Keithley2000Meter:
         *,
         test_currents_A: Mapping[float, float] = TEST_CURRENTS_A,
         first_range_ohm: float = 1e5,
-        seed: int | None = None,
+        first_token: int | None = None,
     ) -> None:
         self.transport = transport
         self.link = ScpiLink(
-            transport, baudrate=self.LINE.baudrate, seed=seed, after_resynchronisation=self._look_after_doubt
+            transport, baudrate=self.LINE.baudrate, first_token=first_token, after_resynchronisation=self._look_after_doubt
         )
         self._test_currents_A = dict(sorted(test_currents_A.items()))
         self._first_range_ohm = first_range_ohm
@@ -102,7 +102,11 @@ class Keithley2000Meter:
         self._index = self._chosen = min(
             range(len(allowed)), key=lambda index: abs(allowed[index] - self._first_range_ohm)
         )
-        self._apply()
+        try:
+            self._apply()
+        except BaseException:
+            self._ranges = []  # half configured is not configured
+            raise
 
     def start_reading(self) -> None:
         """Begin a reading; where the last one asked for another range, change it first."""

@@ -8,9 +8,10 @@ SCPI has neither sequence numbers nor checksums. Two means make up for that:
 * a token. Every message ends in `*ESE?;*ESE n`: it asks for the number that the message before has left in
   the event status enable register, and leaves another. A late, repeated or lost answer, and an instrument
   that has restarted in between (its register is 0), show a wrong number.
-* after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number, fresh and
-  random, comes back. The instrument answers in order, so everything older has come before it and is thrown
-  away.
+* after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number comes back. The
+  instrument answers in order, so everything older has come before it and is thrown away.
+
+Tokens count from 1 to 255, from a random first one, so that none comes again before 254 others have been used.
 """
 
 from __future__ import annotations
@@ -39,14 +40,13 @@ class ScpiLink:
         terminator: bytes = b"\n",
         end: bytes = b"\r",
         baudrate: float,
-        seed: int | None = None,
+        first_token: int | None = None,
         after_resynchronisation: Callable[[], None] | None = None,
     ) -> None:
         self.transport = transport
         self._terminator, self._end = terminator, end
         self._byte_s = 10.0 / baudrate
-        self._random = random.Random(seed)
-        self._token = 0
+        self._token = random.randrange(1, 256) if first_token is None else first_token
         self._in_doubt = True
         self._pending = False
         self._deadline_s = 0.0
@@ -130,6 +130,13 @@ class ScpiLink:
 
     def resynchronise(self) -> None:
         """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`. OutOfStep."""
+        try:
+            self._resynchronise()
+        except BaseException:
+            self._in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
+            raise
+
+    def _resynchronise(self) -> None:
         self._pending = False
         self._in_doubt = True
         problem: InstrumentError | None = None
@@ -151,20 +158,15 @@ class ScpiLink:
                 break
             self.errors.append((code, text))
         if self._after_resynchronisation is not None:
-            try:
-                self._after_resynchronisation()
-            except BaseException:
-                self._in_doubt = True  # in step, but nobody knows what the instrument is set to
-                raise
+            self._after_resynchronisation()
 
     def _await_token(self) -> None:
-        token = self._random.choice([n for n in range(1, 256) if n != self._token])
+        token = self._token = self._token % 255 + 1
         self.transport.drain()
         self.transport.send(b"\x18" + self._end + b"*ESE %d;*ESE?" % token + self._end)
         deadline_s = self.transport.clock.now_s() + ANSWER_S
         while self.transport.receive_line(self._terminator, deadline_s).strip() != b"%d" % token:
             pass
-        self._token = token
 
 
 def _error(answer: str) -> tuple[int, str]:

@@ -35,6 +35,7 @@ from rig.outcome import Tripped
 PULSE_SHARE = 0.5  # of the current limit
 PULSE_S = 8.0
 LEAST_RISE_K = 0.3  # that a heating pulse must give
+LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,44 +147,55 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
 
 
 def transition_range(folder: RunFolder) -> tuple[float, float]:
-    """Where 3 to 97 % of the major loop's change of log R lies: over heating and cooling together, degC.
+    """Where the heating and the cooling branch of the major loop part: by more than 4 % of their largest distance.
 
-    Raises Tripped where the film shows no transition in the range.
+    In degC. Raises Tripped where the film shows no loop in the range.
     """
     major = folder.column("phase") == "major"
     temperature = folder.column("temperature_degC")[major]
     resistance = folder.column("resistance_ohm")[major]
     good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(temperature)
     temperature, output = temperature[good], -np.log10(resistance[good])
-    if output.size < 10 or float(np.ptp(output)) < 0.05:
+    grid = np.linspace(temperature.min(), temperature.max(), 400)
+    rising = np.gradient(temperature) > 0.0
+    distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
+    if float(np.max(distance)) < LEAST_LOOP_DEC:
         text = (
-            "the film's resistance changed by less than 0.05 decades over the major loop: is the film connected, "
-            "and does calibration.temperature_degC span its transition?"
+            f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "
+            f"{grid[-1]:.1f} degC: is the film connected, and does calibration.temperature_degC span its transition?"
         )
-        raise Tripped("no_transition", text, math.nan)
-    low, high = float(output.min()), float(output.max())
-    inside = (output > low + 0.03 * (high - low)) & (output < high - 0.03 * (high - low))
-    return float(temperature[inside].min()), float(temperature[inside].max())
+        raise Tripped("no_transition", text, float(folder.column("time_s")[-1]))
+    inside = grid[distance > 0.04 * float(np.max(distance))]
+    return float(inside[0]), float(inside[-1])
+
+
+def _branch(temperature: Array, output: Array, rows: Array, grid: Array) -> Array:
+    """Mean output of the chosen rows over the grid."""
+    order = np.argsort(temperature[rows], kind="stable")
+    found: Array = np.interp(grid, temperature[rows][order], output[rows][order])
+    return found
 
 
 def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> list[float]:
-    """Turning points of minor loops in the transition: nested ones first, then random ones, never twice the same.
+    """Turning points of minor loops in the transition, high and low by turns, from the cold end.
 
-    Every second point lies above the one before; from the cold end.
+    Nested loops first, shrinking as the damped oscillations of the paper's figure 2; then random ones, so that loops
+    begin and end everywhere.
     """
     low, high = span
+    width = high - low
     random = np.random.default_rng(seed)
-    points = []
+    points: list[float] = []
     nested = max(2, loops // 3)
-    for k in range(nested):  # shrinking about the middle, as the damped oscillations of the paper's figure 2
+    for k in range(nested):
         share = 1.0 - k / nested
-        middle = low + (high - low) * (0.5 + 0.15 * float(random.uniform(-1.0, 1.0)))
-        points += [middle + 0.5 * share * (high - low), middle - 0.5 * share * (high - low)]
+        middle = low + width * (0.5 + 0.15 * float(random.uniform(-1.0, 1.0)))
+        points += [middle + 0.5 * share * width, middle - 0.5 * share * width]
     for _ in range(loops - nested):
-        a, b = sorted(random.uniform(low, high, 2))
-        if b - a < 0.15 * (high - low):
-            b = min(high, a + 0.15 * (high - low))
-        points += [float(b), float(a)]
+        for sign in (1.0, -1.0):
+            room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)
+            step = float(random.uniform(min(0.15 * width, room), max(room, 0.15 * width)))
+            points.append(points[-1] + sign * min(step, max(room, 0.15 * width)))
     return points
 
 

@@ -23,7 +23,7 @@ from rig.experiment.tracking import Score, check_target, law_and_design, track
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, read_model
-from rig.files.run_folder import RunFolder, default_folder
+from rig.files.run_folder import RunFolder, default_folder, part_of, prepare_folder
 from rig.files.target import Target, read_target, target_in_words
 from rig.interlock import Limits
 from rig.loop import COLUMNS, Loop, OutputOff, Progress
@@ -112,10 +112,7 @@ def calibrate(
     write_calibration_report(folder, result)
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
-    say(
-        f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows; "
-        f"model {result.model_path}"
-    )
+    say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
     return result
 
 
@@ -133,6 +130,7 @@ def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], p
         check_target(target, model.film, file.content, f"{file.path}: experiment.target")
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} needs a model with [plate]")
+    prepare_folder(path)
     with SignalStop() as signals, open_bench(file) as bench:
         result = Result(path, model=model, target=target)
         if e.kind == "track_resistance":
@@ -150,7 +148,7 @@ def _track_all(
     e = file.content.experiment
     target, model = result.target, result.model
     assert target is not None
-    inner = path.with_name(path.name + ".runs")
+    inner = part_of(path)
     if model is None:
         result.calibration = calibrate(bench, file, inner / "calibration", signals, say, progress)
         model = result.model = result.calibration.model
@@ -175,10 +173,6 @@ def _track_all(
         write_tracking_report(folders[name], result, {name: folders[name]})
         folders[name].finish()
     write_tracking_report(folders[e.law], result, folders)
-    if inner.is_dir():
-        for child in sorted(inner.iterdir()):
-            child.rename(folders[e.law].part / child.name)
-        inner.rmdir()
     result.folder = folders[e.law].finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"

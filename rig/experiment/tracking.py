@@ -29,7 +29,7 @@ from rig.loop import Decision, Loop
 
 HOT_DWELL_S = 3.0
 FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
-DEFAULT_BAND_DEC = 0.003
+DEFAULT_BAND_DEC = 0.002
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def law_and_design(
         preview=max(2, math.ceil(control.preview_s / spacing)),
         preview_spacing_s=spacing,
         band=control.band_dec if control.band_dec is not None else DEFAULT_BAND_DEC,
-        disturbance_time_s=control.disturbance_time_s,
+        disturbance_time_s=control.disturbance_time_s or design.closed_loop_time_s,
         rate_share=control.rate_share,
     )
     return Law(settings, plate, film), design

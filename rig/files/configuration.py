@@ -80,13 +80,17 @@ class ExperimentTable(Table):
 
 
 class ControlTable(Table):
-    """[control]: design of the laws. ms: largest sensitivity asked; dead_time_s: of the bench beside one period."""
+    """[control]: design of the laws.
+
+    ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. disturbance_time_s: of
+    the feedback of R, by default the closed-loop time of the temperature PID, which it must not outrun.
+    """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
     dead_time_s: NotNegative | None = None
-    preview_s: Positive = 2.4
+    preview_s: Positive = 4.0
     band_dec: NotNegative | None = None
-    disturbance_time_s: Positive = 1.0
+    disturbance_time_s: Positive | None = None
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
 
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -199,17 +200,24 @@ def _faults_in(values: dict[str, Array], path: Path, lines: list[tuple[int, str]
 
 
 def write_columns(path: Path, columns: Mapping[str, Array | list[str]]) -> None:
-    """Write columns as CSV; numbers read back to the same bits, nan becomes an empty field."""
-    names = list(columns)
+    """Write columns as a CSV file; numbers read back to the same bits, nan becomes an empty field."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(names)
-        for row in zip(*(columns[name] for name in names), strict=True):
-            writer.writerow([_shown(value) for value in row])
+        print_columns(file, columns)
+
+
+def print_columns(file: TextIO, columns: Mapping[str, Array | list[str]]) -> None:
+    """The same into an open file."""
+    names = list(columns)
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(names)
+    for row in zip(*(columns[name] for name in names), strict=True):
+        writer.writerow([_shown(value) for value in row])
 
 
 def _shown(value: object) -> str:
     if isinstance(value, str):
         return value
+    if isinstance(value, (int, np.integer)):
+        return str(int(value))
     number = float(value)  # type: ignore[arg-type]
     return "" if math.isnan(number) else repr(number)

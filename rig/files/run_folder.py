@@ -26,6 +26,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from rig.faults import fault
+from rig.version import __version__
 
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:
@@ -35,10 +36,27 @@ def default_folder(name: str, root: Path = Path("runs")) -> Path:
     return root / day / f"{now:%Y%m%dT%H%M%SZ}_{name}_{secrets.token_hex(3)}"
 
 
+def part_of(path: Path) -> Path:
+    """Where a run folder is while it is not whole."""
+    return path.with_name(path.name + ".part")
+
+
+def prepare_folder(path: Path) -> None:
+    """Make room for a run folder and those inside it. Raises Faults where the folder is taken or cannot be made."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise fault(path, "--out", "exists and is not empty; expected a new folder")
+    try:
+        if part_of(path).exists():
+            shutil.rmtree(part_of(path))
+        part_of(path).mkdir(parents=True)
+    except OSError as error:
+        raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
+
+
 def versions() -> dict[str, str]:
     """Versions of what computed the run."""
-    found = {"python": platform.python_version()}
-    for name in ("peltier-rig", "numpy", "scipy", "numba", "control", "pyserial"):
+    found = {"peltier-rig": __version__, "python": platform.python_version()}
+    for name in ("numpy", "scipy", "numba", "control", "pyserial"):
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
@@ -51,15 +69,8 @@ class RunFolder:
 
     def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
         self.path = path
-        self.part = path.with_name(path.name + ".part")
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise fault(path, "--out", "exists and is not empty; expected a new folder")
-        try:
-            if self.part.exists():
-                shutil.rmtree(self.part)
-            self.part.mkdir(parents=True)
-        except OSError as error:
-            raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
+        self.part = part_of(path)
+        self.part.mkdir(parents=True, exist_ok=True)
         self.columns = columns
         self.rows: list[tuple[Any, ...]] = []
         self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")

@@ -19,7 +19,7 @@ def write_profile_report(folder: RunFolder, kind: str) -> None:
     axes[0].plot(t, shown, color=COLOURS["temperature"], label="measured")
     if np.any(np.isfinite(reference)):
         axes[0].plot(t, reference, color=COLOURS["target"], linestyle=(0, (4, 2)), linewidth=1.0, label="wanted")
-        axes[0].legend(loc="upper right", ncols=2)
+        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
     t, shown = thinned(time, current)
     axes[1].step(t, shown, where="post", color=COLOURS["current"], linewidth=0.9)

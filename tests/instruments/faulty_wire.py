@@ -93,10 +93,10 @@ class FaultyWire:
             self._send(time_s, data[:cut] + data[cut + 1 :])
 
     def _garble(self, data: bytes) -> bytes:
-        """One to three bytes become something else, likely of the same kind."""
+        """A burst: one to three bytes in a row become something else, likely of the same kind."""
         hurt = bytearray(data)
-        for _ in range(self._random.randrange(1, 4)):
-            place = self._random.randrange(len(hurt))
+        begin = self._random.randrange(len(hurt))
+        for place in range(begin, min(begin + self._random.randrange(1, 4), len(hurt))):
             hurt[place] = self._random.choice((*b"0123456789ABCDEF+-.;", hurt[place] ^ (1 << self._random.randrange(8))))
         return bytes(hurt)
 

@@ -1,0 +1,142 @@
+"""peltier identify RECORD... [--out MODEL.toml]: film and plate models from records, with error bars.
+
+A record with temperature and resistance gives a film, one with temperature and current a plate, one with all both.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.say import Voice
+from rig.faults import Faults, fault
+from rig.files.record_file import ColumnMapping, Record, read_record
+
+if TYPE_CHECKING:
+    from compensator.identify_film import FilmFit
+    from compensator.identify_plate import PlateFit
+
+HELP = "fit film and plate models to records"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    add_record_arguments(parser)
+    parser.add_argument("--out", type=Path, metavar="MODEL.toml")
+    add_json_argument(parser)
+    parser.add_argument(
+        "--kind",
+        choices=["extended_generalized_pi", "generalized_pi", "mixed_envelopes"],
+        help="of the film model; default: chosen by held-out rows",
+    )
+    parser.add_argument("--form", help="of the memoryless function D(T); default: chosen by held-out rows")
+    parser.add_argument("--operators", type=int, default=30, help="play operators (30)")
+    parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], default="fitted")
+    parser.add_argument(
+        "--violate-order", action="store_true", help="allow radii that break the order condition (the output then jumps)"
+    )
+    parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
+    parser.add_argument("--seed", type=int, default=0)
+
+
+def main(options: argparse.Namespace) -> int:
+    if options.out is not None:
+        writable_parent(options.out)
+    voice = Voice(options.json)
+    mappings = [ColumnMapping.parse(text) for text in options.column]
+    records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]
+    with_film = [r for r in records if r.has("resistance_ohm")]
+    with_plate = [r for r in records if r.has("current_A")]
+    if not with_film and not with_plate:
+        names = ", ".join(str(path) for path in options.records)
+        raise fault(names, "columns", "neither resistance_ohm nor current_A is there; expected one at least (--column)")
+    film = _film(with_film, options) if with_film else None
+    plate = _plate(with_plate, options) if with_plate else None
+    from rig.files.model_file import Model, write_model
+
+    result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in records]}
+    if film is not None:
+        result["film"] = _tell_film(film, voice)
+    if plate is not None:
+        result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
+    if options.out is not None:
+        model = Model(film.model if film else None, plate.model if plate else None)
+        write_model(options.out, model, "identified from " + ", ".join(path.name for path in options.records))
+        voice.say(f"model: {options.out}")
+        result["model"] = options.out
+    voice.report(result)
+    return 0
+
+
+def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
+    from compensator.identify_film import FilmRecord, identify_film_records
+
+    inputs = [FilmRecord(r["time_s"], r["temperature_degC"], r.output()) for r in records]
+    try:
+        return identify_film_records(
+            inputs,
+            kind=options.kind,
+            form=options.form,
+            operators=options.operators,
+            initial=options.initial,
+            ordered=not options.violate_order,
+            seed=options.seed,
+        )
+    except ValueError as error:
+        raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
+
+
+def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
+    from compensator.identify_plate import PlateRecord, identify_plate_records
+
+    inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"]) for r in records]
+    try:
+        return identify_plate_records(inputs, kind=options.plate)
+    except ValueError as error:
+        raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
+
+
+def _tell_film(fit: FilmFit, voice: Voice) -> dict[str, Any]:
+    d = fit.model.memoryless.function
+    voice.say(
+        f"film: {fit.model.kind}, {fit.active_operators} operators with weight, D(T) {d}: "
+        f"RMSE {fit.rmse:.4f} dec, largest {fit.max_abs:.3f} dec, held-out {fit.held_out_rmse:.4f} dec"
+    )
+    for note in fit.identifiability:
+        voice.say(f"film: {note}")
+    return {
+        "kind": fit.model.kind,
+        "memoryless": d,
+        "operators": fit.model.operators,
+        "active_operators": fit.active_operators,
+        "rmse_dec": fit.rmse,
+        "max_abs_dec": fit.max_abs,
+        "held_out_rmse_dec": fit.held_out_rmse,
+        "temperature_noise_K": list(fit.temperature_noise_K),
+        "outliers": [list(map(int, rows)) for rows in fit.outliers],
+        "candidates": [dict(c.__dict__) for c in fit.candidates],
+        "identifiability": list(fit.identifiability),
+    }
+
+
+def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any]:
+    per = "full drive" if drive else "A"
+    voice.say(f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:")
+    for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
+        voice.say(f"  {name} = {value:.6g} +- {1.96 * error:.2g} (95 %)")
+    for note in fit.identifiability:
+        voice.say(f"plate: {note}")
+    return {
+        "kind": fit.model.kind,
+        "drive": drive,
+        "parameters": {
+            name: {"value": float(value), "ci95": [float(value - 1.96 * error), float(value + 1.96 * error)]}
+            for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
+        },
+        "rmse_K": fit.rmse_K,
+        "max_abs_K": fit.max_abs_K,
+        "noise_K": fit.noise_K,
+        "identifiability": list(fit.identifiability),
+    }

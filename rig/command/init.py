@@ -1,0 +1,31 @@
+"""peltier init [DIR]: commented configurations to start from; existing files are left alone."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import resources
+from pathlib import Path
+
+from rig.faults import Faults
+
+HELP = "write commented configurations to start from"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("dir", type=Path, nargs="?", default=Path(), metavar="DIR")
+
+
+def main(options: argparse.Namespace) -> int:
+    folder: Path = options.dir
+    templates = sorted(
+        (item for item in resources.files("rig.templates").iterdir() if item.name.endswith(".toml")),
+        key=lambda item: item.name,
+    )
+    there = [f"{folder / item.name}: exists; expected a new file" for item in templates if (folder / item.name).exists()]
+    if there:
+        raise Faults(there)
+    folder.mkdir(parents=True, exist_ok=True)
+    for item in templates:
+        (folder / item.name).write_text(item.read_text(encoding="utf-8"), encoding="utf-8")
+        print(folder / item.name)
+    return 0

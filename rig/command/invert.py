@@ -1,0 +1,100 @@
+"""peltier invert MODEL.toml TARGET.csv [--out F]: temperatures for a desired resistance (time_s, target_ohm).
+
+Of several temperatures the nearest to the row before is taken, in the first row the lowest. Where a target cannot be
+reached within the limits, temperature and memory stay, `reachable` is 0, and `nearest_ohm` is what could be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.command.record_arguments import add_json_argument, parsed_limits, writable_parent
+from rig.command.say import Voice
+from rig.faults import Faults
+from rig.files.record_file import print_columns, read_record, write_columns
+
+HELP = "temperatures for a desired resistance"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.toml")
+    parser.add_argument("target", type=Path, metavar="TARGET.csv", help="columns time_s, target_ohm")
+    parser.add_argument("--out", type=Path, metavar="F", help="default: stdout")
+    parser.add_argument("--limits", default="-50,200", metavar="LOW,HIGH", help="degC (-50,200)")
+    parser.add_argument("--initial", choices=["cooled", "heated"], help="default: the model's own")
+    add_json_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    from compensator.inverse import Inverse
+    from rig.files.model_file import read_model
+
+    if options.out is not None:
+        writable_parent(options.out)
+    low, high = parsed_limits(options.limits)
+    voice = Voice("-" if options.out is None else options.json)
+    film = read_model(options.model, needs=("film",)).film
+    assert film is not None
+    record = read_record(options.target, needs=("target_ohm",))
+    target = record["target_ohm"]
+    bad = [
+        f"{options.target}: row {k + 1}: target_ohm: {target[k]!r}: expected a finite number > 0"
+        for k in np.flatnonzero(~(np.isfinite(target) & (target > 0.0)))[:10]
+    ]
+    if bad:
+        raise Faults(bad)
+    violating = int(np.sum((film.order_margin(low, high) < -1e-12) & (film.weights > 0.0)))
+    if violating:
+        print(
+            f"{options.model}: film.radii: {violating} operators violate the order condition: the output jumps at "
+            "reversals, and targets inside a jump are reported as not reachable",
+            file=sys.stderr,
+        )
+    columns, counts = inverted(Inverse(film, low, high), -np.log10(target), options.initial)
+    table: dict[str, Any] = {**record.columns, **record.text_columns, **columns}
+    if options.out is not None:
+        write_columns(options.out, table)
+    else:
+        print_columns(sys.stdout, table)
+    reached = int(np.sum(columns["reachable"]))
+    voice.say(f"{reached} of {target.size} targets reachable, {np.mean(counts):.2f} evaluations a row")
+    if options.json is not None:
+        Voice(options.json).report(
+            {
+                "format": "peltier-inversion/1",
+                "rows": int(target.size),
+                "reachable": reached,
+                "evaluations_mean": float(np.mean(counts)),
+                "evaluations_max": int(np.max(counts)),
+            }
+        )
+    return 0
+
+
+def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dict[str, Any], list[int]]:
+    """The four columns of `invert`, and the evaluations that each row took."""
+    film = inverse.model
+    rows: list[tuple[float, int, float, float]] = []
+    counts, memory = [], None
+    for target in wanted:
+        solution = inverse.first(float(target), initial) if memory is None else inverse.solve(float(target), memory)
+        counts.append(solution.evaluations)
+        if solution.reachable:
+            memory = solution.memory
+        output = film.output_at(memory) if memory is not None else math.nan
+        temperature = memory.input_degC if memory is not None else math.nan
+        resistance = 10.0**-output
+        nearest = resistance if solution.reachable else 10.0**-solution.nearest
+        rows.append((temperature, int(solution.reachable), resistance, nearest))
+    return {
+        "temperature_degC": np.array([row[0] for row in rows]),
+        "reachable": np.array([row[1] for row in rows]),
+        "resistance_ohm": np.array([row[2] for row in rows]),
+        "nearest_ohm": np.array([row[3] for row in rows]),
+    }, counts

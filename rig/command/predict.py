@@ -1,0 +1,128 @@
+"""peltier predict MODEL.toml RECORD [--out F]: the model against a record that it was not fitted to.
+
+temperature_degC drives the film from `initial` at the first row, as it was read; with current_A and a [plate] the
+temperature is simulated from the current too, never one step ahead.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.say import Voice
+from rig.faults import fault
+from rig.files.record_file import ColumnMapping, Record, read_record, write_columns
+
+HELP = "compare a model with a record that it was not fitted to"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL.toml")
+    parser.add_argument("record", type=Path, metavar="RECORD")
+    add_record_arguments(parser)
+    parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], help="default: the model's own")
+    parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
+    add_json_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.files.model_file import read_model
+
+    if options.out is not None:
+        writable_parent(options.out)
+    voice = Voice(options.json)
+    model = read_model(options.model)
+    mappings = [ColumnMapping.parse(text) for text in options.column]
+    record = read_record(options.record, mappings, needs=("temperature_degC",))
+    if model.film is None and not (model.plate is not None and record.has("current_A")):
+        raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
+    columns: dict[str, Any] = {**record.columns, **record.text_columns}
+    result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
+    if model.film is not None:
+        _warn_of_order(model.film, options.model)
+        predicted = _film(model.film, record, options.initial, options.record)
+        columns["predicted_ohm"] = 10.0**-predicted
+        if record.has("resistance_ohm"):
+            _report(result, predicted - record.output(), "dec", "log R", voice)
+    if model.plate is not None and record.has("current_A"):
+        simulated = _plate(model.plate, record)
+        columns["predicted_degC"] = simulated
+        _report(result, simulated - record["temperature_degC"], "K", "temperature", voice)
+    if options.out is not None:
+        write_columns(options.out, columns)
+        voice.say(f"predictions: {options.out}")
+    voice.report(result)
+    return 0
+
+
+def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voice: Voice) -> None:
+    error = error[np.isfinite(error)]
+    if error.size == 0:
+        return
+    rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
+    result |= {f"rmse_{unit}": rmse, f"max_abs_{unit}": largest, f"rows_{unit}": int(error.size)}
+    voice.say(f"{what}: RMSE {rmse:.4f} {unit}, largest {largest:.4f} {unit}, {error.size} rows")
+
+
+def _warn_of_order(film: Any, path: Path) -> None:
+    violating = int(np.sum((film.order_margin() < -1e-12) & (film.weights > 0.0)))
+    if violating:
+        print(
+            f"{path}: film.radii: {violating} operators of positive weight violate gamma_R - r <= gamma_L + r; "
+            "the output jumps at reversals",
+            file=sys.stderr,
+        )
+
+
+def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndarray:
+    """-log10 R at every row; rows without a temperature get nan, and the film rests there."""
+    temperature = record["temperature_degC"]
+    known = np.isfinite(temperature)
+    if not np.any(known):
+        raise fault(path, "temperature_degC", "no finite number")
+    inputs = temperature[known]
+    if initial == "fitted":
+        memory = _fitted_memory(film, inputs, record.output()[known] if record.has("resistance_ohm") else None, path)
+    else:
+        memory = film.initial_memory(float(inputs[0]), initial)
+    outputs, _ = film.simulate(inputs, memory)
+    predicted = np.full(temperature.size, math.nan)
+    predicted[known] = outputs
+    return predicted
+
+
+def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, path: Path) -> Any:
+    """The memory at the first row, of those after one earlier turning point, that suits the readings best."""
+    if output is None:
+        raise fault(path, "resistance_ohm", "missing; --initial fitted needs readings to fit to")
+    low, high = float(inputs.min()) - 40.0, float(inputs.max()) + 40.0
+    candidates = []
+    for initial, far in (("cooled", low), ("heated", high)):
+        for turn in np.linspace(float(inputs[0]), far, 81):
+            start = film.initial_memory(float(turn), initial)
+            _, memory = film.simulate(np.array([inputs[0]]), start)
+            error = film.simulate(inputs, memory)[0] - output
+            candidates.append((float(np.nanmean(error**2)), memory))
+    return min(candidates, key=lambda pair: pair[0])[1]
+
+
+def _plate(plate: Any, record: Record) -> np.ndarray:
+    """Temperature from the current, from the first reading; after a gap from the next reading."""
+    from compensator.identify_rows import gap_threshold
+
+    time, current = record["time_s"], np.nan_to_num(record["current_A"])
+    temperature = record["temperature_degC"]
+    simulated = np.full(time.size, math.nan)
+    breaks = np.flatnonzero(np.diff(time) > gap_threshold(np.diff(time))) + 1
+    for begin, end in zip([0, *breaks], [*breaks, time.size], strict=True):
+        known = np.flatnonzero(np.isfinite(temperature[begin:end]))
+        if known.size:
+            start = begin + int(known[0])
+            simulated[start:end] = plate.simulate(float(temperature[start]), time[start:end], current[start:end])
+    return simulated
