@@ -1,8 +1,10 @@
-"""What one exchange costs in virtual time: driver, transport, pyserial port and emulator, with a plant that does nothing.
+"""What one exchange costs in virtual time: driver, transport, pyserial port, emulator; the plant does
+nothing.
 
     python benchmarks/exchange.py [--json FILE]
 
-A simulated hour at 10 Hz has 36000 control periods. Targets: 20 us a MeCom exchange, 25 us a reading of the meter.
+A simulated hour at 10 Hz has 36000 control periods. Targets: 20 us a MeCom exchange, 25 us a reading of the
+meter.
 """
 
 from __future__ import annotations
@@ -17,11 +19,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from rig.clock import VirtualClock  # noqa: E402
-from rig.drivers.registry import open_controller, open_meter  # noqa: E402
-from rig.ports import registry  # noqa: E402
-from sim.instruments.keithley2000 import Keithley2000  # noqa: E402
-from sim.instruments.meerstetter import MeerstetterTec  # noqa: E402
+from rig.clock import VirtualClock
+from rig.drivers.registry import open_controller, open_meter
+from rig.ports import registry
+from sim.instruments.keithley2000 import Keithley2000
+from sim.instruments.meerstetter import MeerstetterTec
 
 REPEATS, ROUNDS = 5000, 5
 

@@ -41,17 +41,18 @@ def _gram(m: Array, out: Array) -> None:
 
 @njit(cache=True)
 def _triangle(gram: Array, jitter: float, out: Array) -> None:
-    """Upper triangle with out' out = gram; a pivot below the jitter is replaced by it."""
+    """Upper triangle with out' out = gram; a column that depends on others counts as nothing."""
     k = gram.shape[0]
     for i in range(k):
         for j in range(k):
             out[i, j] = gram[i, j] if j >= i else 0.0
     for i in range(k):
-        pivot = out[i, i] + jitter
-        if not pivot > jitter:
-            pivot = jitter
-        root = math.sqrt(pivot)
         line = out[i]
+        if not line[i] > jitter:  # a column that depends on those before it: nothing of it is left
+            line[i:] = 0.0
+            line[i] = math.sqrt(jitter)
+            continue
+        root = math.sqrt(line[i] + jitter)
         line[i] = root
         for j in range(i + 1, k):
             line[j] /= root

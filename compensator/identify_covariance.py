@@ -83,11 +83,12 @@ def block_sandwich(jacobian: Array, residual: Array, blocks: int | None = None) 
     """
     rows, k = jacobian.shape
     count = block_count(residual) if blocks is None else blocks
-    size = np.sqrt(np.sum(jacobian**2, axis=0)) + 1e-300
+    size = np.sqrt(np.sum(jacobian**2, axis=0))
+    size = np.where(size > 0.0, size, 1.0)
     scaled = jacobian / size
     square, vectors = np.linalg.eigh(gram(scaled))
     s = np.sqrt(np.maximum(square, 0.0))
-    known = s > UNKNOWN * s[-1]
+    known = s > UNKNOWN * max(s[-1], 1e-150)
     inner = np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)
     bread = vectors * inner
     edges = np.linspace(0, rows, count + 1).round().astype(np.int64)

@@ -43,6 +43,8 @@ from compensator.identify_selection import (
 )
 from compensator.temperature_path import temperature_path
 
+MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless they are asked for
+FALLING: Final = -0.8  # correlation with temperature: the output has the wrong sign
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
@@ -179,6 +181,7 @@ def identify_film_records(
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
     rows = share_out([prepare(record, noise_K=temperature_noise_K) for record in records])
+    _check_outputs(rows.records)
     low = min(float(np.min(record.inputs)) for record in rows.records)
     high = max(float(np.max(record.inputs)) for record in rows.records)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
@@ -207,11 +210,21 @@ def identify_film_records(
     if kind in (None, "mixed_envelopes"):
         error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
         to_beat = MIXED_WORTH * error if kind is None else math.inf
-        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat)
+        most = MIXED_OPERATORS * operators if kind is None else None
+        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
         candidates += tried
         if mixed is not None:
             return _finish_mixed(rows, starts, mixed, candidates, output_name)
     return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
+
+
+def _check_outputs(records: Sequence[Prepared]) -> None:
+    v = np.concatenate([record.inputs[record.used] for record in records])
+    y = np.concatenate([record.output[record.used] for record in records])
+    if np.ptp(y) <= 1e-9 * (1.0 + float(np.max(np.abs(y)))):
+        raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
+    if np.corrcoef(v, y)[0, 1] < FALLING:
+        raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
 
 
 def _likely_end(record: Prepared) -> Initial:
@@ -282,13 +295,16 @@ def _finish_plain(
 
 
 def plain_model(problem: Problem, solution: Solution, kind: str, output_name: str, initial: Initial) -> FilmModel:
-    """The solution as a model with one pair of envelopes."""
+    """The solution as a model with one pair of envelopes; operators without weight are left out."""
     theta = solution.theta
     radii, _ = problem.structure.radii(problem.shapes(theta))
     a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
+    active = solution.weights > 0.0
+    if not np.any(active):
+        active[0] = True
     return FilmModel(
-        radii,
-        solution.weights,
+        radii[active],
+        solution.weights[active],
         Envelope("tanh", a_r, -a_r * float(theta[1])),
         Envelope("tanh", a_l, -a_l * float(theta[3])),
         problem.form.memoryless(solution.coefficients, theta[4:], solution.offset),
@@ -330,5 +346,5 @@ def _fit(
         sure,
         tuple(record.path.noise_K for record in rows.records),
         tuple(record.outliers for record in rows.records),
-        film_notes(rows.records, path, fitted.play_outputs(path), model.weights, fitted.parameters, rms(residual)),
+        film_notes(rows.records, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
     )

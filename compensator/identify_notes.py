@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from compensator.film import FilmModel
 from compensator.functions import Array
 from compensator.gram import gram
 from compensator.identify_rows import Path, Prepared
@@ -48,54 +49,69 @@ def memoryless_rms(path: Path) -> float:
     square, count = 0.0, 0
     for part in np.array_split(order, max(2, min(60, v.size // 6))):
         if part.size > 3:
-            fit = np.polynomial.polynomial.polyfit(v[part] - v[part].mean(), y[part], 1) if np.ptp(v[part]) > 0 else None
-            rest = y[part] - (np.polynomial.polynomial.polyval(v[part] - v[part].mean(), fit) if fit is not None else y[part].mean())
+            fit = (
+                np.polynomial.polynomial.polyfit(v[part] - v[part].mean(), y[part], 1) if np.ptp(v[part]) > 0 else None
+            )
+            rest = y[part] - (
+                np.polynomial.polynomial.polyval(v[part] - v[part].mean(), fit) if fit is not None else y[part].mean()
+            )
             square += float(rest @ rest)
             count += part.size - 2
     return float(np.sqrt(square / max(count, 1)))
 
 
 def film_notes(
-    records: Sequence[Prepared], path: Path, operators: Array, weights: Array, parameters: int, rmse: float
+    records: Sequence[Prepared], path: Path, operators: Array, model: FilmModel, parameters: int, rmse: float
 ) -> tuple[str, ...]:
     """Sentences, one for each thing that the records leave open; empty if they fix the model.
 
     operators: play outputs at the readings, shape (readings, operators); parameters: number that were fitted.
     """
     notes = []
+    weights = model.weights
+    jump = float(np.sum(weights * np.maximum(-model.order_margin(), 0.0)))
+    if jump > 1e-6 * float(np.sum(weights)):
+        count = int(np.sum(model.order_margin() < 0.0))
+        notes.append(
+            f"{count} of {weights.size} operators violate the order condition: the output jumps by up to {jump:.3g} "
+            "where the temperature reverses inside the transition, and the inverse skips that interval."
+        )
     v = path.inputs[path.rows]
     low, high = float(np.min(v)), float(np.max(v))
     middle, half = transition(path)
     inside = middle - TRANSITION_PER_HALF_WIDTH * half, middle + TRANSITION_PER_HALF_WIDTH * half
-    if memoryless_rms(path) < 1.3 * rmse:
+    one_way = []
+    for sense, word in ((1, "rising"), (-1, "falling")):
+        moving = np.sign(path.side[path.rows]) == sense
+        crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
+        if crossed < 0.5 * (inside[1] - inside[0]):
+            one_way.append(
+                f"No {word} sweep through the transition: the {word} envelope is hardly fixed. "
+                f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
+            )
+    notes += one_way
+    if not one_way and memoryless_rms(path) < 1.3 * rmse:
         notes.append(
             f"No hysteresis is seen between {low:.1f} and {high:.1f} degC: the record does not cross the transition, "
             "and neither envelopes nor weights are fixed. Sweep from well below to well above it and back."
         )
     else:
-        for sense, word in ((1, "rising"), (-1, "falling")):
-            moving = np.sign(path.side[path.rows]) == sense
-            crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
-            if crossed < 0.5 * (inside[1] - inside[0]):
-                notes.append(
-                    f"No {word} sweep through the transition: the {word} envelope is hardly fixed. "
-                    f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
-                )
         turned = reversals_inside(records, *inside)
         known = determined_combinations(operators, weights, rmse)
         several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
         if turned.size == 0:
             notes.append(
-                f"A major loop only: no reversal lies inside the transition ({inside[0]:.1f} to {inside[1]:.1f} degC), so "
-                f"the {weights.size} weights are tied together by the loop's shape alone and minor loops are not fixed. "
+                f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
+                f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights.size} weights "
+                "are tied together by the loop's shape alone and minor loops are not fixed. "
                 f"Record first-order reversal curves or a decaying oscillation with {several}."
             )
         elif turned.size < ENOUGH_REVERSALS:
             where = ", ".join(f"{value:.1f}" for value in turned)
             notes.append(
-                f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition ({where} degC): "
-                f"about {min(known, weights.size)} combinations of {weights.size} weights are fixed, minor loops elsewhere "
-                f"are extrapolated. Record {several}."
+                f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
+                f"({where} degC): about {min(known, weights.size)} combinations of {weights.size} weights are fixed, "
+                f"minor loops elsewhere are extrapolated. Record {several}."
             )
     if v.size < 5 * parameters:
         notes.append(
@@ -105,7 +121,7 @@ def film_notes(
     for record in records:
         if record.gaps:
             notes.append(
-                f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is taken "
-                "as monotone; an excursion inside a gap would have changed the film's memory unseen."
+                f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is "
+                "taken as monotone; an excursion inside a gap would have changed the film's memory unseen."
             )
     return tuple(notes)

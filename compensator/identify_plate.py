@@ -20,20 +20,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from itertools import pairwise
+from typing import Final
 
 import numpy as np
-from numba import njit
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import nnls
+from numpy.typing import ArrayLike
 
-from compensator.functions import KELVIN, Array
+from compensator.functions import Array
+from compensator.identify_balance import PLACES, Kind, SimulationError, Stretch, Trial, rough_balances
 from compensator.identify_covariance import block_sandwich, correlation_rows
 from compensator.identify_rows import gap_threshold
 from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
 
-Kind = Literal["peltier", "heater"]
 NAMES: Final = {
     "peltier": (
         "seebeck_over_capacity_per_A_s",
@@ -43,11 +42,7 @@ NAMES: Final = {
     ),
     "heater": ("drive_over_capacity_K_per_s", "conductance_over_capacity_per_s", "ambient_degC"),
 }
-PLACES: Final = {"peltier": (0, 1, 2, 4), "heater": (3, 2, 4)}  # in the compiled loop's (s, r, g, q, h)
 HUBER: Final = 4.0  # in robust standard deviations
-SMALLEST: Final = 1e-9
-USUAL_AMBIENT_DEGC: Final = (25.0, 15.0)  # and its spread
-USUAL_SHARE: Final = (0.4, 0.3)  # r I_max / (300 K s), and its spread
 FEWEST: Final = 12
 
 
@@ -86,62 +81,6 @@ class PlateFit:
     identifiability: tuple[str, ...]
 
 
-@njit(cache=True)
-def _simulate(par: Array, first: float, steps: Array, current: Array, out: Array, slopes: Array) -> None:
-    """Temperatures (n,) and slopes (n, 6): d/d(s, r, g, q, h) and d/d(first); par = (s, r, g, q, h)."""
-    s, r, g, q, h = par[0], par[1], par[2], par[3], par[4]
-    t = first
-    d = np.zeros(6)
-    d[5] = 1.0
-    for k in range(out.size):
-        out[k] = t
-        for j in range(6):
-            slopes[k, j] = d[j]
-        if k + 1 < out.size:
-            i, dt = current[k], steps[k]
-            decay = g - s * i
-            forcing = s * KELVIN * i + 0.5 * r * i * i + q * i + h
-            x = decay * dt
-            keep = math.exp(-x)
-            if abs(x) < 1e-4:
-                rest = dt * (1.0 - 0.5 * x + x * x / 6.0)
-                rest_slope = -dt * dt * (0.5 - x / 3.0 + 0.125 * x * x)
-            else:
-                rest = -math.expm1(-x) / decay
-                rest_slope = (dt * keep - rest) / decay
-            by_decay = -dt * keep * t + forcing * rest_slope
-            t = t * keep + forcing * rest
-            for j in range(6):
-                d[j] *= keep
-            d[0] += rest * KELVIN * i - by_decay * i
-            d[1] += rest * 0.5 * i * i
-            d[2] += by_decay
-            d[3] += rest * i
-            d[4] += rest
-
-
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    record: int
-    first: int
-    steps: Array
-    current: Array
-    temperature: Array
-    used: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """par = (s, r, g, q, h); residual, Huber weights and projected jacobian over the used readings."""
-
-    par: Array
-    firsts: Array
-    cost: float
-    residual: Array
-    weights: Array
-    jacobian: Array
-
-
 def identify_plate(
     time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier"
 ) -> PlateFit:
@@ -158,7 +97,7 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
         raise ValueError("records: none given, expected at least one")
-    stretches: list[_Stretch] = []
+    stretches: list[Stretch] = []
     outliers, noises = 0, []
     for number, record in enumerate(records):
         found, out, noise = _stretches(record, number)
@@ -167,20 +106,20 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
         noises.append(noise)
     if not stretches:
         raise ValueError("records: no stretch of readings between gaps is long enough, expected at least 3 rows")
-    fit = _Fit(stretches, PLACES[kind])
-    near = [fit.descend(fit.evaluate(start), 12) for start in _starts(stretches, kind)]
+    fit = SimulationError(stretches, PLACES[kind])
+    near = [fit.descend(fit.evaluate(start), 12) for start in rough_balances(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
     for _ in range(2):
         start = best.par
         limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)
         one_reading = float(np.mean(best.weights * best.residual**2)) * correlation_rows(best.residual)
-        fit = _Fit(stretches, PLACES[kind], limit, one_reading)
-        near = [fit.descend(fit.evaluate(par), 12) for par in (start, *_starts(stretches, kind))]
+        fit = SimulationError(stretches, PLACES[kind], limit, one_reading)
+        near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough_balances(stretches, kind))]
         best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
     return _result(fit, best, kind, float(np.median(noises)), outliers)
 
 
-def _stretches(record: PlateRecord, number: int) -> tuple[list[_Stretch], int, float]:
+def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, float]:
     """The record in stretches between gaps, its number of outliers, and its noise (K)."""
     name = record.name
     time = np.asarray(record.time_s, dtype=np.float64)
@@ -199,9 +138,7 @@ def _stretches(record: PlateRecord, number: int) -> tuple[list[_Stretch], int, f
         raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
     known = np.isfinite(temperature)
     if np.sum(known) < FEWEST:
-        raise ValueError(
-            f"{name}: temperature_degC: {int(np.sum(known))} finite readings, expected at least {FEWEST}"
-        )
+        raise ValueError(f"{name}: temperature_degC: {int(np.sum(known))} finite readings, expected at least {FEWEST}")
     if not np.any(np.isfinite(current)):
         raise ValueError(f"{name}: current_A: no finite number in {time.size} rows, expected A")
     if np.all(current[np.isfinite(current)] == 0.0):
@@ -212,12 +149,12 @@ def _stretches(record: PlateRecord, number: int) -> tuple[list[_Stretch], int, f
     broken = (steps > gap_threshold(steps)) | ~np.isfinite(current[:-1])
     edges = np.concatenate(([0], np.flatnonzero(broken) + 1, [time.size]))
     found = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         if np.sum(known[first:last]) >= 3:
             part = slice(first, last)
             used = known[part]
             found.append(
-                _Stretch(
+                Stretch(
                     number,
                     int(first),
                     steps[first : last - 1],
@@ -229,141 +166,14 @@ def _stretches(record: PlateRecord, number: int) -> tuple[list[_Stretch], int, f
     return found, path.outliers.size, path.noise_K
 
 
-def _starts(stretches: Sequence[_Stretch], kind: Kind) -> list[Array]:
-    """(s, r, g, q, h) from the balance integrated over windows of several lengths, and a few typical plates."""
-    starts = []
-    longest = max(stretch.used.size for stretch in stretches)
-    places = PLACES[kind]
-    ambient = float(np.median([stretch.temperature[stretch.used][0] for stretch in stretches]))
-    for share in (0.01, 0.03, 0.1):
-        window = max(2, round(share * longest))
-        columns, targets = [], []
-        for stretch in stretches:
-            rows = np.flatnonzero(stretch.used)
-            clock = np.concatenate(([0.0], np.cumsum(stretch.steps)))
-            t = np.interp(clock, clock[rows], stretch.temperature[rows])
-            i, dt = stretch.current[:-1], stretch.steps
-            mean = 0.5 * (t[1:] + t[:-1])
-            rates = np.column_stack((i * (mean + KELVIN), 0.5 * i * i, -mean, i, np.ones_like(i), -np.ones_like(i)))
-            total = np.vstack((np.zeros(6), np.cumsum(rates * dt[:, None], axis=0)))
-            first = np.arange(0, t.size - window, max(1, window // 4))
-            columns.append(total[first + window] - total[first])
-            targets.append(t[first + window] - t[first])
-        m, y = np.concatenate(columns), np.concatenate(targets)
-        chosen = [*places, 5]
-        if y.size < 2 * len(chosen):
-            continue
-        norm = np.sqrt(np.sum(m[:, chosen] ** 2, axis=0)) + 1e-300
-        x = np.zeros(6)
-        x[chosen] = nnls(m[:, chosen] / norm, y)[0] / norm
-        starts.append(np.append(x[:4], x[4] - x[5]))
-    for rate in (0.003, 0.02, 0.1):
-        typical = np.array([1.6e-3, 0.06, rate, 0.0, rate * ambient])
-        starts.append(typical if kind == "peltier" else np.array([0.0, 0.0, rate, 30.0 * rate, rate * ambient]))
-    return [np.append(np.maximum(start[:4], 0.0), start[4]) for start in starts]
-
-
-class _Fit:
-    """The simulation error as a function of (s, r, g, q, h), of which `places` are fitted."""
-
-    def __init__(
-        self,
-        stretches: Sequence[_Stretch],
-        places: tuple[int, ...],
-        limit: float = math.inf,
-        one_reading: float = 0.0,
-    ) -> None:
-        """limit: Huber's, K. one_reading: the weight of what plates have in common, K^2."""
-        self.stretches, self.places, self.limit, self.one_reading = stretches, list(places), limit, one_reading
-        self.largest = max(float(np.max(np.abs(stretch.current))) for stretch in stretches)
-
-    def usual(self, par: Array) -> tuple[Array, Array]:
-        """How far par is from usual plates, in spreads, and the derivatives by the fitted parameters."""
-        s, r, g, _, h = par
-        values, slopes = [], np.zeros((2, 5))
-        loss = max(float(g), 1e-7)
-        values.append((h / loss - USUAL_AMBIENT_DEGC[0]) / USUAL_AMBIENT_DEGC[1])
-        slopes[0, 4] = 1.0 / (loss * USUAL_AMBIENT_DEGC[1])
-        slopes[0, 2] = -h / (loss * loss * USUAL_AMBIENT_DEGC[1])
-        if 0 not in self.places:
-            return np.array(values), slopes[:1, self.places]
-        pump = 300.0 * max(float(s), 1e-7) / self.largest
-        values.append((r / pump - USUAL_SHARE[0]) / USUAL_SHARE[1])
-        slopes[1, 1] = 1.0 / (pump * USUAL_SHARE[1])
-        slopes[1, 0] = -r / (pump * max(float(s), 1e-7) * USUAL_SHARE[1])
-        return np.array(values), slopes[:, self.places]
-
-    def evaluate(self, par: Array) -> _Trial:
-        """Residuals and derivatives, each stretch's first temperature at its best."""
-        residuals, weights, jacobians, firsts = [], [], [], []
-        for stretch in self.stretches:
-            used = stretch.used
-            out, slopes = np.empty(used.size), np.empty((used.size, 6))
-            _simulate(par, 0.0, stretch.steps, stretch.current, out, slopes)
-            e, away = slopes[used, 5], stretch.temperature[used] - out[used]
-            w = np.ones_like(e)
-            if not np.all(np.isfinite(away)):
-                return _Trial(par, np.empty(0), math.inf, np.empty(0), np.empty(0), np.empty((0, 0)))
-            for _ in range(1 if self.limit == math.inf else 4):
-                first = float((w * e) @ away) / max(float((w * e) @ e), 1e-300)
-                residual = away - first * e
-                w = np.minimum(1.0, self.limit / np.maximum(np.abs(residual), 1e-300))
-            _simulate(par, first, stretch.steps, stretch.current, out, slopes)
-            jacobian = slopes[used][:, self.places]
-            jacobian -= np.outer(e, (w * e) @ jacobian) / max(float((w * e) @ e), 1e-300)
-            residuals.append(residual)
-            weights.append(w)
-            jacobians.append(jacobian)
-            firsts.append(first)
-        residual, w = np.concatenate(residuals), np.concatenate(weights)
-        size = np.abs(residual)
-        beyond = self.limit * (2.0 * size - self.limit) if self.limit < math.inf else size
-        cost = float(np.sum(np.where(w < 1.0, beyond, size * size)))
-        if self.one_reading > 0.0:
-            cost += self.one_reading * float(np.sum(self.usual(par)[0] ** 2))
-        return _Trial(par, np.array(firsts), cost, residual, w, np.concatenate(jacobians))
-
-    def descend(self, best: _Trial, steps: int) -> _Trial:
-        """Gauss-Newton with Marquardt's damping; rates stay >= 0, h is free."""
-        damping = 1e-3
-        least = np.array([SMALLEST, 0.0, 0.0, SMALLEST, -math.inf])[self.places]
-        for _ in range(steps):
-            if best.cost == math.inf:
-                break
-            weighted = best.weights[:, None] * best.jacobian
-            normal, gradient = weighted.T @ best.jacobian, weighted.T @ best.residual
-            if self.one_reading > 0.0:
-                away, slopes = self.usual(best.par)
-                normal += self.one_reading * slopes.T @ slopes
-                gradient -= self.one_reading * slopes.T @ away
-            now = best.par[self.places]
-            held = (now <= least) & (gradient <= 0.0)
-            normal[held, :] = 0.0
-            normal[:, held] = 0.0
-            gradient[held] = 0.0
-            scale = np.diag(normal) + (np.diag(normal) <= 0.0)
-            norm = np.sqrt(scale)
-            before = best.cost
-            for _ in range(8):
-                damped = normal / np.outer(norm, norm) + damping * np.eye(norm.size)
-                par = best.par.copy()
-                par[self.places] = np.maximum(now + np.linalg.solve(damped, gradient / norm) / norm, least)
-                trial = self.evaluate(par)
-                if trial.cost < best.cost:
-                    best, damping = trial, max(0.1 * damping, 1e-12)
-                    break
-                damping = max(10.0 * damping, 1e-9)
-            if not best.cost < before * (1.0 - 1e-9):
-                break
-        return best
-
-
-def _result(fit: _Fit, best: _Trial, kind: Kind, noise_K: float, outliers: int) -> PlateFit:
+def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outliers: int) -> PlateFit:
     s, r, g, q, h = (float(value) for value in best.par)
     lost = g < 1e-7
     ambient = h / g if not lost else 25.0
-    model = PlateModel(s, r, g if not lost else 0.0, ambient, q, kind) if kind == "peltier" else PlateModel(
-        0.0, 0.0, g if not lost else 0.0, ambient, q, kind
+    model = (
+        PlateModel(s, r, g if not lost else 0.0, ambient, q, kind)
+        if kind == "peltier"
+        else PlateModel(0.0, 0.0, g if not lost else 0.0, ambient, q, kind)
     )
     root = np.sqrt(best.weights)
     covariance = block_sandwich(root[:, None] * best.jacobian, root * best.residual)
@@ -391,7 +201,7 @@ def _result(fit: _Fit, best: _Trial, kind: Kind, noise_K: float, outliers: int) 
 
 
 def plate_notes(
-    stretches: Sequence[_Stretch], names: tuple[str, ...], values: Array, errors: Array, kind: Kind
+    stretches: Sequence[Stretch], names: tuple[str, ...], values: Array, errors: Array, kind: Kind
 ) -> tuple[str, ...]:
     """What the records leave open, in plain words, and which profile would fix it."""
     notes = []

@@ -176,7 +176,9 @@ class Problem:
             operators, gamma = self.operators(best.theta)
             if best.residual.size != self.v.size:
                 best = self.solve_columns(best.theta, operators)
-            normal, gradient = self._projected(self.active_columns(best, operators), self.derivatives(best, gamma), best)
+            normal, gradient = self._projected(
+                self.active_columns(best, operators), self.derivatives(best, gamma), best
+            )
             scale = np.diag(normal) + 1e-12 * float(np.trace(normal)) + 1e-300
             before = best.square
             for _ in range(6):

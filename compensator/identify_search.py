@@ -1,6 +1,6 @@
 """Global search for the outer parameters of a film model: many starts, the best refined, the record's memory chosen.
 
-The starts are a Sobol set over the envelopes' slopes and centres and D's shape, scaled to the record: a local search
+The starts are an even set over the envelopes' slopes and centres and D's shape, scaled to the record: a local search
 from a single start often ends far from the best fit. Operator outputs do not depend on D, so that each start serves
 every form of D at once.
 """
@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
-from scipy.stats import qmc
 
 from compensator.film import Initial
 from compensator.functions import Array
@@ -25,6 +24,7 @@ from compensator.identify_rows import Path, Prepared, Start, build_path
 
 STARTS: Final = 256
 REFINED: Final = 8
+SHAPES: Final = 32  # of D, tried beside good envelopes
 
 
 def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
@@ -62,12 +62,24 @@ def slope_density(path: Path, edges: Array) -> Array:
     return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
 
 
+def even_points(count: int, dimensions: int, seed: int) -> Array:
+    """Points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the root
+    of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
+    (SIAM 1992), ch. 3, on such lattices)."""
+    root = 2.0
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    steps = root ** -np.arange(1.0, dimensions + 1.0)
+    origin = np.random.default_rng(seed).random(dimensions)
+    return np.asarray((origin + np.arange(count)[:, None] * steps) % 1.0, dtype=np.float64)
+
+
 def starting_points(problem: Problem, count: int, seed: int) -> Array:
     """Starts over the bounds, shape (count, parameters): slopes on a log scale, centres drawn to the transition."""
     groups = problem.structure.groups
     middle, half = transition(problem.path)
     dimensions = problem.low.size
-    unit = np.asarray(qmc.Sobol(dimensions, seed=seed).random(count), dtype=np.float64)
+    unit = even_points(count, dimensions, seed)
     starts = problem.low + unit * (problem.high - problem.low)
     for group in range(groups):
         first = GROUP * group
@@ -82,7 +94,13 @@ def starting_points(problem: Problem, count: int, seed: int) -> Array:
 
 
 def search(
-    path: Path, structure: Structure, forms: Sequence[Form], *, starts: int = STARTS, seed: int = 0, extra: Sequence[Array] = ()
+    path: Path,
+    structure: Structure,
+    forms: Sequence[Form],
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    extra: Sequence[Array] = (),
 ) -> dict[str, Solution]:
     """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
     low, high = envelope_bounds(path, structure.groups)
@@ -110,7 +128,20 @@ def _within(problem: Problem, drawn: Array) -> Array:
 def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
     best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
     near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
+    if problem.low.size > problem.split:  # D's own shape has local minima: try others beside good envelopes
+        others = [other for solution in near[:4] for other in _other_forms(problem, solution)]
+        near += [problem.refine(solution, steps=8) for solution in others]
+        near.sort(key=lambda solution: solution.square)
     return min((problem.refine(solution, steps=30) for solution in near[:3]), key=lambda solution: solution.square)
+
+
+def _other_forms(problem: Problem, solution: Solution) -> list[Solution]:
+    """The two best of other shapes of D at the same envelopes."""
+    operators, _ = problem.operators(solution.theta)
+    low, high = problem.low[problem.split :], problem.high[problem.split :]
+    shapes = low + even_points(SHAPES, low.size, 0) * (high - low)
+    tried = [problem.solve_columns(np.append(solution.theta[: problem.split], shape), operators) for shape in shapes]
+    return sorted(tried, key=lambda other: other.square)[:2]
 
 
 def start_candidates(record: Prepared) -> list[Start]:

@@ -88,7 +88,12 @@ def rms(values: Array) -> float:
 
 
 def choose_form(
-    rows: Rows, starts: Sequence[Start], forms: Sequence[Form], found: dict[str, Solution], structure: Structure, kind: str
+    rows: Rows,
+    starts: Sequence[Start],
+    forms: Sequence[Form],
+    found: dict[str, Solution],
+    structure: Structure,
+    kind: str,
 ) -> tuple[Form, Solution, list[Candidate]]:
     """The simplest form of D (in the given order) whose held-out error is near the best, and all candidates."""
     thin, held = build_path(rows.records, starts, rows.thin), build_path(rows.records, starts, rows.held)
@@ -121,9 +126,9 @@ def without_strays(rows: Rows, starts: Sequence[Start], problem: Problem, soluti
 
 
 def choose_mixed(
-    rows: Rows, starts: Sequence[Start], form: Form, shape: Array, to_beat: float
+    rows: Rows, starts: Sequence[Start], form: Form, shape: Array, to_beat: float, most: int | None
 ) -> tuple[MixedSolution | None, list[Candidate]]:
-    """The best dictionary by held-out rows, None if none beats `to_beat`; few operators are preferred."""
+    """The best dictionary by held-out rows, few operators preferred; None if none of up to `most` beats `to_beat`."""
     path = build_path(rows.records, starts, rows.thinner(2 * GLOBAL_ROWS))
     held = build_path(rows.records, starts, rows.held)
     half_width = half_loop_width(path)
@@ -133,9 +138,9 @@ def choose_mixed(
     for centres, steepness, by_output in RESOLUTIONS:
         trial = solve_mixed(path, dictionary(path, centres, steepness, by_output, half_width), form, shape)
         error = rms(held.output - trial.at(held))
-        candidates.append(
-            Candidate("mixed_envelopes", form.name, trial.weights.size, math.sqrt(trial.square), error)
-        )
+        candidates.append(Candidate("mixed_envelopes", form.name, trial.weights.size, math.sqrt(trial.square), error))
+        if most is not None and trial.weights.size > most:
+            continue
         more = best is not None and trial.weights.size > best.weights.size
         if error < (FEWER_WORTH if more else 1.0) * least:
             best, least = trial, error

@@ -10,7 +10,8 @@ is found in two steps, both without phase:
 2. Reversals smaller than `REVERSAL` sigma are no reversals: between the turning points that are left the path is the
    monotone (isotonic) least-squares fit of the smoothed readings.
 
-Readings without noise (sigma below `NEGLIGIBLE` of their span) are returned unchanged, to the bit.
+Readings without noise (sigma below `NEGLIGIBLE` of their span) are returned unchanged, to the bit; so are those
+sampled so coarsely that reversals look like noise.
 
 Sources: H. E. Rauch, F. Tung, C. T. Striebel, AIAA J. 3 (1965) 1445; R. E. Barlow et al., Statistical Inference
 under Order Restrictions (Wiley 1972), ch. 1 (pool adjacent violators).
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -29,11 +31,13 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.functions import Array
 from compensator.outliers import lone_outliers
 
+WIDE_K: Final = 5.0  # above this span ...
+COARSE: Final = 0.05  # ... `noise` of such a share is no noise, but reversals between the rows
 REVERSAL: Final = 3.0  # in sigma: smaller reversals are taken for noise
 NEGLIGIBLE: Final = 1e-5  # noise over span: below it readings are taken as they are
 BREAK: Final = 6.0  # in usual changes of the rate per step: a corner of the profile
 GATE: Final = 6.0  # in predicted standard deviations: readings further off are outliers
-LIKELIHOOD_ROWS: Final = 2500
+STRAY: Final = 1.5  # in sigma: the smoothed path may not be further off the readings than this, in the mean square
 CORNER: Final = 3.0  # in ranges of the rate: how much it may change where it breaks
 
 
@@ -157,29 +161,19 @@ def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
 
 
 def _density(steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array) -> float:
-    """q / sigma^2 (1/s^3) of the highest likelihood, from at most `LIKELIHOOD_ROWS` rows in one stretch."""
-    n = min(readings.size, LIKELIHOOD_ROWS)
-    first = (readings.size - n) // 2
-    part = slice(first, first + n)
-    inner = slice(first, first + n - 1)
-    work = np.empty((n, 8))
-    scale = float(np.median(steps))
-
-    def cost(log_density: float) -> float:
-        density = extra[inner] + math.exp(log_density)
-        return _smooth(steps[inner], readings[part], used[part], density, False, work)[0]
-
-    grid = math.log(1.0 / scale**3) + np.arange(-22.0, 9.0, 2.0)
-    costs = [cost(x) for x in grid]
-    best = int(np.argmin(costs))
-    for half in (1.0, 0.5):
-        nearby = [grid[best] - half, grid[best], grid[best] + half]
-        values = [cost(x) for x in nearby]
-        grid[best] = nearby[int(np.argmin(values))]
-    return math.exp(grid[best])
+    """q / sigma^2 (1/s^3) of the highest likelihood: by a grid in its logarithm, then finer."""
+    work = np.empty((readings.size, 8))
+    best = -3.0 * math.log(float(np.median(steps)))
+    for offsets in (np.arange(-22.0, 9.0, 2.0), np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5])):
+        tried = best + offsets
+        costs = [_smooth(steps, readings, used, extra + math.exp(x), False, work)[0] for x in tried]
+        best = float(tried[int(np.argmin(costs))])
+    return math.exp(best)
 
 
-def temperature_path(time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K: float | None = None) -> TemperaturePath:
+def temperature_path(
+    time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K: float | None = None
+) -> TemperaturePath:
     """The path behind noisy readings; nan readings are bridged. Arrays of shape (samples,), time increasing.
 
     `noise_K` sets the standard deviation of the noise instead of estimating it; 0 returns the readings as they are.
@@ -214,16 +208,21 @@ def temperature_path(time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K:
         extra = np.where(breaks, (CORNER * np.ptp(work[:, 1])) ** 2 / (variance * steps), 0.0)
     sigma = math.sqrt(variance) if noise_K is None else noise_K
     outliers = np.flatnonzero(finite & ~used)
-    if sigma < NEGLIGIBLE * span:
+    coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span
+    if sigma < NEGLIGIBLE * span or coarse:
         if outliers.size:
             readings = np.interp(time, time[used], readings[used])
         return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, outliers)
-    _smooth(steps, readings, used, density + extra, True, work)
+    for _ in range(12):
+        _smooth(steps, readings, used, density + extra, True, work)
+        if float(np.mean((readings[used] - work[used, 0]) ** 2)) < (STRAY * sigma) ** 2:
+            break
+        density *= 10.0
     smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
     path = np.empty_like(smooth)
     level, size = np.empty(smooth.size), np.empty(smooth.size, dtype=np.int64)
-    for first, last in zip(turning[:-1], turning[1:], strict=True):
+    for first, last in pairwise(turning):
         sense = 1.0 if smooth[last] >= smooth[first] else -1.0
         start = first if first == 0 else first + 1
         _monotone(smooth[start : last + 1], sense, path[start : last + 1], level, size)

@@ -72,7 +72,9 @@ def ended(action: object, verb: str) -> int:
             print(line, file=sys.stderr)
         return 2
     except NotConfirmedOff as outcome:
-        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand.", file=sys.stderr)
+        print(
+            f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand.", file=sys.stderr
+        )
         return outcome.exit_status
     except Outcome as outcome:
         print(f"peltier {verb}: {outcome}", file=sys.stderr)

@@ -1,6 +1,6 @@
 """Faults in what the user gave, one line each: file, place, what is expected. They end with exit status 2.
 
-    Faults            a list of lines; str() joins them with newlines
+Faults            a list of lines; str() joins them with newlines
 """
 
 from __future__ import annotations

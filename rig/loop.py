@@ -119,7 +119,9 @@ class Loop:
         known = temperature.is_number
         value = resistance.value if resistance is not None else math.nan
         good = resistance is not None and resistance.is_number and value > 0.0
-        decision = policy.decide(time_s, temperature.value if known else math.nan, -math.log10(value) if good else math.nan)
+        decision = policy.decide(
+            time_s, temperature.value if known else math.nan, -math.log10(value) if good else math.nan
+        )
         if not decision.done:
             self._apply(decision, now)
         meter = self.bench.meter
@@ -147,7 +149,6 @@ class Loop:
         controller = self.bench.controller
         if decision.use_setpoint:
             if self._mode != "setpoint":
-                controller.set_setpoint_degC(decision.setpoint_degC)
                 controller.arm_setpoint()
                 self._mode = "setpoint"
             controller.set_setpoint_degC(decision.setpoint_degC)

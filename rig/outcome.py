@@ -1,9 +1,9 @@
 """How an experiment can end, and the exit status that says so (the list in docs/exits is kept by a test).
 
-    Outcome (Exception)
-    +-- Tripped          10   an interlock tripped
-    +-- NotConfirmedOff  11   the output is not confirmed off; outranks all others
-    +-- Stopped          128 + n   stopped by signal n
+Outcome (Exception)
++-- Tripped          10   an interlock tripped
++-- NotConfirmedOff  11   the output is not confirmed off; outranks all others
++-- Stopped          128 + n   stopped by signal n
 """
 
 from __future__ import annotations

@@ -35,7 +35,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--operators", type=int, default=30, help="play operators (30)")
     parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], default="fitted")
     parser.add_argument(
-        "--violate-order", action="store_true", help="allow radii that break the order condition (the output then jumps)"
+        "--violate-order",
+        action="store_true",
+        help="allow radii that break the order condition (the output then jumps)",
     )
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
     parser.add_argument("--seed", type=int, default=0)

@@ -21,7 +21,9 @@ def main(options: argparse.Namespace) -> int:
         (item for item in resources.files("rig.templates").iterdir() if item.name.endswith(".toml")),
         key=lambda item: item.name,
     )
-    there = [f"{folder / item.name}: exists; expected a new file" for item in templates if (folder / item.name).exists()]
+    there = [
+        f"{folder / item.name}: exists; expected a new file" for item in templates if (folder / item.name).exists()
+    ]
     if there:
         raise Faults(there)
     folder.mkdir(parents=True, exist_ok=True)

@@ -36,7 +36,9 @@ def main(options: argparse.Namespace) -> int:
         _, design = law_and_design(name, file.content, model.film, model.plate)  # type: ignore[arg-type]
         gains, margins = design.gains, design.margins
         voice.say(f"{name}: PID on {what}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
-        voice.say(f"  Kp {gains.kp:.5g}   Ki {gains.ki:.5g}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
+        voice.say(
+            f"  Kp {gains.kp:.5g}   Ki {gains.ki:.5g}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}"
+        )
         voice.say(
             f"  gain margin {margins.gain_margin:.2f}   phase margin {margins.phase_margin_deg:.1f} deg   "
             f"Ms {margins.ms:.3f}   crossover {margins.crossover_rad_per_s:.3g} rad/s"

@@ -32,7 +32,7 @@ TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
     {1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 1e-5, 1e7: 0.7e-6, 1e8: 0.7e-6}
 )
 OVERRANGE = 1.2  # a range shows up to 120 % of its full scale
-RANGE_UP, RANGE_DOWN = 1.1, 0.09  # of full scale, where the driver changes the range
+RANGE_UP, RANGE_DOWN = 0.95, 0.08  # of full scale, where the driver changes the range, ahead of the overrange
 LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz
 COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
@@ -54,7 +54,10 @@ class Keithley2000Meter:
     ) -> None:
         self.transport = transport
         self.link = ScpiLink(
-            transport, baudrate=self.LINE.baudrate, first_token=first_token, after_resynchronisation=self._look_after_doubt
+            transport,
+            baudrate=self.LINE.baudrate,
+            first_token=first_token,
+            after_resynchronisation=self._look_after_doubt,
         )
         self._test_currents_A = dict(sorted(test_currents_A.items()))
         self._first_range_ohm = first_range_ohm
@@ -86,7 +89,7 @@ class Keithley2000Meter:
         return Identity("Keithley", model.removeprefix("MODEL").strip(), serial_number, firmware)
 
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
-        """Function, NPLC 0.01..10, the ranges whose test current is allowed; Refused if it reads back else."""
+        """Function, NPLC 0.01..10, ranges whose test current is allowed; Refused if it reads back else."""
         if not 0.01 <= nplc <= 10.0:
             raise ValueError(f"{nplc} power line cycles: 0.01 to 10 is expected")
         allowed = [ohm for ohm, current_A in self._test_currents_A.items() if current_A <= max_test_current_A]

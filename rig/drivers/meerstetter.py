@@ -86,9 +86,7 @@ class MeerstetterController:
         if not (isfinite(current_limit_A) and current_limit_A > 0.0):
             raise ValueError(f"current limit {current_limit_A} A: a positive number is expected")
         if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
-            raise ValueError(
-                f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected"
-            )
+            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
         if not (dead_man_s == 0.0 or 0.1 <= dead_man_s <= 600.0):
             raise ValueError(f"dead man {dead_man_s} s: 0 (none) or 0.1 to 600 s is expected")
         self._armed_source = None
@@ -124,9 +122,7 @@ class MeerstetterController:
         now = self.read_temperature()
         low_degC, high_degC = self.temperature_limits_degC
         if not (now.is_number and low_degC <= now.value <= high_degC):
-            raise Refused(
-                None, f"object temperature {now.value} degC is not within {low_degC} to {high_degC} degC"
-            )
+            raise Refused(None, f"object temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
         self._set_float(3000, now.value)
         self._enable(OWN_REGULATION)
 

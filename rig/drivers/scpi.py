@@ -11,7 +11,8 @@ SCPI has neither sequence numbers nor checksums. Two means make up for that:
 * after anything unexpected the line is in doubt: ^X, then `*ESE n;*ESE?` until that number comes back. The
   instrument answers in order, so everything older has come before it and is thrown away.
 
-Tokens count from 1 to 255, from a random first one, so that none comes again before 254 others have been used.
+Tokens count from 1 to 255, from a random first one, so that none comes again before 254 others have been
+used.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class ScpiLink:
         self._terminator, self._end = terminator, end
         self._byte_s = 10.0 / baudrate
         self._token = random.randrange(1, 256) if first_token is None else first_token
+        self._expected = b""
         self._in_doubt = True
         self._pending = False
         self._deadline_s = 0.0

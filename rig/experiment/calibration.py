@@ -1,16 +1,17 @@
 """Calibration: condition the film, run a profile that fixes film and plate, identify, check on held-out rows.
 
-    pulse      three current pulses: the plate's first model, and whether the current heats when it should
-    condition  to the hot end: whatever the film was, it is saturated now
-    major      down to the cold end and back: the major loop, and with it where the transition lies
-    minor      nested and crossing minor loops inside the transition with dwells: what fixes the weights
-    check      minor loops that no fit has seen: the model is simulated over them, never one step ahead
+pulse      three current pulses: the plate's first model, and whether the current heats when it should
+condition  to the hot end: whatever the film was, it is saturated now
+major      down to the cold end and back: the major loop, and with it where the transition lies
+minor      nested and crossing minor loops inside the transition with dwells: what fixes the weights
+check      minor loops that no fit has seen: the model is simulated over them, never one step ahead
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -137,7 +138,7 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
     if hold_first and dwell_s > 0.0:
         times.append(dwell_s)
         values.append(points[0])
-    for before, after in zip(points[:-1], points[1:], strict=True):
+    for before, after in pairwise(points):
         times.append(times[-1] + max(abs(after - before) / rate, 1e-3))
         values.append(after)
         if dwell_s > 0.0:

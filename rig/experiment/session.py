@@ -70,7 +70,12 @@ def target_of(file: ConfigurationFile) -> Target:
 
 @contextmanager
 def one_run(
-    bench: Bench, file: ConfigurationFile, path: Path, what: str, signals: SignalStop, say: Callable[[str], None],
+    bench: Bench,
+    file: ConfigurationFile,
+    path: Path,
+    what: str,
+    signals: SignalStop,
+    say: Callable[[str], None],
     progress: Progress | None,
 ) -> Iterator[tuple[Loop, RunFolder]]:
     """A run folder and a loop on the bench; at the end the output is off and the reason is written down."""
@@ -96,7 +101,11 @@ def one_run(
 
 
 def calibrate(
-    bench: Bench, file: ConfigurationFile, path: Path, signals: SignalStop, say: Callable[[str], None],
+    bench: Bench,
+    file: ConfigurationFile,
+    path: Path,
+    signals: SignalStop,
+    say: Callable[[str], None],
     progress: Progress | None,
 ) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
@@ -141,8 +150,13 @@ def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], p
 
 
 def _track_all(
-    bench: Bench, file: ConfigurationFile, path: Path, result: Result, signals: SignalStop,
-    say: Callable[[str], None], progress: Progress | None,
+    bench: Bench,
+    file: ConfigurationFile,
+    path: Path,
+    result: Result,
+    signals: SignalStop,
+    say: Callable[[str], None],
+    progress: Progress | None,
 ) -> None:
     """A calibration where no model is given, the law, and the laws to compare it with; the report over all."""
     e = file.content.experiment
@@ -180,8 +194,13 @@ def _track_all(
 
 
 def _profile(
-    bench: Bench, file: ConfigurationFile, path: Path, result: Result, signals: SignalStop,
-    say: Callable[[str], None], progress: Progress | None,
+    bench: Bench,
+    file: ConfigurationFile,
+    path: Path,
+    result: Result,
+    signals: SignalStop,
+    say: Callable[[str], None],
+    progress: Progress | None,
 ) -> None:
     """A temperature or current over time, recorded."""
     e, target = file.content.experiment, result.target

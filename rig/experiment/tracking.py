@@ -1,9 +1,9 @@
 """Tracking a wanted resistance with one law: condition the film, go to the first target, follow it.
 
-    condition  to the hot end, so that the film's memory is known (after an outage it is not)
-    approach   down to the first target, the same for every law, so that laws are compared from the same place
-    settle     the law itself on the first target
-    track      the target
+condition  to the hot end, so that the film's memory is known (after an outage it is not)
+approach   down to the first target, the same for every law, so that laws are compared from the same place
+settle     the law itself on the first target
+track      the target
 """
 
 from __future__ import annotations
@@ -103,6 +103,7 @@ def track(
     hot = calibration_range(configuration)[1]
     state = _to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition")
     inverse = Inverse(film, *configuration.limits.temperature_degC)
+    assert state.state is not None
     first = inverse.solve(float(target.values[0]), state.state.memory)
     if not first.reachable:
         low, high = first.interval or (math.nan, math.nan)

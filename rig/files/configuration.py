@@ -116,9 +116,7 @@ class RelayFilmTable(Table):
     halfwidth_K: Positive = 2.8
     halfwidth_sigma: Positive = 0.4
     decades: Positive = 2.0
-    memoryless: MemorylessTable = MemorylessTable(
-        function="tanh", amplitude=0.35, a=0.03, b=-1.65, offset=-5.0
-    )
+    memoryless: MemorylessTable = MemorylessTable(function="tanh", amplitude=0.35, a=0.03, b=-1.65, offset=-5.0)
     seed: int = Field(default=1, ge=0)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import tomli_w
 from pydantic import Field, model_validator
@@ -13,6 +13,9 @@ from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.plate import PlateModel
 from rig.faults import Faults
 from rig.files.toml_file import Table, checked, read_toml
+
+
+NotNegative = Annotated[float, Field(ge=0.0)]
 
 
 class EnvelopeTable(Table):
@@ -54,8 +57,8 @@ class FilmTable(Table):
 
     kind: Literal["extended_generalized_pi", "generalized_pi", "classical_pi", "mixed_envelopes"]
     output: str = "minus_log10_ohm"
-    radii: list[float] = []
-    weights: list[float] = []
+    radii: list[NotNegative] = []
+    weights: list[NotNegative] = []
     initial: Literal["cooled", "heated"] = "cooled"
     rising: EnvelopeTable | None = None
     falling: EnvelopeTable | None = None

@@ -129,7 +129,9 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
     header_line = lines[0][1]
     delimiter = max("\t;,", key=header_line.count)
     header = [name.strip() for name in next(csv.reader([header_line], delimiter=delimiter))]
-    faults = [f"{path}: line {lines[0][0]}: column {name!r} appears twice" for name in set(header) if header.count(name) > 1]
+    faults = [
+        f"{path}: line {lines[0][0]}: column {name!r} appears twice" for name in set(header) if header.count(name) > 1
+    ]
     mapping = {m.theirs: m for m in mappings}
     faults += [
         f"{path}: line {lines[0][0]}: no column {m.theirs!r} for {m.ours}; there are {', '.join(header)}"

@@ -170,11 +170,11 @@ def write_netcdf(path: Path, columns: list[str], rows: list[tuple[Any, ...]]) ->
     from scipy.io import netcdf_file
 
     with netcdf_file(path, "w") as file:
-        file.history = b"peltier-rig"
+        setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
         file.createDimension("row", len(rows))
         for k, name in enumerate(columns):
             if rows and isinstance(rows[0][k], str):
                 continue
             variable = file.createVariable(name, "f8", ("row",))
             variable[:] = np.array([row[k] for row in rows], dtype=np.float64)
-            variable.units = name.rpartition("_")[2].encode()
+            setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010

@@ -48,7 +48,7 @@ class Target:
 
     def at(self, time_s: float | Array) -> Array:
         """The value at a time; before the first and after the last it holds."""
-        return np.interp(time_s, self.times_s, self.values)
+        return np.asarray(np.interp(time_s, self.times_s, self.values), dtype=np.float64)
 
 
 def read_target(path: Path, quantity: str) -> Target:

@@ -90,11 +90,5 @@ def holder(port: str) -> tuple[int | None, str]:
 
 def _command(process: str) -> str:
     with contextlib.suppress(OSError):
-        return (
-            Path(f"/proc/{process}/cmdline")
-            .read_bytes()
-            .replace(b"\0", b" ")
-            .decode(errors="replace")
-            .strip()
-        )
+        return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
     return ""

@@ -39,9 +39,7 @@ class Serial(SerialBase):
             raise SerialException(2, f"could not open port {url}: no instrument is registered there")
         if self.exclusive:
             if line.holder is not None and line.holder.is_open:
-                raise SerialException(
-                    11, f"Could not exclusively lock port {url}: it is open in this process"
-                )
+                raise SerialException(11, f"Could not exclusively lock port {url}: it is open in this process")
             line.holder = self
         self._line, self._instrument, self._clock = line, line.instrument, line.clock
         self._buffer = b""
@@ -110,9 +108,7 @@ class Serial(SerialBase):
                 wake_s = min(wake_s, now_s + PATIENCE_S)
                 self._require_line()
             elif wake_s == inf:
-                raise SerialException(
-                    "nothing is under way, and the read has no time-out: it would block for ever"
-                )
+                raise SerialException("nothing is under way, and the read has no time-out: it would block for ever")
             clock.sleep_until_s(wake_s)
             now_s = clock.now_s()
 

@@ -1,7 +1,8 @@
-"""Simulated instruments on pseudo-terminals, in real time: for programs that open a serial port by themselves.
+"""Simulated instruments on pseudo-terminals, in real time, for programs that open a port by themselves.
 
-POSIX only. One thread serves all instruments that share a plant, so the plant sees one history. It keeps the far end of
-each pseudo-terminal open, because otherwise the near end reports an error between two clients' sessions.
+POSIX only. One thread serves all instruments that share a plant, so the plant sees one history. It keeps
+the far end of each pseudo-terminal open, because otherwise the near end reports an error between two
+clients' sessions.
 """
 
 from __future__ import annotations
@@ -24,13 +25,11 @@ CHUNK = 4096
 class PseudoTerminals:
     """Serve `instruments`, by name, from `start` until `stop`, or within a with block.
 
-    speed: simulated seconds a second. start_s: simulated time at the beginning. What nobody reads is lost when the
-    terminal's buffer is full, as on a wire. `paths` gives the names to open, such as /dev/pts/3.
+    speed: simulated seconds a second. start_s: simulated time at the beginning. What nobody reads is lost
+    when the terminal's buffer is full, as on a wire. `paths` gives the names to open, such as /dev/pts/3.
     """
 
-    def __init__(
-        self, instruments: Mapping[str, Instrument], *, speed: float = 1.0, start_s: float = 0.0
-    ) -> None:
+    def __init__(self, instruments: Mapping[str, Instrument], *, speed: float = 1.0, start_s: float = 0.0) -> None:
         if not speed > 0.0:
             raise ValueError(f"a speed of {speed} is not positive")
         self._instruments = dict(instruments)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -42,9 +42,11 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def new_figure(rows: int, height: float, heights: list[float] | None = None, share: bool = True) -> tuple[Figure, list[Axes]]:
+def new_figure(
+    rows: int, height: float, heights: list[float] | None = None, share: bool = True
+) -> tuple[Figure, list[Axes]]:
     """A figure 10 inches wide with axes below one another."""
-    with mpl.rc_context(SETTINGS):
+    with mpl.rc_context(cast(Any, SETTINGS)):
         figure = Figure(figsize=(10.0, height), layout="constrained")
         axes = figure.subplots(rows, 1, sharex=share, squeeze=False, height_ratios=heights)
     return figure, list(axes[:, 0])
@@ -61,7 +63,7 @@ def thinned(*columns: Array) -> list[Array]:
 
 def saved(figure: Figure, folder: Path, name: str) -> str:
     """Write folder/figures/NAME.svg; returns the SVG element for a page."""
-    with mpl.rc_context(SETTINGS):
+    with mpl.rc_context(cast(Any, SETTINGS)):
         FigureCanvasSVG(figure)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None})

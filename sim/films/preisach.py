@@ -39,7 +39,9 @@ def _switch(v: float, up: Array, down: Array, states: States) -> int:
 
 
 @njit(cache=True)
-def _run(inputs: Array, up: Array, down: Array, states: States, code: int, par: Array, decades: float, out: Array) -> None:
+def _run(
+    inputs: Array, up: Array, down: Array, states: States, code: int, par: Array, decades: float, out: Array
+) -> None:
     for k in range(inputs.size):
         total = _switch(inputs[k], up, down, states)
         out[k] = decades * total / up.size + memoryless(code, par, inputs[k])[0]

@@ -104,9 +104,7 @@ class CommandTree:
             if not unit:
                 continue
             header, _, rest = unit.partition(" ")
-            parameters = (
-                tuple(part.strip() for part in split_outside_quotes(rest, ",")) if rest.strip() else ()
-            )
+            parameters = tuple(part.strip() for part in split_outside_quotes(rest, ",")) if rest.strip() else ()
             form = ASK if header.endswith("?") else SET
             header = header.rstrip("?").upper()
             if header.lstrip(":").startswith("*"):

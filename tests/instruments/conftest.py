@@ -10,11 +10,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from still_plant import StillPlant  # noqa: E402
+from still_plant import StillPlant
 
-from rig.clock import VirtualClock  # noqa: E402
-from rig.ports import registry  # noqa: E402
-from sim.instruments.instrument import Instrument  # noqa: E402
+from rig.clock import VirtualClock
+from rig.ports import registry
+from sim.instruments.instrument import Instrument
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""A scripted instrument: it expects certain bytes and gives certain answers, in order, and nothing may be left over."""
+"""A scripted instrument: it expects certain bytes, gives certain answers, and nothing may be left over."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 class Conversation:
-    """An `Instrument` that plays a transcript of (expected request, reply). `delay_s` passes before each reply."""
+    """An `Instrument` that plays a transcript of (expected request, reply), `delay_s` after each request."""
 
     def __init__(self, transcript: Sequence[tuple[bytes, bytes]], delay_s: float = 0.001) -> None:
         self._transcript = list(transcript)

@@ -1,4 +1,4 @@
-"""A bad cable: an instrument whose bytes arrive late, in pieces, twice, garbled, or not at all. Deterministic by seed.
+"""A bad cable: bytes arrive late, in pieces, twice, garbled, or not at all. Deterministic by seed.
 
 What is under way keeps its order, as on a wire; only `stale` and `foreign` bring bytes that no wire would.
 """
@@ -9,7 +9,18 @@ import random
 
 from sim.instruments.instrument import Instrument
 
-REPLY_FAULTS = ("late", "split", "stale", "repeated", "glued", "lost", "foreign", "garbage", "flipped", "short")
+REPLY_FAULTS = (
+    "late",
+    "split",
+    "stale",
+    "repeated",
+    "glued",
+    "lost",
+    "foreign",
+    "garbage",
+    "flipped",
+    "short",
+)
 REQUEST_FAULTS = ("request lost", "request garbled")
 
 
@@ -97,7 +108,9 @@ class FaultyWire:
         hurt = bytearray(data)
         begin = self._random.randrange(len(hurt))
         for place in range(begin, min(begin + self._random.randrange(1, 4), len(hurt))):
-            hurt[place] = self._random.choice((*b"0123456789ABCDEF+-.;", hurt[place] ^ (1 << self._random.randrange(8))))
+            hurt[place] = self._random.choice(
+                (*b"0123456789ABCDEF+-.;", hurt[place] ^ (1 << self._random.randrange(8)))
+            )
         return bytes(hurt)
 
     def _send(self, time_s: float, data: bytes) -> None:

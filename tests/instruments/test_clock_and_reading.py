@@ -10,7 +10,16 @@ import pytest
 
 from rig.clock import RealClock, VirtualClock
 from rig.drivers.registry import open_controller, open_meter
-from rig.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, PortHeld, Refused, RigError, TimedOut
+from rig.errors import (
+    Corrupt,
+    Disconnected,
+    InstrumentError,
+    OutOfStep,
+    PortHeld,
+    Refused,
+    RigError,
+    TimedOut,
+)
 from rig.reading import Quality, Reading, missing
 
 

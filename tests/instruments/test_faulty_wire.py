@@ -1,4 +1,4 @@
-"""Whatever the wire does, a number that comes out was read after the question was asked; or an error comes out."""
+"""Whatever the wire does, a number that comes out was read after the question, or an error comes out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Keithley 2000 driver: the very bytes, ranges by test current, overrange, and a line that falls out of step."""
+"""The Keithley 2000 driver: the very bytes, ranges by test current, overrange, a line out of step."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ Attach = Callable[[Instrument], str]
 IN_STEP = [(b"\x18\r*ESE 8;*ESE?\r", b"8\n"), (b":SYST:ERR?;*ESE?;*ESE 9\r", b'0,"No error";8\n')]
 CONFIGURE = [
     *IN_STEP,
-    (b":CONF:FRES;:INIT:CONT 0;:TRIG:COUN 1;:SENS:FRES:NPLC 1;:SYST:ERR?;*ESE?;*ESE 10\r", b'0,"No error";9\n'),
+    (
+        b":CONF:FRES;:INIT:CONT 0;:TRIG:COUN 1;:SENS:FRES:NPLC 1;:SYST:ERR?;*ESE?;*ESE 10\r",
+        b'0,"No error";9\n',
+    ),
     (b":SENS:FRES:RANG:AUTO 0;:SENS:FRES:RANG 100000;:SYST:ERR?;*ESE?;*ESE 11\r", b'0,"No error";10\n'),
     (
         b":SENS:FUNC?;:SENS:FRES:NPLC?;:SENS:FRES:RANG:AUTO?;:SENS:FRES:RANG?;*ESE?;*ESE 12\r",
@@ -111,9 +114,7 @@ def test_silence_is_explained_by_the_error_queue(attach: Attach, clock: VirtualC
         (b"", TimedOut),
     ],
 )
-def test_what_is_no_answer(
-    attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]
-) -> None:
+def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
     meter, conversation = scripted(attach, clock, [*CONFIGURE, (READING[0][0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
@@ -200,6 +201,8 @@ def test_test_current_never_exceeds_what_is_allowed(
 
 def test_ranges_follow_the_film_over_its_transition(meter: Keithley2000Meter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
+    plant.resistance_ohm = 1e6
+    meter.read_resistance()
     for exponent in [*range(60, 15, -1), *range(15, 60)]:
         plant.resistance_ohm = 10.0 ** (exponent / 10.0)
         reading = meter.read_resistance()
@@ -207,7 +210,7 @@ def test_ranges_follow_the_film_over_its_transition(meter: Keithley2000Meter, pl
         assert reading.value == pytest.approx(plant.resistance_ohm, rel=1e-8)
         again = meter.read_resistance()
         assert again.is_number
-        assert meter.range_ohm * 0.05 < plant.resistance_ohm < meter.range_ohm * 1.2
+        assert meter.range_ohm * 0.07 < plant.resistance_ohm < meter.range_ohm or meter.range_ohm == 100.0
         assert plant.test_current_A == meter.test_current_A
 
 
@@ -233,9 +236,7 @@ def test_overrange_is_a_quality_and_the_next_range_is_tried(meter: Keithley2000M
 
 
 @pytest.mark.parametrize("resistance_ohm", [-5.0, 0.0, math.nan, -math.inf])
-def test_impossible_resistance_is_invalid(
-    meter: Keithley2000Meter, plant: StillPlant, resistance_ohm: float
-) -> None:
+def test_impossible_resistance_is_invalid(meter: Keithley2000Meter, plant: StillPlant, resistance_ohm: float) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = resistance_ohm
     assert meter.read_resistance().quality is Quality.INVALID

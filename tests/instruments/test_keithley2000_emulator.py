@@ -11,7 +11,7 @@ from sim.instruments.keithley2000 import RANGES, Keithley2000, Range
 
 
 class Host:
-    """Speaks to one emulator and keeps the time; `answer` is what came within `patience_s`, without terminator."""
+    """Speaks to one emulator and keeps the time."""
 
     def __init__(self, meter: Keithley2000) -> None:
         self.meter = meter
@@ -34,7 +34,7 @@ def host(meter: Keithley2000) -> Host:
 
 
 def test_observed_exchange(host: Host, plant: StillPlant) -> None:
-    """Observed between a client and a fake: see the fact sheet's exchange of `:CONF:FRES` and the rest."""
+    """Observed between an independent client and a stand-in for the meter."""
     plant.resistance_ohm = 100.234567
     assert host.say(":CONF:FRES") == ""
     assert host.say(":CONF?") == '"FRES"'
@@ -144,7 +144,12 @@ def test_autorange_finds_the_range(host: Host, plant: StillPlant, value_ohm: flo
 
 @pytest.mark.parametrize(
     ("value_ohm", "text"),
-    [(1201.0, "+9.90000000E+37"), (math.inf, "+9.90000000E+37"), (math.nan, "+9.91000000E+37"), (-3.0, "-3.00000000E+00")],
+    [
+        (1201.0, "+9.90000000E+37"),
+        (math.inf, "+9.90000000E+37"),
+        (math.nan, "+9.91000000E+37"),
+        (-3.0, "-3.00000000E+00"),
+    ],
 )
 def test_beyond_a_fixed_range(host: Host, plant: StillPlant, value_ohm: float, text: str) -> None:
     host.say(":CONF:RES;:SENS:RES:RANG 1000")

@@ -46,9 +46,7 @@ def test_published_crc_vectors(frame: bytes, crc: bytes) -> None:
     assert b"%04X" % crc_hqx(frame, 0) == crc
 
 
-def link(
-    attach: Attach, clock: VirtualClock, instrument: Instrument, address: int, sequence: int
-) -> MecomLink:
+def link(attach: Attach, clock: VirtualClock, instrument: Instrument, address: int, sequence: int) -> MecomLink:
     """A link whose next command has the number `sequence`."""
     port = open_port(attach(instrument), LineSettings(57600))
     return MecomLink(Transport(port, clock), address=address, first_sequence=sequence - 1)
@@ -156,9 +154,7 @@ def test_link_takes_no_other_device_for_its_own(attach: Attach, clock: VirtualCl
 
 
 @pytest.mark.parametrize("reply_address", [b"00", b"2A"])
-def test_broadcast_accepts_echo_and_own_address(
-    attach: Attach, clock: VirtualClock, reply_address: bytes
-) -> None:
+def test_broadcast_accepts_echo_and_own_address(attach: Attach, clock: VirtualClock, reply_address: bytes) -> None:
     reply = b"!" + reply_address + b"15AB41CD2F28"
     conversation = Conversation([(b"#0015AB?VR03E801C21A\r", reply + b"%04X\r" % crc_hqx(reply, 0))])
     assert link(attach, clock, conversation, 0, 0x15AB).read_float(1000) == pytest.approx(25.648026, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The Meerstetter driver against the emulator: limits, arming, refusals, and an output that is known to be off."""
+"""The Meerstetter driver against the emulator: limits, arming, refusals, an output known to be off."""
 
 from __future__ import annotations
 
@@ -65,9 +65,7 @@ def test_configure_sets_limits_and_spares_the_flash(
     assert tec.flash_writes == 0
 
 
-def test_configure_takes_the_output_off(
-    armed: MeerstetterController, plant: StillPlant, tec: MeerstetterTec
-) -> None:
+def test_configure_takes_the_output_off(armed: MeerstetterController, plant: StillPlant, tec: MeerstetterTec) -> None:
     armed.set_current_A(1.0)
     armed.configure(2.0, (10.0, 95.0), 3.0)
     assert plant.current_A == 0.0
@@ -80,11 +78,9 @@ def test_limit_beyond_the_device_is_refused(controller: MeerstetterController) -
     assert refused.value.code == 7
 
 
-def test_a_device_that_does_not_keep_a_value_is_refused(
-    controller: MeerstetterController, tec: MeerstetterTec
-) -> None:
+def test_a_device_that_does_not_keep_a_value_is_refused(controller: MeerstetterController, tec: MeerstetterTec) -> None:
     tec._measured[2030] = lambda: 1.0
-    with pytest.raises(Refused, match="2030 was set to 2.0 and reads 1.0"):
+    with pytest.raises(Refused, match=r"2030 was set to 2\.0 and reads 1\.0"):
         controller.configure(2.0, (10.0, 95.0), 0.0)
 
 
@@ -122,9 +118,7 @@ def test_current_outside_the_limit_is_not_clipped(
     assert plant.current_A == 0.5
 
 
-def test_current_arrives_and_is_read(
-    armed: MeerstetterController, plant: StillPlant, clock: VirtualClock
-) -> None:
+def test_current_arrives_and_is_read(armed: MeerstetterController, plant: StillPlant, clock: VirtualClock) -> None:
     assert plant.current_A == 0.0
     for current_A in (2.0, -2.0, 0.25):
         armed.set_current_A(current_A)
@@ -157,9 +151,7 @@ def test_nothing_is_commanded_before_arming(controller: MeerstetterController, p
         controller.set_setpoint_degC(30.0)
 
 
-def test_temperature_reading(
-    controller: MeerstetterController, plant: StillPlant, clock: VirtualClock
-) -> None:
+def test_temperature_reading(controller: MeerstetterController, plant: StillPlant, clock: VirtualClock) -> None:
     clock.sleep_until_s(5.0)
     plant.temperature_degC = 41.5
     reading = controller.read_temperature()
@@ -185,9 +177,7 @@ def test_own_regulation(controller: MeerstetterController, plant: StillPlant, cl
         controller.set_current_A(0.1)
 
 
-def test_setpoint_is_not_armed_outside_the_limits(
-    controller: MeerstetterController, plant: StillPlant
-) -> None:
+def test_setpoint_is_not_armed_outside_the_limits(controller: MeerstetterController, plant: StillPlant) -> None:
     controller.configure(2.0, (30.0, 95.0), 0.0)
     with pytest.raises(Refused, match="object temperature"):
         controller.arm_setpoint()
@@ -221,17 +211,18 @@ def test_off_is_confirmed(armed: MeerstetterController, plant: StillPlant) -> No
         armed.set_current_A(1.0)
 
 
-def test_off_is_not_confirmed_by_a_device_that_still_drives(
-    armed: MeerstetterController, tec: MeerstetterTec
-) -> None:
+def test_off_is_not_confirmed_by_a_device_that_still_drives(armed: MeerstetterController, tec: MeerstetterTec) -> None:
     tec._measured[1020] = lambda: 1.0
     assert armed.off() is False
 
 
-def test_off_is_not_confirmed_by_a_status_that_still_runs(
-    armed: MeerstetterController, tec: MeerstetterTec
-) -> None:
+def test_off_is_not_confirmed_by_a_status_that_still_runs(armed: MeerstetterController, tec: MeerstetterTec) -> None:
     tec._measured[104] = lambda: 2
+    assert armed.off() is False
+
+
+def test_off_is_not_confirmed_by_an_enable_that_reads_on(armed: MeerstetterController, tec: MeerstetterTec) -> None:
+    tec._measured[2010] = lambda: 2
     assert armed.off() is False
 
 

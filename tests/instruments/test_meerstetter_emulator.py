@@ -87,8 +87,8 @@ def test_refusals(host: Host, payload: bytes, reply: bytes) -> None:
 
 def test_metadata_and_limits(host: Host, plant: StillPlant) -> None:
     plant.temperature_degC = struct.unpack(">f", bytes.fromhex("420BF648"))[0]
-    assert host.say(b"?VM03E801") == b"00" b"01" b"01" b"00000001" b"FF800000" b"7F800000" b"420BF648"
-    assert host.say(b"?VL0BB801") == b"00" b"C3888000" b"447A0000"
+    assert host.say(b"?VM03E801") == b"00010100000001FF8000007F800000420BF648"
+    assert host.say(b"?VL0BB801") == b"00C3888000447A0000"
 
 
 def test_addresses(host: Host, tec: MeerstetterTec) -> None:
@@ -125,7 +125,12 @@ def test_identification_with_and_without_instance(host: Host) -> None:
 
 def test_a_frame_may_come_in_pieces_after_garbage(plant: StillPlant) -> None:
     tec = MeerstetterTec(plant, device_type=1089)
-    for time_s, piece in ((0.0, b"noise#0015"), (0.1, b"#0015AB?VR00"), (0.2, b"64018000"), (0.3, b"\r#0015")):
+    for time_s, piece in (
+        (0.0, b"noise#0015"),
+        (0.1, b"#0015AB?VR00"),
+        (0.2, b"64018000"),
+        (0.3, b"\r#0015"),
+    ):
         tec.receive(piece, time_s)
     assert tec.transmit(0.4) == b"!0015AB000004411DBD\r"
     assert tec.next_transmit_s() is None
@@ -266,12 +271,8 @@ def test_watchdog_works_again_after_it_has_bitten(host: Host, plant: StillPlant)
         assert plant.current_A == 0.0
 
 
-@pytest.mark.parametrize(
-    ("temperature_degC", "number"), [(96.0, 138), (9.0, 137), (math.nan, 133), (math.inf, 138)]
-)
-def test_error_limits_trip_and_latch(
-    host: Host, plant: StillPlant, temperature_degC: float, number: int
-) -> None:
+@pytest.mark.parametrize(("temperature_degC", "number"), [(96.0, 138), (9.0, 137), (math.nan, 133), (math.inf, 138)])
+def test_error_limits_trip_and_latch(host: Host, plant: StillPlant, temperature_degC: float, number: int) -> None:
     host.set(4010, 10.0)
     host.set(4011, 95.0)
     start(host)

@@ -212,10 +212,10 @@ def test_a_port_that_is_not_there(port: str) -> None:
 def test_a_held_port_says_by_whom() -> None:
     master, slave = pty.openpty()
     path = os.ttyname(slave)
-    script = "import serial, sys; s = serial.Serial(sys.argv[1], exclusive=True); print(1, flush=True); sys.stdin.read()"
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as other:
+    script = (
+        "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True)\nprint(1, flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-c", script, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
         other.stdout.readline()
         with pytest.raises(PortHeld) as held:

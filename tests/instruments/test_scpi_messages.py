@@ -10,7 +10,12 @@ from sim.instruments.scpi import CommandTree, ScpiError, boolean, number, split_
 @pytest.fixture
 def tree() -> CommandTree:
     tree = CommandTree()
-    for pattern in (":DATA:FRESh", "[:SENSe#]:FRESistance:RANGe[:UPPer]", "[:SENSe#]:FRESistance:NPLCycles", "*IDN"):
+    for pattern in (
+        ":DATA:FRESh",
+        "[:SENSe#]:FRESistance:RANGe[:UPPer]",
+        "[:SENSe#]:FRESistance:NPLCycles",
+        "*IDN",
+    ):
         tree.define(pattern, set=lambda parameters: ",".join(parameters), ask=lambda _, name=pattern: name)
     return tree
 
@@ -21,7 +26,13 @@ def run(tree: CommandTree, message: str) -> list[str | None]:
 
 @pytest.mark.parametrize(
     "header",
-    ["FRES:RANG", ":fresistance:range:upper", "SENS:FRES:RANG:UPP", ":SENSE1:FRES:RANG", "sens1:FRESISTANCE:rang"],
+    [
+        "FRES:RANG",
+        ":fresistance:range:upper",
+        "SENS:FRES:RANG:UPP",
+        ":SENSE1:FRES:RANG",
+        "sens1:FRESISTANCE:rang",
+    ],
 )
 def test_long_and_short(tree: CommandTree, header: str) -> None:
     assert run(tree, f"{header} 1, 'a;b,c' ") == ["1,'a;b,c'"]
@@ -45,7 +56,7 @@ def test_paths(tree: CommandTree) -> None:
 
 
 def test_split() -> None:
-    assert split_outside_quotes("a;'b;c';\"d;'e\";f", ";") == ["a", "'b;c'", "\"d;'e\"", "f"]
+    assert split_outside_quotes("a;'b;c';\"d;'e\";f", ";") == ["a", "'b;c'", '"d;\'e"', "f"]
 
 
 def test_parameters() -> None:

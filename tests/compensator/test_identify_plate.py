@@ -1,0 +1,120 @@
+"""Identification of plates: parameters, error bars, gaps, outliers, and what a record leaves open."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compensator.identify_plate import PlateRecord, identify_plate, identify_plate_records
+from compensator.plate import PlateModel
+
+PLATE = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
+TRUTH = np.array([1.6e-3, 0.06, 0.018, 24.0])
+MEASURED = Path(os.environ.get("PELTIER_DATA", Path(__file__).parents[3] / "shared" / "data"))
+
+
+def profile(length_s: float = 1500.0) -> tuple[np.ndarray, np.ndarray]:
+    time = np.arange(0.0, length_s, 0.5)
+    corners = [0, 200, 201, 400, 401, 700, 701, 900, 901, 1100, 1101, 1500]
+    levels = [2, 2, -1, -1, 3, 3, 0.5, 0.5, -2, -2, 1.5, 1.5]
+    return time, np.interp(time, corners, levels) + 0.5 * np.sin(time / 30.0)
+
+
+def test_parameters_and_their_error_bars() -> None:
+    time, current = profile()
+    clean = PLATE.simulate(24.0, time, current)
+    inside = []
+    for seed in range(25):
+        fit = identify_plate(time, clean + 0.01 * np.random.default_rng(seed).normal(size=time.size), current)
+        assert np.allclose(fit.values, TRUTH, rtol=1e-3)
+        inside.append(np.abs(fit.values - TRUTH) < 1.96 * fit.standard_errors)
+    assert np.mean(inside) > 0.85
+    assert fit.rmse_K == pytest.approx(0.01, rel=0.1)
+    assert fit.noise_K == pytest.approx(0.01, rel=0.2)
+    assert fit.first_degC[0] == pytest.approx(24.0, abs=0.01)
+    assert fit.identifiability == ()
+    assert fit.correlation.shape == (4, 4)
+
+
+def test_without_noise_the_plate_comes_back() -> None:
+    time, current = profile(700.0)
+    fit = identify_plate(time, PLATE.simulate(31.0, time, current), current)
+    assert np.allclose(fit.values, TRUTH, rtol=1e-6)
+    assert fit.first_degC[0] == pytest.approx(31.0, abs=1e-6)
+
+
+def test_outliers_missing_readings_and_a_gap() -> None:
+    time, current = profile()
+    readings = PLATE.simulate(24.0, time, current) + 0.01 * np.random.default_rng(0).normal(size=time.size)
+    readings[500] += 20.0
+    readings[700:704] -= 3.0
+    readings[1000:1100] = np.nan
+    keep = (time < 900.0) | (time > 960.0)
+    time, readings, current = time[keep], readings[keep], current[keep]
+    fit = identify_plate(time, readings, current)
+    assert np.allclose(fit.values, TRUTH, rtol=2e-3)
+    assert len(fit.stretches) == len(fit.first_degC) == 2
+    assert fit.outliers >= 1
+
+
+def test_a_heater_and_several_records() -> None:
+    heater = PlateModel(0.0, 0.0, 0.02, 22.0, 0.8, "heater")
+    rng = np.random.default_rng(1)
+    time = np.arange(0.0, 400.0, 1.0)
+    records = []
+    for first, levels in ((22.0, [0.0, 1.0, 0.3]), (40.0, [0.5, 0.0, 0.8])):
+        drive = np.repeat(levels, 134)[:400]
+        readings = heater.simulate(first, time, drive) + 0.02 * rng.normal(size=400)
+        records.append(PlateRecord(time, readings, drive))
+    fit = identify_plate_records(records, kind="heater")
+    assert fit.model.kind == "heater"
+    assert np.allclose(fit.values, [0.8, 0.02, 22.0], rtol=5e-3)
+    assert fit.first_degC == pytest.approx((22.0, 40.0), abs=0.05)
+
+
+def test_what_a_record_leaves_open_is_told_and_stays_plausible() -> None:
+    time, _ = profile()
+    current = np.full(time.size, 2.0)
+    readings = PLATE.simulate(24.0, time, current) + 0.01 * np.random.default_rng(2).normal(size=time.size)
+    fit = identify_plate(time, readings, current)
+    assert any("constant" in note for note in fit.identifiability)
+    assert not np.all(np.isfinite(fit.standard_errors))
+    assert fit.rmse_K < 0.011
+    assert -10.0 < fit.model.ambient_degC < 60.0
+    assert fit.model.seebeck_over_capacity_per_A_s > 1e-5
+    one_sign = identify_plate(time, PLATE.simulate(24.0, time, 1 + np.sin(time / 80)), 1 + np.sin(time / 80))
+    assert any("one sign" in note for note in one_sign.identifiability)
+
+
+def test_unusable_records_are_refused_in_one_line() -> None:
+    time, current = profile(100.0)
+    readings = PLATE.simulate(24.0, time, current)
+    cases = [
+        (time[::-1], readings, current, "increasing"),
+        (time, np.full(time.size, np.nan), current, "finite readings"),
+        (time, readings, np.zeros(time.size), "0 throughout"),
+        (time, readings, np.full(time.size, np.nan), "current_A"),
+        (time[:-1], readings, current, "same length"),
+    ]
+    for t, v, i, words in cases:
+        with pytest.raises(ValueError, match=words) as caught:
+            identify_plate(t, v, i)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match="kind"):
+        identify_plate(time, readings, current, kind="oven")
+
+
+def test_measured_plates() -> None:
+    file = MEASURED / "peltier_8010.csv"
+    if not file.is_file():
+        pytest.skip(f"{file}: not there (PELTIER_DATA)")
+    table = np.genfromtxt(file, delimiter=",", skip_header=1)
+    fit = identify_plate(*table.T)
+    assert fit.rmse_K < 1.2
+    assert fit.noise_K == pytest.approx(0.2, abs=0.1)
+    step = np.genfromtxt(MEASURED / "heater_step.csv", delimiter=",", skip_header=1)
+    heater = identify_plate(step[:, 0], step[:, 2] - 273.15, step[:, 1] / 255.0, kind="heater")
+    assert heater.rmse_K < 1.6

@@ -1,0 +1,80 @@
+"""Small configurations for tests: a quick simulated bench, and a model that fits it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+MODEL = """
+[film]
+kind = "extended_generalized_pi"
+output = "minus_log10_ohm"
+radii = [0.05, 0.2, 0.5, 0.8]
+weights = [0.4, 0.3, 0.2, 0.1]
+initial = "cooled"
+[film.rising]
+function = "tanh"
+a = 0.2
+b = -12.6
+[film.falling]
+function = "tanh"
+a = 0.2
+b = -11.8
+[film.memoryless]
+function = "tanh"
+amplitude = 0.4
+a = 0.03
+b = -1.6
+offset = -4.0
+[plate]
+kind = "peltier"
+seebeck_over_capacity_per_A_s = 1.6e-3
+resistance_over_capacity_K_per_A2_s = 0.06
+conductance_over_capacity_per_s = 0.018
+ambient_degC = 25.0
+"""
+
+BENCH = """
+[bench]
+time = "{time}"
+[bench.controller]
+driver = "meerstetter"
+port = "{controller}"
+[bench.meter]
+driver = "keithley2000"
+port = "{meter}"
+[limits]
+temperature_degC = {limits}
+current_A = 4.0
+meter_current_A = 1e-3
+"""
+
+EXPERIMENT = """
+[experiment]
+kind = "track_resistance"
+model = "model.toml"
+target = {target}
+period_s = 0.1
+settle_s = 3.0
+[simulation]
+first_degC = 60.0
+[simulation.film]
+kind = "model"
+model = "model.toml"
+"""
+
+
+def write_bench(
+    folder: Path,
+    *,
+    target: str = '["start 20 kohm", "hold 5 s", "ramp to 5 kohm at 0.1 dec/s", "hold 5 s"]',
+    time: str = "virtual",
+    controller: str = "sim://",
+    meter: str = "sim://",
+    limits: str = "[10, 95]",
+    more: str = "",
+) -> Path:
+    """model.toml and config.toml in a folder; returns the configuration's path."""
+    (folder / "model.toml").write_text(MODEL)
+    bench = BENCH.format(time=time, controller=controller, meter=meter, limits=limits)
+    (folder / "config.toml").write_text(bench + EXPERIMENT.format(target=target) + more)
+    return folder / "config.toml"

@@ -1,0 +1,145 @@
+"""Bad input gets one clear line per fault - what, where, what is expected - and exit status 2; nothing is armed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.rig.small import MODEL, write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    text = path.read_text().replace("current_A = 4.0", "curent_A = 4.0").replace("period_s", "perod_s")
+    path.write_text(text)
+    status, out, err = peltier("run", path, "--out", tmp_path / "run")
+    lines = err.strip().splitlines()
+    assert status == 2
+    assert out == ""
+    assert any("limits.curent_A" in line and "current_A" in line for line in lines)
+    assert any("limits.current_A: missing" in line for line in lines)
+    assert any("experiment.perod_s" in line and "did you mean 'period_s'" in line for line in lines)
+    assert all(str(path) in line for line in lines)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ('kind = "track_resistance"', 'kind = "track"', "experiment.kind"),
+        ("period_s = 0.1", "period_s = -0.1", "experiment.period_s"),
+        ("period_s = 0.1", "period_s = inf", "experiment.period_s"),
+        ("temperature_degC = [10, 95]", "temperature_degC = [95, 10]", "limits.temperature_degC"),
+        ('driver = "meerstetter"', 'driver = "meerstater"', "bench.controller.driver"),
+        ('model = "model.toml"\ntarget', 'model = "no_such.toml"\ntarget', "experiment.model"),
+        ('"start 20 kohm", ', "", "experiment.target"),
+        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kOhm at 0.1 dec/s"', "experiment.target[2]"),
+        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kohm at 0.1 dec/s", "dwell"', "experiment.target[3]"),
+        ("[limits]", "[limits", "is no TOML"),
+    ],
+)
+def test_one_wrong_value(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:
+    path = write_bench(tmp_path)
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert place in err
+    assert str(path) in err
+
+
+def test_target_outside_the_films_range(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 20 kohm", "ramp to 20 Mohm at 0.1 dec/s", "hold 5 s"]')
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "2e+07 ohm is outside the film's range" in err
+    assert "expected" in err
+    assert "at " in err
+
+
+def test_no_verb_and_wrong_verb(peltier: Peltier) -> None:
+    status, _, err = peltier("calibrat")
+    assert status == 2
+    assert "did you mean 'calibrate'" in err
+    assert peltier()[0] == 2
+    assert peltier("--help")[0] == 0
+
+
+def test_missing_file(peltier: Peltier, tmp_path: Path) -> None:
+    status, _, err = peltier("run", tmp_path / "none.toml")
+    assert status == 2
+    assert "no such file" in err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("a = 0.2\nb = -12.6", "a = -0.2\nb = -12.6", "film.rising.a"),
+        ("weights = [0.4, 0.3, 0.2, 0.1]", "weights = [0.4, 0.3, 0.2]", "film"),
+        ("weights = [0.4, 0.3, 0.2, 0.1]", "weights = [0.4, 0.3, 0.2, -0.1]", "film.weights.3"),
+        ("[film.falling]", "[film.faling]", "film.faling"),
+        ("ambient_degC = 25.0", "", "plate.ambient_degC: missing"),
+    ],
+)
+def test_wrong_models(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:
+    model, target = tmp_path / "model.toml", tmp_path / "target.csv"
+    assert old in MODEL
+    model.write_text(MODEL.replace(old, new))
+    target.write_text("time_s,target_ohm\n0,10000\n")
+    status, _, err = peltier("invert", model, target, "--out", tmp_path / "out.csv")
+    assert status == 2
+    assert str(model) in err
+    assert place in err
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("", "file is empty"),
+        ("time_s,temperature_degC\n0,20\n1,21\n", "neither resistance_ohm nor current_A"),
+        ("time,temperature_degC,resistance_ohm\n0,20,5\n", "column 'time_s' missing"),
+        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,x,5\n", "line 3: temperature_degC: 'x'"),
+        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21\n", "line 3: 2 fields, expected 3"),
+        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n2,21,5\n1,22,5\n", "line 4: time_s"),
+        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21,-5\n", "line 3: resistance_ohm"),
+        ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21,5\n2,22,5\n", "3 finite readings"),
+    ],
+)
+def test_broken_records(peltier: Peltier, tmp_path: Path, text: str, place: str) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text(text)
+    status, _, err = peltier("identify", path)
+    assert status == 2
+    assert str(path) in err
+    assert place in err
+
+
+@pytest.mark.parametrize(
+    ("mapping", "expected"),
+    [
+        ("temperature_degC=T", "no column 'T'"),
+        ("temperature_degC=T_K@kelvin", "unit 'kelvin' is none of"),
+        ("temperature_degC", "expected OURS=THEIRS[@UNIT]"),
+    ],
+)
+def test_wrong_column_mappings(peltier: Peltier, tmp_path: Path, mapping: str, expected: str) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text("time_s,T_K,resistance_ohm\n0,293,5\n1,294,5\n")
+    status, _, err = peltier("identify", path, "--column", mapping)
+    assert status == 2
+    assert expected in err
+
+
+def test_out_folder_that_is_taken(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    taken = tmp_path / "run"
+    taken.mkdir()
+    (taken / "precious.txt").write_text("keep me")
+    status, _, err = peltier("run", path, "--out", taken)
+    assert status == 2
+    assert "not empty" in err
+    assert (taken / "precious.txt").read_text() == "keep me"

@@ -1,0 +1,150 @@
+"""The files that `invert` and `predict` write, against the model's equations written out again here."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.rig.small import MODEL
+
+Peltier = Callable[..., tuple[int, str, str]]
+RADII, WEIGHTS = [0.05, 0.2, 0.5, 0.8], [0.4, 0.3, 0.2, 0.1]
+
+
+def rising(v: float) -> float:
+    return math.tanh(0.2 * v - 12.6)
+
+
+def falling(v: float) -> float:
+    return math.tanh(0.2 * v - 11.8)
+
+
+def output(v: float, plays: list[float]) -> float:
+    return 0.4 * math.tanh(0.03 * v - 1.6) - 4.0 + sum(p * w for p, w in zip(WEIGHTS, plays, strict=True))
+
+
+def moved(v: float, before: float, plays: list[float]) -> list[float]:
+    if v > before:
+        return [max(rising(v) - r, w) for r, w in zip(RADII, plays, strict=True)]
+    if v < before:
+        return [min(falling(v) + r, w) for r, w in zip(RADII, plays, strict=True)]
+    return plays
+
+
+def cooled(v: float) -> list[float]:
+    return [min(1.0 - r, falling(v) + r) for r in RADII]
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_predict_follows_the_equations(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    temperatures = [50.0, 62.0, 66.5, 66.5, 61.0, 57.0, 64.0, 80.0, 30.0]
+    plays, before, expected = cooled(50.0), 50.0, []
+    for v in temperatures:
+        plays, before = moved(v, before, plays), v
+        expected.append(10.0 ** -output(v, plays))
+    lines = [f"{k},{v!r},{r * 1.01!r},note{k}" for k, (v, r) in enumerate(zip(temperatures, expected, strict=True))]
+    lines[3] = "3,66.5,,note3"
+    record = tmp_path / "record.csv"
+    record.write_text("time_s,temperature_degC,resistance_ohm,remark\n" + "\n".join(lines) + "\n")
+    status, _, _ = peltier(
+        "predict", tmp_path / "model.toml", record, "--out", tmp_path / "out.csv", "--json", tmp_path / "out.json"
+    )
+    assert status == 0
+    written = rows(tmp_path / "out.csv")
+    assert [row["remark"] for row in written] == [f"note{k}" for k in range(9)]
+    assert written[3]["resistance_ohm"] == ""
+    np.testing.assert_allclose([float(row["predicted_ohm"]) for row in written], expected, rtol=1e-12)
+    result = json.loads((tmp_path / "out.json").read_text())
+    assert result["rmse_dec"] == pytest.approx(math.log10(1.01), rel=1e-9)
+    assert result["max_abs_dec"] == pytest.approx(math.log10(1.01), rel=1e-9)
+    assert result["rows_dec"] == 8
+
+
+def test_invert_gives_temperatures_that_give_the_targets(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    targets = [30000.0, 8000.0, 1e9, 5000.0, 20000.0, 1e-3, 9000.0]
+    (tmp_path / "target.csv").write_text(
+        "time_s,target_ohm,label\n" + "".join(f"{k},{r!r},x{k}\n" for k, r in enumerate(targets))
+    )
+    status, _, _ = peltier(
+        "invert", tmp_path / "model.toml", tmp_path / "target.csv", "--out", tmp_path / "out.csv", "--limits", "0,120"
+    )
+    assert status == 0
+    written = rows(tmp_path / "out.csv")
+    assert [row["label"] for row in written] == [f"x{k}" for k in range(7)]
+    first = float(written[0]["temperature_degC"])
+    plays, before = cooled(first), first
+    for k, (row, target) in enumerate(zip(written, targets, strict=True)):
+        v = float(row["temperature_degC"])
+        reachable = row["reachable"] == "1"
+        assert reachable == (k not in (2, 5))
+        if not reachable:
+            assert v == before
+        plays, before = moved(v, before, plays), v
+        given = 10.0 ** -output(v, plays)
+        assert float(row["resistance_ohm"]) == pytest.approx(given, rel=1e-9)
+        if reachable:
+            assert given == pytest.approx(target, rel=1e-8)
+            assert row["nearest_ohm"] == row["resistance_ohm"]
+    coldest = moved(0.0, float(written[1]["temperature_degC"]), _plays_after(written[:2]))
+    assert float(written[2]["nearest_ohm"]) == pytest.approx(10.0 ** -output(0.0, coldest), rel=1e-8)
+
+
+def _plays_after(written: list[dict[str, str]]) -> list[float]:
+    before = float(written[0]["temperature_degC"])
+    plays = cooled(before)
+    for row in written:
+        v = float(row["temperature_degC"])
+        plays, before = moved(v, before, plays), v
+    return plays
+
+
+def test_no_first_target_yet(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,1e12\n1,20000\n")
+    assert peltier("invert", tmp_path / "model.toml", tmp_path / "target.csv", "--out", tmp_path / "out.csv")[0] == 0
+    written = rows(tmp_path / "out.csv")
+    assert written[0]["temperature_degC"] == ""
+    assert written[0]["resistance_ohm"] == ""
+    assert written[0]["reachable"] == "0"
+    assert float(written[0]["nearest_ohm"]) < 1e12
+    assert written[1]["reachable"] == "1"
+
+
+def test_plate_is_simulated_from_the_current(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    times, currents = np.arange(0.0, 60.0, 0.5), np.where(np.arange(120) % 40 < 20, 2.0, -1.0)
+    temperature, temperatures = 30.0, []
+    for current in currents:
+        temperatures.append(temperature)
+        for _ in range(500):  # a fine Euler integration of the heat balance
+            rate = 1.6e-3 * current * (temperature + 273.15) + 0.03 * current**2 - 0.018 * (temperature - 25.0)
+            temperature += rate * 1e-3
+    body = "".join(f"{t},{v!r},{i}\n" for t, v, i in zip(times, map(float, temperatures), currents, strict=True))
+    (tmp_path / "record.csv").write_text("time_s,temperature_degC,current_A\n" + body)
+    status, _, _ = peltier(
+        "predict", tmp_path / "model.toml", tmp_path / "record.csv", "--json", tmp_path / "out.json"
+    )
+    result = json.loads((tmp_path / "out.json").read_text())
+    assert status == 0
+    assert result["rmse_K"] < 0.01
+    assert "rmse_dec" not in result
+
+
+def test_order_violation_warns(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL.replace("b = -12.6", "b = -11.0"))
+    (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n0,20,1000\n1,60,900\n")
+    status, _, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv")
+    assert status == 0
+    assert "violate" in err

@@ -1,0 +1,81 @@
+"""The house's rules that no reviewer should have to check: import directions, files that load, light imports."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rig.__main__ import VERBS
+from rig.files.configuration import read_configuration
+
+PACKAGES = ("compensator", "sim", "rig")
+FORBIDDEN_NAMES = {"utils", "util", "helpers", "helper", "manager", "handler", "misc", "common"}
+
+
+def test_import_directions(root: Path) -> None:
+    pytest.importorskip("importlinter")
+    done = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"],
+        cwd=root,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_no_room_for_leftovers(root: Path) -> None:
+    stems = {path.stem for package in PACKAGES for path in (root / package).rglob("*.py")}
+    assert not stems & FORBIDDEN_NAMES
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_names_have_docstrings(root: Path, package: str) -> None:
+    missing = []
+    for path in (root / package).rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        if not ast.get_docstring(tree):
+            missing.append(str(path.relative_to(root)))
+        for node in tree.body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+                trivial = isinstance(node, ast.FunctionDef) and (node.name in ("main", "arguments") or len(node.body) < 4)
+                if not trivial and not ast.get_docstring(node):
+                    missing.append(f"{path.relative_to(root)}: {node.name}")
+    assert not missing
+
+
+def test_every_configuration_loads(root: Path) -> None:
+    paths = [*(root / "configs").glob("*.toml"), *(root / "rig" / "templates").glob("*.toml")]
+    assert len(paths) >= 3
+    for path in paths:
+        read_configuration(path)
+
+
+def test_every_verb_has_its_file(root: Path) -> None:
+    for verb in VERBS:
+        assert (root / "rig" / "command" / f"{verb}.py").is_file()
+
+
+def test_the_command_line_is_light() -> None:
+    code = (
+        "import sys, rig.__main__ as m; m.main(['--help']);"
+        "heavy = {'numpy', 'scipy', 'numba', 'matplotlib', 'control', 'pydantic', 'rich'} & set(sys.modules);"
+        "sys.exit(', '.join(sorted(heavy)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_mathematics_never_asks_the_time(root: Path) -> None:
+    for package in ("compensator", "sim"):
+        for path in (root / package).rglob("*.py"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            for node in ast.walk(tree):
+                names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                assert not {"time", "datetime", "logging", "random"} & set(names), path
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                    assert node.func.id not in ("print", "open", "input"), path
