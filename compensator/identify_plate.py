@@ -43,6 +43,7 @@ NAMES: Final = {
     "heater": ("drive_over_capacity_K_per_s", "conductance_over_capacity_per_s", "ambient_degC"),
 }
 HUBER: Final = 4.0  # in robust standard deviations
+UNUSUAL: Final = 6.0  # squared spreads from a usual plate
 FEWEST: Final = 12
 
 
@@ -107,15 +108,18 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     if not stretches:
         raise ValueError("records: no stretch of readings between gaps is long enough, expected at least 3 rows")
     fit = SimulationError(stretches, PLACES[kind])
-    near = [fit.descend(fit.evaluate(start), 12) for start in rough_balances(stretches, kind)]
+    near = [fit.descend(fit.evaluate(start), 6) for start in rough_balances(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
     for _ in range(2):
         start = best.par
         limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)
         one_reading = float(np.mean(best.weights * best.residual**2)) * correlation_rows(best.residual)
         fit = SimulationError(stretches, PLACES[kind], limit, one_reading)
-        near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough_balances(stretches, kind))]
-        best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
+        best = fit.evaluate(start)
+        if float(np.sum(fit.usual(start)[0] ** 2)) > UNUSUAL:  # the record leaves something open: look around again
+            near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough_balances(stretches, kind))]
+            best = min(near, key=lambda trial: trial.cost)
+        best = fit.descend(best, 60)
     return _result(fit, best, kind, float(np.median(noises)), outliers)
 
 

@@ -17,14 +17,14 @@ from scipy.optimize import minimize_scalar
 
 from compensator.film import Initial
 from compensator.functions import Array
-from compensator.identify_forms import Form
+from compensator.identify_forms import SMOOTH, Form
 from compensator.identify_operators import GROUP
 from compensator.identify_projection import Problem, Solution, Structure
 from compensator.identify_rows import Path, Prepared, Start, build_path
 
 STARTS: Final = 256
 REFINED: Final = 8
-SHAPES: Final = 32  # of D, tried beside good envelopes
+SHAPES: Final = 48  # of D, tried beside good envelopes
 
 
 def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
@@ -125,22 +125,39 @@ def _within(problem: Problem, drawn: Array) -> Array:
     return np.clip(drawn[:count], problem.low[problem.split :], problem.high[problem.split :])
 
 
-def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
+def _several(problem: Problem, solutions: list[Solution]) -> list[Solution]:
+    """The best few local minima near the best of many solutions, best first."""
     best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
     near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
     if problem.low.size > problem.split:  # D's own shape has local minima: try others beside good envelopes
-        others = [other for solution in near[:4] for other in _other_forms(problem, solution)]
-        near += [problem.refine(solution, steps=8) for solution in others]
+        shapes = [solution.theta[: problem.split] for solution in near[:4]]
+        near += [problem.refine(other, steps=8) for shape in shapes for other in _other_forms(problem, shape)]
         near.sort(key=lambda solution: solution.square)
-    return min((problem.refine(solution, steps=30) for solution in near[:3]), key=lambda solution: solution.square)
+    return near[:3]
 
 
-def _other_forms(problem: Problem, solution: Solution) -> list[Solution]:
-    """The two best of other shapes of D at the same envelopes."""
-    operators, _ = problem.operators(solution.theta)
+def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
+    candidates = _several(problem, solutions)
+    if problem.form.periodic and not problem.form.monotone:
+        # a wave's frequency has a narrow minimum that shows only beside good envelopes, and these only beside a good
+        # D: find them with any smooth D first
+        form = Form(SMOOTH, False, problem.form.low_degC, problem.form.high_degC)
+        any_d = Problem(
+            problem.path, problem.structure, form, problem.low[: problem.split], problem.high[: problem.split]
+        )
+        found = _several(any_d, [any_d.solve(solution.theta[: problem.split]) for solution in solutions])
+        others = [other for solution in found for other in _other_forms(problem, solution.theta)]
+        candidates += [problem.refine(solution, steps=8) for solution in others]
+        candidates = sorted(candidates, key=lambda solution: solution.square)[:3]
+    return min((problem.refine(solution, steps=30) for solution in candidates), key=lambda solution: solution.square)
+
+
+def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
+    """The two best of many shapes of D beside given envelopes, shape (4 groups,)."""
     low, high = problem.low[problem.split :], problem.high[problem.split :]
     shapes = low + even_points(SHAPES, low.size, 0) * (high - low)
-    tried = [problem.solve_columns(np.append(solution.theta[: problem.split], shape), operators) for shape in shapes]
+    operators, _ = problem.operators(np.append(envelopes, shapes[0]))
+    tried = [problem.solve_columns(np.append(envelopes, shape), operators) for shape in shapes]
     return sorted(tried, key=lambda other: other.square)[:2]
 
 

@@ -30,6 +30,7 @@ from compensator.identify_search import envelope_bounds
 from compensator.outliers import lone_outliers
 
 WORTH: Final = 0.98  # a less simple form has to bring the held-out error below this share
+NEAR: Final = 1.3  # times the best held-out error of the coarse fits: forms that are compared again
 MIXED_WORTH: Final = 0.9
 FEWER_WORTH: Final = 0.93  # among dictionaries: of more operators
 GLOBAL_ROWS: Final = 700
@@ -95,17 +96,31 @@ def choose_form(
     structure: Structure,
     kind: str,
 ) -> tuple[Form, Solution, list[Candidate]]:
-    """The simplest form of D (in the given order) whose held-out error is near the best, and all candidates."""
-    thin, held = build_path(rows.records, starts, rows.thin), build_path(rows.records, starts, rows.held)
-    candidates = []
-    chosen, least = forms[0], math.inf
+    """The simplest form of D (in the given order) whose held-out error is near the best, and all candidates.
+
+    Forms whose fit on few rows and a coarse radius grid comes near the best are compared again by final fits.
+    """
+    thin, train = build_path(rows.records, starts, rows.thin), build_path(rows.records, starts, rows.train)
+    held = build_path(rows.records, starts, rows.held)
+    errors, rmse, sizes, final = {}, {}, {}, dict(found)
     for form in forms:
         solution = found[form.name]
-        error = rms(held.output - predict(make_problem(thin, structure, form), solution, held))
-        candidates.append(Candidate(kind, form.name, structure.group.size, math.sqrt(solution.square), error))
-        if error < WORTH * least:
-            chosen, least = form, error
-    return chosen, found[chosen.name], candidates
+        errors[form.name] = rms(held.output - predict(make_problem(thin, structure, form), solution, held))
+        rmse[form.name], sizes[form.name] = math.sqrt(solution.square), structure.group.size
+    best = min(errors.values())
+    near = [form for form in forms if errors[form.name] < NEAR * best]
+    if len(near) > 1:
+        for form in near:
+            problem, solution = refine_plain(train, structure, form, found[form.name].theta)
+            errors[form.name] = rms(held.output - predict(problem, solution, held))
+            rmse[form.name], sizes[form.name] = math.sqrt(solution.square), int(np.sum(solution.weights > 0.0))
+            final[form.name] = make_problem(thin, structure, form).solve(solution.theta)
+    chosen, least = near[0], math.inf
+    for form in near:
+        if errors[form.name] < WORTH * least:
+            chosen, least = form, errors[form.name]
+    candidates = [Candidate(kind, form.name, sizes[form.name], rmse[form.name], errors[form.name]) for form in forms]
+    return chosen, final[chosen.name], candidates
 
 
 def without_strays(rows: Rows, starts: Sequence[Start], problem: Problem, solution: Solution) -> Rows:

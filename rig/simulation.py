@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from compensator.plate import PlateModel
 from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
 from rig.files.model_file import read_model
+from sim.effects.heat_sink_warmup import HeatSinkWarmup
 from sim.films.preisach import PreisachFilm
 from sim.plant import Film, World
 
@@ -34,13 +34,14 @@ def simulated_world(file: ConfigurationFile) -> World:
     """What is true of the simulated rig. Raises Faults where a model file is wrong."""
     table = file.content.simulation
     film, initial = simulated_film(file)
-    plate: PlateModel = table.plate.model()
+    sink = table.heat_sink_warmup
     return World(
-        plate=plate,
+        plate=table.plate.model(),
         film=film,
         first_degC=table.first_degC,
         film_initial=initial,
         thermometer_noise_K=table.thermometer_noise_K,
         ohmmeter_noise_dec=table.ohmmeter_noise_dec,
         seed=table.seed,
+        heat_sink=HeatSinkWarmup(**sink.model_dump()) if sink is not None else None,
     )

@@ -16,6 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from compensator.plate import PlateModel
+from sim.effects import heat_sink_warmup
+from sim.effects.heat_sink_warmup import HeatSinkWarmup
 
 
 class Film(Protocol):
@@ -32,7 +34,7 @@ class Film(Protocol):
 class World:
     """What is true of the simulated rig.
 
-    current_limit_A: of the driver. thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
+    heat_sink: the far side as a node of its own; None keeps it at the ambient. current_limit_A: of the driver. thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
     """
 
     plate: PlateModel
@@ -43,6 +45,7 @@ class World:
     ohmmeter_noise_dec: float = 0.001
     current_limit_A: float = 16.0
     seed: int = 0
+    heat_sink: HeatSinkWarmup | None = None
 
 
 @dataclass
@@ -65,6 +68,8 @@ class SimulatedPlant:
         self.world = world
         self.time_s = start_s
         self.temperature_degC = world.first_degC
+        self.sink_degC = world.plate.ambient_degC
+        self._plate_array = world.plate.array()
         self.current_A = 0.0
         self.test_current_A = 0.0
         self._film_memory = world.film.initial_memory(world.first_degC, world.film_initial)
@@ -104,7 +109,7 @@ class SimulatedPlant:
 
     def sink_temperature_degC(self) -> float:
         """The far side's temperature: in the base model the ambient."""
-        return self.world.plate.ambient_degC
+        return self.sink_degC
 
     def read_resistance_ohm(self, test_current_A: float) -> float:
         """The ohmmeter's reading of the film now."""
@@ -119,6 +124,20 @@ class SimulatedPlant:
         return self._film_output
 
     def _integrate(self, time_s: float) -> None:
-        if time_s > self.time_s:
-            self.temperature_degC = self.world.plate.step(self.temperature_degC, self.current_A, time_s - self.time_s)
-            self.time_s = time_s
+        dt = time_s - self.time_s
+        if dt <= 0.0:
+            return
+        sink = self.world.heat_sink
+        if sink is None:
+            self.temperature_degC = self.world.plate.step(self.temperature_degC, self.current_A, dt)
+        else:
+            self.temperature_degC, self.sink_degC = heat_sink_warmup.step(
+                self._plate_array,
+                sink.sink_capacity_ratio,
+                sink.sink_conductance_ratio_per_s,
+                self.temperature_degC,
+                self.sink_degC,
+                self.current_A,
+                dt,
+            )
+        self.time_s = time_s

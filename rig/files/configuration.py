@@ -127,6 +127,13 @@ class ModelFilmTable(Table):
     model: str
 
 
+class HeatSinkTable(Table):
+    """[simulation.heat_sink_warmup]: see sim.effects.heat_sink_warmup; without it the far side keeps the ambient."""
+
+    sink_capacity_ratio: Positive
+    sink_conductance_ratio_per_s: NotNegative
+
+
 class SimulationTable(Table):
     """[simulation]: what is true of the simulated rig; the controller does not see it."""
 
@@ -136,6 +143,7 @@ class SimulationTable(Table):
         conductance_over_capacity_per_s=0.018,
         ambient_degC=25.0,
     )
+    heat_sink_warmup: HeatSinkTable | None = None
     film: RelayFilmTable | ModelFilmTable = Field(default=RelayFilmTable(), discriminator="kind")
     first_degC: float = 25.0
     thermometer_noise_K: NotNegative = 0.005

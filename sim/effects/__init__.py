@@ -1,0 +1,1 @@
+"""What can go wrong with a link of the signal chain, an effect a file."""

@@ -1,0 +1,50 @@
+"""The plate with a heat sink of its own: energy balance, and agreement with an independent integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from compensator.plate import PlateModel
+from sim.effects.heat_sink_warmup import HeatSinkWarmup, step
+from sim.films.preisach import PreisachFilm
+from sim.plant import SimulatedPlant, World
+
+PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+
+
+def rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) -> list[float]:
+    plate, sink = x
+    joule, through = 0.03 * current**2, 0.018 * (plate - sink)
+    pumped_hot, pumped_cold = 1.6e-3 * current * (plate + 273.15), 1.6e-3 * current * (sink + 273.15)
+    return [pumped_hot + joule - through, (-pumped_cold + joule + through - loss * (sink - 25.0)) / ratio]
+
+
+@pytest.mark.parametrize("current", [-3.0, 0.0, 2.5])
+@pytest.mark.parametrize("dt", [0.01, 0.1, 3.0])
+def test_against_a_library_integrator(current: float, dt: float) -> None:
+    expected = solve_ivp(rates, (0.0, dt), [60.0, 31.0], args=(current, 10.0, 0.4), rtol=1e-12, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(step(PLATE.array(), 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-8)
+
+
+def test_energy_balance() -> None:
+    """Heat gained by both sides, per C, equals the electrical work less the loss to the ambient."""
+    current, dt, plate, sink = 2.0, 0.01, 40.0, 28.0
+    work = 0.0
+    first = plate + 10.0 * sink
+    for _ in range(1000):
+        work += dt * (1.6e-3 * current * (plate - sink) + 0.06 * current**2 - 0.4 * (sink - 25.0))
+        plate, sink = step(PLATE.array(), 10.0, 0.4, plate, sink, current, dt)
+    assert plate + 10.0 * sink - first == pytest.approx(work, rel=1e-3)
+
+
+def test_a_huge_sink_is_the_base_model() -> None:
+    film = PreisachFilm.bell_shaped(0, relays=10)
+    worlds = [World(PLATE, film), World(PLATE, film, heat_sink=HeatSinkWarmup(1e9, 0.5))]
+    plants = [SimulatedPlant(world) for world in worlds]
+    for plant in plants:
+        for k in range(50):
+            plant.set_current_A(3.0 if k % 2 else -1.0)
+            plant.advance_to(0.5 * (k + 1))
+    assert plants[0].temperature_degC == pytest.approx(plants[1].temperature_degC, abs=1e-5)
