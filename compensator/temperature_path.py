@@ -55,8 +55,8 @@ class TemperaturePath:
 @njit(cache=True)
 def _smooth(
     steps: Array, readings: Array, used: NDArray[np.bool_], density: Array, backward: bool, work: Array
-) -> tuple[float, float]:
-    """Kalman filter (and smoother) with unit reading variance: -2 log L up to constants, and sigma^2.
+) -> float:
+    """Kalman filter (and smoother) with unit reading variance: the sum of the innovations' log variances.
 
     steps: s, shape (n - 1,); density: q / sigma^2 in each step. work: shape (n, 8); its columns become
     T, rate (smoothed if `backward`), the filter's covariance, and the innovation over its standard deviation.
@@ -66,7 +66,7 @@ def _smooth(
     ptt, ptr, prr = 1.0, 0.0, 1.0
     first = max(steps[0], 1e-9)
     prr = 4.0 / (first * first)
-    square, logs, count = 0.0, 0.0, 0
+    logs = 0.0
     for k in range(n):
         if k > 0:
             dt, q = steps[k - 1], density[k - 1]
@@ -78,9 +78,7 @@ def _smooth(
             if used[k]:
                 innovation, s = readings[k] - t, ptt + 1.0
                 if k > 2:
-                    square += innovation * innovation / s
                     logs += math.log(s)
-                    count += 1
                 work[k, 5] = innovation / math.sqrt(s)
                 gain_t, gain_r = ptt / s, ptr / s
                 t += gain_t * innovation
@@ -91,7 +89,6 @@ def _smooth(
         else:
             work[0, 5] = 0.0
         work[k, 0], work[k, 1], work[k, 2], work[k, 3], work[k, 4] = t, rate, ptt, ptr, prr
-    variance = square / max(count, 1)
     if backward:
         for k in range(n - 2, -1, -1):
             dt, q = steps[k], density[k]
@@ -108,7 +105,7 @@ def _smooth(
             dx, dr = work[k + 1, 0] - work[k, 0] - dt * work[k, 1], work[k + 1, 1] - work[k, 1]
             work[k, 0] += g_tt * dx + g_tr * dr
             work[k, 1] += g_rt * dx + g_rr * dr
-    return count * math.log(max(variance, 1e-300)) + logs, variance
+    return logs
 
 
 @njit(cache=True)
@@ -160,13 +157,20 @@ def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
     return found[:count]
 
 
+def _cost(logs: float, innovations: Array) -> float:
+    """-2 log L up to constants, of innovations that follow Student's t with four degrees of freedom: a few large
+    ones, at the corners of a profile, must not pass for noise or for a restless rate."""
+    square = (1.4826 * float(np.median(np.abs(innovations)))) ** 2 + 1e-300
+    return logs + innovations.size * math.log(square) + 5.0 * float(np.sum(np.log1p(innovations**2 / (4.0 * square))))
+
+
 def _density(steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array) -> float:
     """q / sigma^2 (1/s^3) of the highest likelihood: by a grid in its logarithm, then finer."""
     work = np.empty((readings.size, 8))
     best = -3.0 * math.log(float(np.median(steps)))
     for offsets in (np.arange(-22.0, 9.0, 2.0), np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5])):
         tried = best + offsets
-        costs = [_smooth(steps, readings, used, extra + math.exp(x), False, work)[0] for x in tried]
+        costs = [_cost(_smooth(steps, readings, used, extra + math.exp(x), False, work), work[used, 5]) for x in tried]
         best = float(tried[int(np.argmin(costs))])
     return math.exp(best)
 
