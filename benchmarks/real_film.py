@@ -70,7 +70,9 @@ def run(data: Path, folder: Path) -> dict[str, dict[str, float]]:
     odd = np.sqrt(np.mean((predicted - output)[1::2] ** 2))
     print(f"controller's model on the other rows: RMSE {odd:.4f} dec ({half.model.kind})")
     (folder / "config.toml").write_text(CONFIGURATION)
-    status = peltier(["run", str(folder / "config.toml"), "--out", str(folder / "run"), "--json", str(folder / "r.json")])
+    status = peltier(
+        ["run", str(folder / "config.toml"), "--out", str(folder / "run"), "--json", str(folder / "r.json")]
+    )
     if status != 0:
         raise SystemExit(status)
     scores: dict[str, dict[str, float]] = json.loads((folder / "r.json").read_text())["scores"]

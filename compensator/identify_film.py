@@ -123,6 +123,7 @@ def identify_film(
     temperature_degC: ArrayLike,
     output: ArrayLike,
     *,
+    output_time_s: ArrayLike | None = None,
     kind: Kind | None = None,
     form: str | None = None,
     operators: int = 30,
@@ -135,15 +136,16 @@ def identify_film(
 ) -> FilmFit:
     """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
 
-    kind: None chooses between "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has
-    no D. form: of D, None chooses among none, linear, arrhenius, tanh, polynomial. operators: the largest number of
-    radii. initial: the memory before the first row. monotone: D increases with v; None: unless the form is sin or
-    cos. ordered: every radius keeps the order condition below paper eq (6); without it the output jumps where a
-    record reverses inside the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
+    output_time_s: when each output was read, where that differs from its row's time. kind: None chooses between
+    "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has no D. form: of D, None
+    chooses among none, linear, arrhenius, tanh, polynomial. operators: the largest number of radii. initial: the
+    memory before the first row. monotone: D increases with v; None: unless the form is sin or cos. ordered: every
+    radius keeps the order condition below paper eq (6); without it the output jumps where a record reverses inside
+    the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
     Raises ValueError with one line for a record that cannot be used.
     """
     return identify_film_records(
-        [FilmRecord(time_s, temperature_degC, output)],
+        [FilmRecord(time_s, temperature_degC, output, output_time_s=output_time_s)],
         kind=kind,
         form=form,
         operators=operators,

@@ -93,7 +93,10 @@ def dictionary(path: Path, centres: int, steepness: float, by_output: float, hal
 
 @dataclass(frozen=True, eq=False)
 class MixedSolution:
-    """The fitted dictionary, its inactive operators left out. `residual`: y - fit, shape (readings,)."""
+    """The fitted dictionary, its inactive operators left out. `residual`: y - fit, shape (readings,).
+
+    Centres, slopes, half-widths and D's shape were chosen, not fitted: a band from `jacobian` holds them fixed.
+    """
 
     operators: Dictionary
     weights: Array

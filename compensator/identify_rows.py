@@ -9,7 +9,7 @@ turning points count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from compensator.film import Initial
 from compensator.functions import Array
 from compensator.identify_operators import Integers, Sides
 from compensator.outliers import lone_outliers
-from compensator.temperature_path import TemperaturePath, temperature_path
+from compensator.temperature_path import TemperaturePath, temperature_path, turning_points
 
 FEWEST: Final = 12  # readings below which nothing is fitted
 GAP: Final = 1.5  # in median steps
@@ -27,12 +27,14 @@ GAP: Final = 1.5  # in median steps
 
 @dataclass(frozen=True, eq=False)
 class FilmRecord:
-    """One record: `time_s` increasing, `temperature_degC`, `output` (nan: no reading), each of shape (samples,)."""
+    """One record: `time_s` increasing, `temperature_degC`, `output` (nan: no reading), each of shape (samples,);
+    `output_time_s`: when each output was read, where that is known to differ from the row's time (nan: it does not)."""
 
     time_s: ArrayLike
     temperature_degC: ArrayLike
     output: ArrayLike
     name: str = "record"
+    output_time_s: ArrayLike | None = None
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading."""
+    """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
+    the record as given; `origin`: of each row here the row there (-1: none), None if they are the same."""
 
     name: str
     time_s: Array
@@ -54,6 +57,7 @@ class Prepared:
     used: NDArray[np.bool_]
     outliers: Integers
     gaps: int
+    origin: Integers | None = None
 
     @property
     def inputs(self) -> Array:
@@ -108,7 +112,33 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     finite[outliers] = False
     steps = np.diff(time)
     gaps = int(np.sum(steps > gap_threshold(steps)))
-    return Prepared(name, time, path, output, finite, outliers, gaps)
+    whole = Prepared(name, time, path, output, finite, outliers, gaps)
+    if record.output_time_s is None:
+        return whole
+    read = np.array(record.output_time_s, dtype=np.float64)
+    if read.shape != time.shape:
+        raise ValueError(f"{name}: output_time_s {read.shape}: expected the same length as time_s {time.shape}")
+    return _at_reading_times(whole, read)
+
+
+def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
+    """The record with a row of its own for each output that was read between two rows."""
+    read = np.clip(np.where(np.isfinite(read_s), read_s, record.time_s), record.time_s[0], record.time_s[-1])
+    apart = np.flatnonzero(record.used & (read != record.time_s))
+    if not apart.size:
+        return record
+    count = record.time_s.size
+    time = np.concatenate((record.time_s, read[apart]))
+    output = np.concatenate((record.output, record.output[apart]))
+    used = np.concatenate((record.used, np.ones(apart.size, dtype=np.bool_)))
+    used[apart] = False
+    origin = np.concatenate((np.arange(count), apart))
+    order = np.argsort(time, kind="stable")
+    inputs = np.interp(time[order], record.time_s, record.inputs)
+    path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
+    return Prepared(
+        record.name, time[order], path, output[order], used[order], record.outliers, record.gaps, origin[order]
+    )
 
 
 def gap_threshold(steps_s: Array) -> float:

@@ -135,7 +135,8 @@ def without_strays(rows: Rows, starts: Sequence[Start], problem: Problem, soluti
             changed = True
             used = record.used.copy()
             used[strays] = False
-            record = replace(record, used=used, outliers=np.sort(np.append(record.outliers, strays)))
+            there = strays if record.origin is None else record.origin[strays]
+            record = replace(record, used=used, outliers=np.sort(np.append(record.outliers, there)))
         cleaned.append(record)
     return share_out(cleaned) if changed else rows
 

@@ -214,9 +214,7 @@ def temperature_path(
     outliers = np.flatnonzero(finite & ~used)
     coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span
     if sigma < NEGLIGIBLE * span or coarse:
-        if outliers.size:
-            readings = np.interp(time, time[used], readings[used])
-        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, outliers)
+        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, lone)
     for _ in range(12):
         _smooth(steps, readings, used, density + extra, True, work)
         if float(np.mean((readings[used] - work[used, 0]) ** 2)) < (STRAY * sigma) ** 2:

@@ -1,6 +1,6 @@
 """Draws docs/picture.svg from a run of the demo:
 
-    ./peltier run configs/demo.toml --out /tmp/demo && .venv/bin/python docs/picture.py /tmp/demo
+./peltier run configs/demo.toml --out /tmp/demo && .venv/bin/python docs/picture.py /tmp/demo
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ def main(folder: Path) -> None:
         grid = figure.add_gridspec(2, 2, width_ratios=[1.75, 1.0], height_ratios=[1.5, 1.0])
         course, error, loop = (figure.add_subplot(g) for g in (grid[0, 0], grid[1, 0], grid[:, 1]))
         course.semilogy(full["time_s"], full["resistance_ohm"] / 1e3, color=COLOURS["full"], lw=2.4, label="measured")
-        course.semilogy(full["time_s"], full["target_ohm"] / 1e3, color="#1c2330", lw=1.0, ls=(0, (4, 2)), label="wanted")
+        course.semilogy(
+            full["time_s"], full["target_ohm"] / 1e3, color="#1c2330", lw=1.0, ls=(0, (4, 2)), label="wanted"
+        )
         course.set_ylabel("resistance / kΩ")
         course.set_yticks([3, 10, 30], ["3", "10", "30"])
         course.minorticks_off()

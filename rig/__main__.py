@@ -47,6 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"; did you mean {near[0]!r}?" if near else ""
         print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
     module = importlib.import_module(f"rig.command.{verb}")
     parser = argparse.ArgumentParser(
         prog=f"peltier {verb}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -76,11 +77,9 @@ def ended(action: object, verb: str) -> int:
             f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand.", file=sys.stderr
         )
         return outcome.exit_status
-    except Outcome as outcome:
-        print(f"peltier {verb}: {outcome}", file=sys.stderr)
-        return outcome.exit_status
-    except RigError as error:
-        print(f"peltier {verb}: {error}", file=sys.stderr)
+    except (Outcome, RigError) as error:
+        notes = "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
+        print(f"peltier {verb}: {error}{notes}", file=sys.stderr)
         return int(getattr(error, "exit_status", 1))
     except OSError as error:
         print(f"peltier {verb}: {error}", file=sys.stderr)

@@ -21,6 +21,7 @@ from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter
 from sim.plant import SimulatedPlant
 
+OFF_CONFIRMED = "output off, confirmed by the controller"
 _numbers = itertools.count(1)
 
 
@@ -40,8 +41,7 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
     """Open the ports, identify the instruments, set their limits; the output is commanded off first.
 
     Raises RigError (PortHeld, TimedOut, Refused, ...), Faults, and NotConfirmedOff where the output cannot be
-    switched off at the start. At the end the ports are closed; that the output is off by then is the experiment's
-    business.
+    switched off. At the end the output is commanded off once more, and the ports are closed.
     """
     c = file.content
     clock: Clock = VirtualClock() if c.virtual_time else RealClock()
@@ -52,8 +52,7 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
         _known(file)
         controller = open_controller(c.bench.controller.driver, ports[0], clock, **_controller_options(file))
         stack.callback(controller.close)
-        if not controller.off():
-            raise NotConfirmedOff(f"{c.bench.controller.port}: the controller did not confirm that its output is off")
+        stack.enter_context(_output_off(controller, c.bench.controller.port))
         identities = {"controller": controller.identify()}
         controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         meter = None
@@ -66,6 +65,29 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
             except ValueError as error:
                 raise fault(file.path, "bench.meter, limits.meter_current_A", str(error)) from None
         yield Bench(controller, meter, clock, c.virtual_time, identities)
+
+
+@contextmanager
+def _output_off(controller: TemperatureController, port: str) -> Iterator[None]:
+    """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
+
+    Raises NotConfirmedOff, which outranks all others.
+    """
+    text = f"{port}: the controller did not confirm that its output is off"
+    if not controller.off():
+        raise NotConfirmedOff(text)
+    try:
+        yield
+    except NotConfirmedOff:
+        controller.off()
+        raise
+    except BaseException as error:
+        if not controller.off():
+            raise NotConfirmedOff(f"{text} (after: {error})") from error
+        error.add_note(OFF_CONFIRMED)
+        raise
+    if not controller.off():
+        raise NotConfirmedOff(text)
 
 
 def _known(file: ConfigurationFile) -> None:

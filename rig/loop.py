@@ -188,12 +188,11 @@ class Loop:
 
 
 class OutputOff:
-    """Context that ends with the controller's output off, whatever happens, and says whether that is confirmed."""
+    """Context that ends with the controller's output off, whatever happens, and knows whether that is confirmed."""
 
-    def __init__(self, controller: TemperatureController, signals: SignalStop, say: Callable[[str], None]) -> None:
+    def __init__(self, controller: TemperatureController, signals: SignalStop) -> None:
         self._controller = controller
         self._signals = signals
-        self._say = say
         self.confirmed: bool | None = None
 
     def __enter__(self) -> OutputOff:
@@ -205,7 +204,5 @@ class OutputOff:
         if not self.confirmed:
             reason = f" (after: {error})" if error is not None else ""
             raise NotConfirmedOff(f"the controller did not confirm that its output is off{reason}") from error
-        if error is not None:
-            self._say("output off, confirmed by the controller")
         if error is None:
             self._signals.expose()

@@ -41,7 +41,9 @@ def test_public_names_have_docstrings(root: Path, package: str) -> None:
             missing.append(str(path.relative_to(root)))
         for node in tree.body:
             if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
-                trivial = isinstance(node, ast.FunctionDef) and (node.name in ("main", "arguments") or len(node.body) < 4)
+                trivial = isinstance(node, ast.FunctionDef) and (
+                    node.name in ("main", "arguments") or len(node.body) < 4
+                )
                 if not trivial and not ast.get_docstring(node):
                     missing.append(f"{path.relative_to(root)}: {node.name}")
     assert not missing

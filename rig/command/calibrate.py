@@ -23,13 +23,13 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice(options.json)
     file = read_configuration(options.config)
     from rig.bench import open_bench
-    from rig.experiment.session import calibrate
+    from rig.experiment.session import Session, calibrate
     from rig.signals import SignalStop
 
     path = options.out if options.out is not None else default_folder("calibration")
     prepare_folder(path)
     with voice.progress() as progress, SignalStop() as signals, open_bench(file) as bench:
-        result = calibrate(bench, file, path, signals, voice.say, progress)
+        result = calibrate(Session(bench, file, signals, voice.say, progress), path)
     voice.say("output off, confirmed by the controller")
     voice.say(f"model: {result.model_path}")
     voice.say(f"report: {path / 'report.html'}")

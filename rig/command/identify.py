@@ -15,7 +15,7 @@ from rig.faults import Faults, fault
 from rig.files.record_file import ColumnMapping, Record, read_record
 
 if TYPE_CHECKING:
-    from compensator.identify_film import FilmFit
+    from compensator.identify_film import FilmFit, FilmRecord
     from compensator.identify_plate import PlateFit
 
 HELP = "fit film and plate models to records"
@@ -73,9 +73,9 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
-    from compensator.identify_film import FilmRecord, identify_film_records
+    from compensator.identify_film import identify_film_records
 
-    inputs = [FilmRecord(r["time_s"], r["temperature_degC"], r.output()) for r in records]
+    inputs = [_film_record(r) for r in records]
     try:
         return identify_film_records(
             inputs,
@@ -88,6 +88,14 @@ def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
         )
     except ValueError as error:
         raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
+
+
+def _film_record(record: Record) -> FilmRecord:
+    """Readings of the resistance with their own times, where the record has them."""
+    from compensator.identify_film import FilmRecord
+
+    own_times = record["resistance_time_s"] if record.has("resistance_time_s") else None
+    return FilmRecord(record["time_s"], record["temperature_degC"], record.output(), output_time_s=own_times)
 
 
 def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:

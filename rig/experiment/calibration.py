@@ -24,7 +24,6 @@ from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
 from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
-from rig.bench import Bench
 from rig.experiment.policies import CurrentProfile, Follow
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
@@ -65,7 +64,7 @@ def calibration_range(configuration: Configuration) -> tuple[float, float]:
     return low + inset, high - inset
 
 
-def record_calibration(bench: Bench, loop: Loop, configuration: Configuration) -> None:
+def record_calibration(loop: Loop, configuration: Configuration) -> None:
     """Run the whole profile; the rows are in the loop's folder afterwards."""
     c = configuration.calibration
     low, high = calibration_range(configuration)
@@ -208,10 +207,18 @@ def identify_calibration(folder: RunFolder, configuration: Configuration, model_
     checked = folder.column("phase") == "check"
     fitted = ~checked
     plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted])
-    film_fit = identify_film(time[fitted], temperature[fitted], output[fitted], seed=configuration.calibration.seed)
+    read_s = folder.column("resistance_time_s")
+    film_fit = identify_film(
+        time[fitted],
+        temperature[fitted],
+        output[fitted],
+        output_time_s=read_s[fitted],
+        seed=configuration.calibration.seed,
+    )
     film: FilmModel = film_fit.model
     path = temperature_path(time, temperature).temperature_degC
-    predicted, _ = film.simulate(path, film_fit.memories[0])
+    when_read = np.interp(np.where(np.isfinite(read_s), read_s, time), time, path)
+    predicted, _ = film.simulate(when_read, film_fit.memories[0])
     error = (predicted - output)[checked]
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)

@@ -38,6 +38,17 @@ QUANTITY = {
 }
 
 
+@dataclass(frozen=True)
+class Session:
+    """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile."""
+
+    bench: Bench
+    file: ConfigurationFile
+    signals: SignalStop
+    say: Callable[[str], None]
+    progress: Progress | None
+
+
 @dataclass
 class Result:
     """What an experiment gave, for the report and the summary."""
@@ -69,16 +80,9 @@ def target_of(file: ConfigurationFile) -> Target:
 
 
 @contextmanager
-def one_run(
-    bench: Bench,
-    file: ConfigurationFile,
-    path: Path,
-    what: str,
-    signals: SignalStop,
-    say: Callable[[str], None],
-    progress: Progress | None,
-) -> Iterator[tuple[Loop, RunFolder]]:
+def one_run(session: Session, path: Path, what: str) -> Iterator[tuple[Loop, RunFolder]]:
     """A run folder and a loop on the bench; at the end the output is off and the reason is written down."""
+    bench, file = session.bench, session.file
     start: dict[str, Any] = {
         "what": what,
         "configuration": str(file.path),
@@ -86,8 +90,8 @@ def one_run(
         "instruments": {name: asdict(identity) for name, identity in bench.identities.items()},
     }
     folder = RunFolder(path, start, file.text, COLUMNS)
-    loop = Loop(bench, limits_of(file), folder, progress)
-    output = OutputOff(bench.controller, signals, say)
+    loop = Loop(bench, limits_of(file), folder, session.progress)
+    output = OutputOff(bench.controller, session.signals)
     try:
         with output:
             yield loop, folder
@@ -100,19 +104,13 @@ def one_run(
     folder.stop("done", output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
 
 
-def calibrate(
-    bench: Bench,
-    file: ConfigurationFile,
-    path: Path,
-    signals: SignalStop,
-    say: Callable[[str], None],
-    progress: Progress | None,
-) -> Calibration:
+def calibrate(session: Session, path: Path) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
+    bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
-    with one_run(bench, file, path, "calibration", signals, say, progress) as (loop, folder):
-        record_calibration(bench, loop, file.content)
+    with one_run(session, path, "calibration") as (loop, folder):
+        record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
     folder.note(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
@@ -142,29 +140,23 @@ def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], p
     prepare_folder(path)
     with SignalStop() as signals, open_bench(file) as bench:
         result = Result(path, model=model, target=target)
+        session = Session(bench, file, signals, say, progress)
         if e.kind == "track_resistance":
-            _track_all(bench, file, path, result, signals, say, progress)
+            _track_all(session, path, result)
         else:
-            _profile(bench, file, path, result, signals, say, progress)
+            _profile(session, path, result)
     return result
 
 
-def _track_all(
-    bench: Bench,
-    file: ConfigurationFile,
-    path: Path,
-    result: Result,
-    signals: SignalStop,
-    say: Callable[[str], None],
-    progress: Progress | None,
-) -> None:
+def _track_all(session: Session, path: Path, result: Result) -> None:
     """A calibration where no model is given, the law, and the laws to compare it with; the report over all."""
+    file, say = session.file, session.say
     e = file.content.experiment
     target, model = result.target, result.model
     assert target is not None
     inner = part_of(path)
     if model is None:
-        result.calibration = calibrate(bench, file, inner / "calibration", signals, say, progress)
+        result.calibration = calibrate(session, inner / "calibration")
         model = result.model = result.calibration.model
         assert model.film is not None
         check_target(target, model.film, file.content, f"{file.path}: experiment.target")
@@ -174,7 +166,7 @@ def _track_all(
     folders: dict[str, RunFolder] = {}
     for name in names:
         where = path if name == e.law else inner / name
-        with one_run(bench, file, where, f"law {name}", signals, say, progress) as (loop, folder):
+        with one_run(session, where, f"law {name}") as (loop, folder):
             score, design = track(loop, file.content, target, model.film, model.plate, name)
         folder.note(law=name, score=score.table(), design=design_table(design))
         result.scores.append(score)
@@ -193,16 +185,9 @@ def _track_all(
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
 
 
-def _profile(
-    bench: Bench,
-    file: ConfigurationFile,
-    path: Path,
-    result: Result,
-    signals: SignalStop,
-    say: Callable[[str], None],
-    progress: Progress | None,
-) -> None:
+def _profile(session: Session, path: Path, result: Result) -> None:
     """A temperature or current over time, recorded."""
+    file, say = session.file, session.say
     e, target = file.content.experiment, result.target
     assert target is not None
     plate = result.model.plate if result.model is not None else None
@@ -216,7 +201,7 @@ def _profile(
         assert plate is not None
         law, result.designs["temperature"] = law_and_design("temperature", file.content, cast(Any, film), plate)
         policy = Follow(law, target)
-    with one_run(bench, file, path, e.kind, signals, say, progress) as (loop, folder):
+    with one_run(session, path, e.kind) as (loop, folder):
         loop.phase("profile", policy, target.duration_s, e.period_s)
     from rig.report.profile import write_profile_report
 

@@ -158,6 +158,21 @@ def test_several_records_share_one_film_but_no_memory() -> None:
     assert error_elsewhere(fit, film_of_the_class(0)) < 0.3 * NOISE
 
 
+def test_outputs_read_between_the_rows_are_taken_at_their_own_time() -> None:
+    film = film_of_the_class(1)
+    dense = decaying_profile(20_001)
+    y = outputs(film, dense)
+    rng = np.random.default_rng(3)
+    rows = np.arange(10, 20_001, 10)
+    read = rows - rng.integers(0, 9, rows.size)
+    output = y[read] + 0.001 * rng.normal(size=rows.size)
+    fit = identify_film(0.05 * rows, dense[rows], output, output_time_s=0.05 * read)
+    blind = identify_film(0.05 * rows, dense[rows], output)
+    assert fit.rmse < 0.00125  # a corner between two rows is not in the record
+    assert blind.rmse > 1.5 * fit.rmse
+    assert error_elsewhere(fit, film) < 0.8 * error_elsewhere(blind, film)
+
+
 def test_bands_hold_the_truth() -> None:
     inside = []
     for seed in (0, 1, 2):

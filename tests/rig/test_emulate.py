@@ -6,14 +6,18 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from rig.bench import emulated_instruments
 from rig.clock import RealClock
 from rig.drivers.registry import open_controller, open_meter
 from rig.errors import PortHeld
+from rig.files.configuration import read_configuration
 from rig.ports.open import LineSettings, open_port
+from rig.ports.pseudo_terminal import PseudoTerminals
 from tests.rig.small import write_bench
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -57,3 +61,52 @@ def test_the_rig_drives_what_emulate_serves(tmp_path: Path, root: Path) -> None:
         out, err = process.communicate(timeout=10.0)
     assert out == ""
     assert process.returncode == 128 + signal.SIGINT, err
+
+
+class Garbage:
+    """An instrument that answers everything with noise."""
+
+    def __init__(self) -> None:
+        self._answers = b""
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        self._answers += b"\xff\x00#!%$\r\n9.9.9E,,\n"
+
+    def transmit(self, time_s: float) -> bytes:
+        answers, self._answers = self._answers, b""
+        return answers
+
+    def next_transmit_s(self) -> float | None:
+        return 0.0 if self._answers else None
+
+
+def test_a_meter_that_answers_garbage(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+    path = write_bench(tmp_path)
+    instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    instruments["meter"] = Garbage()
+    with PseudoTerminals(instruments) as terminals:
+        ports = terminals.paths
+        path = write_bench(tmp_path, time="real", controller=ports["controller"], meter=ports["meter"])
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 1
+    assert "output off, confirmed" in err
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_port_that_another_process_holds(
+    tmp_path: Path, root: Path, peltier: Callable[..., tuple[int, str, str]]
+) -> None:
+    path = write_bench(tmp_path)
+    instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    with PseudoTerminals(instruments) as terminals:
+        port = terminals.paths["controller"]
+        code = f"import serial, sys; p = serial.Serial({port!r}, exclusive=True); print('held', flush=True); sys.stdin.read()"
+        other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        path = write_bench(tmp_path, time="real", controller=port, meter=terminals.paths["meter"])
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+        other.communicate()
+    assert status == 75
+    assert str(other.pid) in err

@@ -133,9 +133,7 @@ def test_plate_is_simulated_from_the_current(peltier: Peltier, tmp_path: Path) -
             temperature += rate * 1e-3
     body = "".join(f"{t},{v!r},{i}\n" for t, v, i in zip(times, map(float, temperatures), currents, strict=True))
     (tmp_path / "record.csv").write_text("time_s,temperature_degC,current_A\n" + body)
-    status, _, _ = peltier(
-        "predict", tmp_path / "model.toml", tmp_path / "record.csv", "--json", tmp_path / "out.json"
-    )
+    status, _, _ = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv", "--json", tmp_path / "out.json")
     result = json.loads((tmp_path / "out.json").read_text())
     assert status == 0
     assert result["rmse_K"] < 0.01

@@ -58,7 +58,9 @@ def test_run_folder_is_whole(peltier: Peltier, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("law", "rms_dec"), [("pid", 0.15), ("feedforward", 0.02), ("instrument_pid", 0.5)])
 def test_every_law_runs(peltier: Peltier, tmp_path: Path, law: str, rms_dec: float) -> None:
     path = write_bench(tmp_path)
-    path.write_text(path.read_text().replace('model = "model.toml"\ntarget', f'model = "model.toml"\nlaw = "{law}"\ntarget', 1))
+    path.write_text(
+        path.read_text().replace('model = "model.toml"\ntarget', f'model = "model.toml"\nlaw = "{law}"\ntarget', 1)
+    )
     status, _, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
     assert (status, err) == (0, "")
     assert json.loads((tmp_path / "result.json").read_text())["scores"][law]["rms_dec"] < rms_dec
@@ -125,7 +127,7 @@ def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: sig
     process.send_signal(number)
     out, err = process.communicate(timeout=20.0)
     assert process.returncode == 128 + number, err
-    assert "output off, confirmed" in out
+    assert "output off, confirmed" in err
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())
     assert document["stop"]["reason"] == "Stopped"
     assert document["stop"]["output_off_confirmed"] is True
