@@ -1,4 +1,4 @@
-"""peltier calibrate CONFIG [--out DIR]: condition the film, run a profile that fixes film and plate, write MODEL.toml."""
+"""peltier calibrate CONFIG [--out DIR]: measure film and plate with a profile that fixes both, write MODEL.toml."""
 
 from __future__ import annotations
 

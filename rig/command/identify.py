@@ -9,12 +9,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
 from rig.command.say import Voice
 from rig.faults import Faults, fault
-from rig.files.record_file import ColumnMapping, Record, read_record
+from rig.files.record_file import ColumnMapping, Record, read_record, unit_of
 
 if TYPE_CHECKING:
+    from compensator.film import FilmModel
     from compensator.identify_film import FilmFit, FilmRecord
     from compensator.identify_plate import PlateFit
 
@@ -39,6 +42,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="allow radii that break the order condition (the output then jumps)",
     )
+    parser.add_argument(
+        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and tell what that loses"
+    )
+    parser.add_argument(
+        "--output",
+        default="minus_log10_ohm",
+        metavar="COLUMN",
+        help="the film's output where it is not a resistance: a column with its unit, as curvature_per_m",
+    )
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
     parser.add_argument("--seed", type=int, default=0)
 
@@ -49,22 +61,24 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice(options.json)
     mappings = [ColumnMapping.parse(text) for text in options.column]
     records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]
-    with_film = [r for r in records if r.has("resistance_ohm")]
+    with_film = [r for r in records if r.has_output(options.output)]
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
         names = ", ".join(str(path) for path in options.records)
         raise fault(names, "columns", "neither resistance_ohm nor current_A is there; expected one at least (--column)")
     film = _film(with_film, options) if with_film else None
+    film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
     from rig.files.model_file import Model, write_model
 
     result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in records]}
     if film is not None:
-        result["film"] = _tell_film(film, voice)
+        result["film"] = _tell_film(film, unit_of(options.output), voice)
+        film_model = _compressed(film.model, with_film, options, result["film"], voice)
     if plate is not None:
         result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
     if options.out is not None:
-        model = Model(film.model if film else None, plate.model if plate else None)
+        model = Model(film_model, plate.model if plate else None)
         write_model(options.out, model, "identified from " + ", ".join(path.name for path in options.records))
         voice.say(f"model: {options.out}")
         result["model"] = options.out
@@ -75,7 +89,7 @@ def main(options: argparse.Namespace) -> int:
 def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
     from compensator.identify_film import identify_film_records
 
-    inputs = [_film_record(r) for r in records]
+    inputs = [_film_record(r, options.output) for r in records]
     try:
         return identify_film_records(
             inputs,
@@ -84,18 +98,19 @@ def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
             operators=options.operators,
             initial=options.initial,
             ordered=not options.violate_order,
+            output_name=options.output,
             seed=options.seed,
         )
     except ValueError as error:
         raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
 
 
-def _film_record(record: Record) -> FilmRecord:
+def _film_record(record: Record, output: str) -> FilmRecord:
     """Readings of the resistance with their own times, where the record has them."""
     from compensator.identify_film import FilmRecord
 
     own_times = record["resistance_time_s"] if record.has("resistance_time_s") else None
-    return FilmRecord(record["time_s"], record["temperature_degC"], record.output(), output_time_s=own_times)
+    return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), output_time_s=own_times)
 
 
 def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
@@ -108,11 +123,11 @@ def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
         raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
 
 
-def _tell_film(fit: FilmFit, voice: Voice) -> dict[str, Any]:
+def _tell_film(fit: FilmFit, unit: str, voice: Voice) -> dict[str, Any]:
     d = fit.model.memoryless.function
     voice.say(
         f"film: {fit.model.kind}, {fit.active_operators} operators with weight, D(T) {d}: "
-        f"RMSE {fit.rmse:.4f} dec, largest {fit.max_abs:.3f} dec, held-out {fit.held_out_rmse:.4f} dec"
+        f"RMSE {fit.rmse:.4g} {unit}, largest {fit.max_abs:.3g} {unit}, held-out {fit.held_out_rmse:.4g} {unit}"
     )
     for note in fit.identifiability:
         voice.say(f"film: {note}")
@@ -121,14 +136,42 @@ def _tell_film(fit: FilmFit, voice: Voice) -> dict[str, Any]:
         "memoryless": d,
         "operators": fit.model.operators,
         "active_operators": fit.active_operators,
-        "rmse_dec": fit.rmse,
-        "max_abs_dec": fit.max_abs,
-        "held_out_rmse_dec": fit.held_out_rmse,
+        f"rmse_{unit}": fit.rmse,
+        f"max_abs_{unit}": fit.max_abs,
+        f"held_out_rmse_{unit}": fit.held_out_rmse,
         "temperature_noise_K": list(fit.temperature_noise_K),
         "outliers": [list(map(int, rows)) for rows in fit.outliers],
         "candidates": [dict(c.__dict__) for c in fit.candidates],
         "identifiability": list(fit.identifiability),
     }
+
+
+def _compressed(
+    model: FilmModel, records: list[Record], options: argparse.Namespace, result: dict[str, Any], voice: Voice
+) -> FilmModel:
+    """The model with fewer operators, where that is asked for; its loss is told."""
+    if options.compress is None:
+        return model
+    from compensator.compress import compress
+
+    low = min(float(np.nanmin(r["temperature_degC"])) for r in records)
+    high = max(float(np.nanmax(r["temperature_degC"])) for r in records)
+    try:
+        small = compress(model, options.compress, low, high)
+    except ValueError as error:
+        raise fault("--compress", repr(options.compress), str(error)) from None
+    unit = unit_of(options.output)
+    voice.say(
+        f"film: {small.model.operators} operators instead of {model.operators}: loses {small.rms:.3g} {unit} RMS, "
+        f"{small.largest:.3g} {unit} at most, over minor loops between {low:.1f} and {high:.1f} degC"
+    )
+    result["compression"] = {
+        "operators": small.model.operators,
+        f"rms_{unit}": small.rms,
+        f"max_abs_{unit}": small.largest,
+        "course": [list(step) for step in small.course],
+    }
+    return small.model
 
 
 def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
 from rig.command.say import Voice
 from rig.faults import fault
-from rig.files.record_file import ColumnMapping, Record, read_record, write_columns
+from rig.files.record_file import ColumnMapping, Record, read_record, unit_of, write_columns
 
 HELP = "compare a model with a record that it was not fitted to"
 
@@ -47,9 +47,14 @@ def main(options: argparse.Namespace) -> int:
     if model.film is not None:
         _warn_of_order(model.film, options.model)
         predicted = _film(model.film, record, options.initial, options.record)
-        columns["predicted_ohm"] = 10.0**-predicted
-        if record.has("resistance_ohm"):
-            _report(result, predicted - record.output(), "dec", "log R", voice)
+        name = model.film.output
+        if name == "minus_log10_ohm":
+            columns["predicted_ohm"] = 10.0**-predicted
+        else:
+            columns[f"predicted_{name}"] = predicted
+        if record.has_output(name):
+            what = "log R" if name == "minus_log10_ohm" else name
+            _report(result, predicted - record.output(name), unit_of(name), what, voice)
     if model.plate is not None and record.has("current_A"):
         simulated = _plate(model.plate, record)
         columns["predicted_degC"] = simulated
@@ -88,7 +93,9 @@ def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndar
         raise fault(path, "temperature_degC", "no finite number")
     inputs = temperature[known]
     if initial == "fitted":
-        memory = _fitted_memory(film, inputs, record.output()[known] if record.has("resistance_ohm") else None, path)
+        memory = _fitted_memory(
+            film, inputs, record.output(film.output)[known] if record.has_output(film.output) else None, path
+        )
     else:
         memory = film.initial_memory(float(inputs[0]), initial)
     outputs, _ = film.simulate(inputs, memory)
@@ -100,7 +107,7 @@ def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndar
 def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, path: Path) -> Any:
     """The memory at the first row, of those after one earlier turning point, that suits the readings best."""
     if output is None:
-        raise fault(path, "resistance_ohm", "missing; --initial fitted needs readings to fit to")
+        raise fault(path, film.output, "missing; --initial fitted needs readings to fit to")
     low, high = float(inputs.min()) - 40.0, float(inputs.max()) + 40.0
     candidates = []
     for initial, far in (("cooled", low), ("heated", high)):

@@ -45,7 +45,8 @@ _float32 = struct.Struct(">f")
 class MeerstetterController:
     """One channel of a Meerstetter TEC controller; see `rig.drivers.controller.TemperatureController`.
 
-    address: the device's, or 0 for the only one on the line. instance: the output channel, from 1.
+    line: settings that the port was opened with. address: the device's, or 0 for the only one on the line.
+    instance: the output channel, from 1.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
@@ -53,14 +54,20 @@ class MeerstetterController:
     has_dead_man: ClassVar[bool] = True
 
     def __init__(
-        self, transport: Transport, *, address: int = 0, instance: int = 1, first_sequence: int | None = None
+        self,
+        transport: Transport,
+        *,
+        line: LineSettings = LINE,
+        address: int = 0,
+        instance: int = 1,
+        first_sequence: int | None = None,
     ) -> None:
         self.transport = transport
         self.link = MecomLink(
             transport,
             address=address,
             instance=instance,
-            baudrate=self.LINE.baudrate,
+            baudrate=line.baudrate,
             first_sequence=first_sequence,
         )
         self.current_limit_A = nan

@@ -17,8 +17,9 @@ NOT_A_NUMBER_OHM = 9.905e37
 class ResistanceMeter(Protocol):
     """Reads the film's resistance.
 
-    test_current_A: of the range in use, nan where it is not known. All methods but `close` raise
-    `rig.errors.InstrumentError`.
+    test_current_A: of the range in use, nan where it is not known. All methods but `off` and `close` raise
+    `rig.errors.InstrumentError`. A meter of another quantity (a voltage that stands for a curvature) is another
+    protocol, which `Reading` can carry as well: its unit is that of the method.
     """
 
     LINE: ClassVar[LineSettings]
@@ -43,8 +44,11 @@ class ResistanceMeter(Protocol):
     def read_resistance(self) -> Reading:
         """Begin a reading and wait for it, ohm."""
 
+    def off(self) -> bool:
+        """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
+
     def close(self) -> None:
-        """Let go of the port. Never raises."""
+        """Let go of the port; a meter that sources its test current stops it first. Never raises."""
 
 
 def resistance_reading(value_ohm: float, time_s: float, largest_ohm: float) -> Reading:

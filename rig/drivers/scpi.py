@@ -18,6 +18,7 @@ used.
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Callable
 
 from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
@@ -25,11 +26,14 @@ from rig.ports.transport import Transport
 
 RESYNCHRONISATIONS = 3
 ANSWER_S = 0.5
+TOKEN = re.compile(rb"\s*\+?(\d{1,3})\s*")
 
 
 class ScpiLink:
-    """One instrument. terminator: of its answers; end: of our messages; baudrate: of the line, 1/s.
+    """One instrument. terminator: of its answers; end: of our messages; byte_s: of a character on the line, s.
 
+    abort: the character that makes it drop what it does; clear_s: how long that takes before it listens again, s.
+    wake: a message that it needs before any other. answer_s: for answers that take no measurement, s.
     after_resynchronisation is called when the line is in step again, for the driver to look at what the
     instrument still remembers.
     """
@@ -40,13 +44,18 @@ class ScpiLink:
         *,
         terminator: bytes = b"\n",
         end: bytes = b"\r",
-        baudrate: float,
+        abort: bytes = b"\x18",
+        clear_s: float = 0.0,
+        wake: bytes = b"",
+        byte_s: float,
+        answer_s: float = ANSWER_S,
         first_token: int | None = None,
         after_resynchronisation: Callable[[], None] | None = None,
     ) -> None:
         self.transport = transport
         self._terminator, self._end = terminator, end
-        self._byte_s = 10.0 / baudrate
+        self._abort, self._clear_s, self._wake = abort, clear_s, wake
+        self._byte_s, self._answer_s = byte_s, answer_s
         self._token = random.randrange(1, 256) if first_token is None else first_token
         self._expected = b""
         self._in_doubt = True
@@ -65,40 +74,44 @@ class ScpiLink:
         """Something was wrong with an answer: resynchronise before the next question."""
         self._in_doubt = True
 
-    def start(self, message: str, answer_s: float = ANSWER_S) -> None:
+    def start(self, message: str, answer_s: float | None = None) -> None:
         """Send a message with a question; `finish` brings the answer within `answer_s` from now."""
         if self._pending:
             self._pending = False
             self._in_doubt = True
             raise OutOfStep("a question is asked while another waits for its answer")
-        if self._in_doubt or self.transport.has_more:
+        if self._in_doubt or self._uncalled():
             self.resynchronise()
-        self._send(message, answer_s)
+        self._send(message, self._answer_s if answer_s is None else answer_s)
 
     def finish(self) -> str:
         """The answer, proven to belong to the question. TimedOut, Corrupt, OutOfStep, Disconnected."""
         if not self._pending:
             raise OutOfStep("there is no question to be answered")
         self._pending = False
-        line = self.transport.receive_line(self._terminator, self._deadline_s)
+        line = self._receive_answer(self._deadline_s)
         answer, _, token = line.rpartition(b";")
-        if token.rstrip(b"\r") != self._expected:
+        if token != self._expected and not _is_token(token, self._expected):
             if not token.strip().isdigit() or not answer:
                 raise Corrupt(f"{line!r} is no answer")
             raise OutOfStep(f"answer with token {token!r} where {self._expected!r} was left: {line!r}")
         self._in_doubt = False
         return answer.decode("latin-1")
 
-    def ask(self, message: str, answer_s: float = ANSWER_S) -> str:
+    def ask(self, message: str, answer_s: float | None = None) -> str:
         """Question and answer. Refused, from the error queue, where the instrument gave none."""
         try:
             self.start(message, answer_s)
             return self.finish()
         except TimedOut:
-            self.resynchronise()
-            if self.errors:
-                raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}") from None
+            self.explain_silence(message)
             raise
+
+    def explain_silence(self, message: str) -> None:
+        """After an answer that did not come: Refused, where the error queue says why."""
+        self.resynchronise()
+        if self.errors:
+            raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}") from None
 
     def command(self, message: str) -> None:
         """Send what has no answer, and see whether it was taken: Refused with the first error."""
@@ -107,15 +120,23 @@ class ScpiLink:
         if code:
             raise Refused(code, f"{text}: {message}")
 
-    def ask_alone(self, message: str, answer_s: float = ANSWER_S) -> str:
+    def ask_alone(self, message: str, answer_s: float | None = None) -> str:
         """A question that must stand alone in its message (*IDN?); resynchronises before and after."""
         self.resynchronise()
         self._in_doubt = True
         self.transport.send(message.encode("ascii") + self._end)
-        deadline_s = self.transport.clock.now_s() + answer_s
+        deadline_s = self.transport.clock.now_s() + (self._answer_s if answer_s is None else answer_s)
         answer = self.transport.receive_line(self._terminator, deadline_s).decode("latin-1").strip()
         self.resynchronise()
         return answer
+
+    def _uncalled(self) -> bool:
+        """Whether bytes are there that nobody has asked for."""
+        return self.transport.has_more
+
+    def _receive_answer(self, deadline_s: float) -> bytes:
+        """What came for the message that was sent, in one line."""
+        return self.transport.receive_line(self._terminator, deadline_s)
 
     def _send(self, message: str, answer_s: float) -> None:
         # in doubt until the answer is here, whatever interrupts us
@@ -146,29 +167,47 @@ class ScpiLink:
             try:
                 if attempt == RESYNCHRONISATIONS - 1:
                     self.transport.reopen()
-                self._await_token()
+                self._await_token(attempt)
                 break
             except InstrumentError as error:
                 problem = error
         else:
             raise problem or OutOfStep("the line cannot be brought in step")
+        self._empty_error_queue()
+        if self._after_resynchronisation is not None:
+            self._after_resynchronisation()
+
+    def _empty_error_queue(self) -> None:
         self.errors = []
         for _ in range(16):
-            self._send(":SYST:ERR?", ANSWER_S)
+            self._send(":SYST:ERR?", self._answer_s)
             code, text = _error(self.finish())
             if not code:
                 break
             self.errors.append((code, text))
-        if self._after_resynchronisation is not None:
-            self._after_resynchronisation()
 
-    def _await_token(self) -> None:
+    def _await_token(self, attempt: int) -> None:
         token = self._token = self._token % 255 + 1
-        self.transport.drain()
-        self.transport.send(b"\x18" + self._end + b"*ESE %d;*ESE?" % token + self._end)
-        deadline_s = self.transport.clock.now_s() + ANSWER_S
-        while self.transport.receive_line(self._terminator, deadline_s).strip() != b"%d" % token:
+        transport = self.transport
+        transport.drain()
+        if self._clear_s:
+            transport.send(self._abort)
+            transport.clock.sleep_until_s(transport.clock.now_s() + self._clear_s)
+            transport.drain()
+        opening = (b"" if self._clear_s else self._abort) + self._end
+        if self._wake:
+            opening += self._wake + self._end
+        data = opening + b"*ESE %d;*ESE?" % token + self._end
+        transport.send(data)
+        deadline_s = transport.clock.now_s() + self._answer_s
+        while not _is_token(transport.receive_line(self._terminator, deadline_s), b"%d" % token):
             pass
+
+
+def _is_token(text: bytes, expected: bytes) -> bool:
+    """Whether `text` is the number `expected`; some instruments write a sign."""
+    found = TOKEN.fullmatch(text)
+    return found is not None and found[1] == expected
 
 
 def _error(answer: str) -> tuple[int, str]:

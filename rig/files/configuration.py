@@ -215,7 +215,8 @@ def read_configuration(path: Path) -> ConfigurationFile:
     span = content.calibration.temperature_degC
     if span is not None and not (low <= span[0] and span[1] <= high):
         lines.append(
-            f"{path}: calibration.temperature_degC: {list(span)}: expected within limits.temperature_degC [{low}, {high}]"
+            f"{path}: calibration.temperature_degC: {list(span)}: "
+            f"expected within limits.temperature_degC [{low}, {high}]"
         )
     if not math.isfinite(low + high):
         lines.append(f"{path}: limits.temperature_degC: expected finite numbers")

@@ -14,7 +14,6 @@ from compensator.plate import PlateModel
 from rig.faults import Faults
 from rig.files.toml_file import Table, checked, read_toml
 
-
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 

@@ -103,11 +103,17 @@ class Record:
         """Whether a column is there and holds at least one finite value."""
         return name in self.columns and bool(np.any(np.isfinite(self.columns[name])))
 
+    def has_output(self, name: str = "minus_log10_ohm") -> bool:
+        """Whether the film's output is there."""
+        return self.has("resistance_ohm" if name == "minus_log10_ohm" else name)
+
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
-    def output(self) -> Array:
-        """-log10(R / 1 ohm), nan where there is no finite reading > 0."""
+    def output(self, name: str = "minus_log10_ohm") -> Array:
+        """The film's output: -log10(R / 1 ohm), nan where there is no finite reading > 0; or a column of that name."""
+        if name != "minus_log10_ohm":
+            return self.columns[name]
         resistance = self.columns["resistance_ohm"]
         good = np.isfinite(resistance) & (resistance > 0.0)
         output = np.full(resistance.size, math.nan)
@@ -173,6 +179,11 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
     current = next((m for m in mapping.values() if m.ours == "current_A"), None)
     drive = current.unit if current and current.unit in ("duty", "percent", "pwm255") else None
     return Record(values, str(path), drive, texts)
+
+
+def unit_of(output: str) -> str:
+    """The unit of a film's output, for people and for keys: decades of a resistance, else what the name ends in."""
+    return "dec" if output == "minus_log10_ohm" else output.partition("_")[2] or "1"
 
 
 def _is_number(text: str) -> bool:

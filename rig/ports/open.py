@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import serial
@@ -27,6 +27,17 @@ class LineSettings:
     parity: str = "N"
     stopbits: float = 1
     xonxoff: bool = False
+
+    @property
+    def byte_s(self) -> float:
+        """Time of one character on the wire, s: its start, data, parity and stop bits."""
+        return (1 + self.bytesize + (self.parity != "N") + self.stopbits) / self.baudrate
+
+    def framed(self, framing: str) -> LineSettings:
+        """The same with another framing, in words such as "7E2" or "8N1"; ValueError where it is none."""
+        if len(framing) != 3 or framing[0] not in "78" or framing[1] not in "NEO" or framing[2] not in "12":
+            raise ValueError(f"framing {framing!r}: 7 or 8, N, E or O, 1 or 2 is expected, as in '8N1'")
+        return replace(self, bytesize=int(framing[0]), parity=framing[1], stopbits=int(framing[2]))
 
 
 def open_port(port: str, settings: LineSettings) -> serial.SerialBase:

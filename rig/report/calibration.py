@@ -18,8 +18,8 @@ def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
     """report.html of a calibration's folder."""
     film, plate = result.film, result.plate
     lead = (
-        f"The film model predicts log R to {result.check_rmse_dec:.4f} decades RMS (largest {result.check_max_dec:.3f}) "
-        f"on {result.rows_checked} rows that it was not fitted to."
+        f"The film model predicts log R to {result.check_rmse_dec:.4f} decades RMS "
+        f"(largest {result.check_max_dec:.3f}) on {result.rows_checked} rows that it was not fitted to."
     )
     numbers = [
         (f"{result.check_rmse_dec:.4f} dec", "held-out RMSE of log R"),

@@ -1,0 +1,146 @@
+"""Keithley 2400 SourceMeter as an ohmmeter on its RS-232 port.
+
+Sources: 2400 series manual p. 4-4, 4-14 (auto-ohms, its test currents, the recipe for four wires), 14-14, 18-51
+(elements of a reply, and what stands for overflow and for not measured), 18-61.
+
+It sources its test current through the film as long as its output is on, and 100 mA in its lowest range: only ranges
+whose current is allowed are used, and every reply carries the current that was sourced, which has to be the range's.
+`output_between_readings`: whether the output stays on from the first reading (and the film's self-heating with it) or
+is on during a reading only. `off` and `close` switch it off. Where it is found off, by hand or by an interlock, a
+reading is Refused with the instrument's own error, and the next one switches it on again.
+
+A reply has two of the five elements, current and resistance; ranges, and the residual of a reading that is given twice,
+are in `rig.drivers.scpi_ohmmeter`.
+
+Set the instrument to RS-232 at 57600 Bd with LF (or CRLF) at its front panel; from the factory it has 9600 Bd, at which
+the 90 characters of a reading take 94 ms (option `baud`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar
+
+from rig.drivers.scpi import ScpiLink
+from rig.drivers.scpi_ohmmeter import ScpiOhmmeter, is_number
+from rig.errors import Corrupt, OutOfStep, TimedOut
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Reading
+
+# full scale, ohm -> test current in auto-ohms, A (p. 4-14)
+TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
+    {20.0: 100e-3, 200.0: 10e-3, 2e3: 1e-3, 2e4: 100e-6, 2e5: 10e-6, 2e6: 1e-6, 2e7: 1e-6, 2e8: 100e-9}
+)
+CURRENT_TOLERANCE = 0.05  # of the test current, between the table and the reply
+
+
+class Keithley2400Meter(ScpiOhmmeter):
+    """See `rig.drivers.meter.ResistanceMeter`. line: settings that the port was opened with."""
+
+    LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
+    NAME: ClassVar[str] = "Keithley 2400"
+    OVERRANGE: ClassVar[float] = 1.05
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        line: LineSettings = LINE,
+        test_currents_A: Mapping[float, float] = TEST_CURRENTS_A,
+        first_range_ohm: float = 2e5,
+        output_between_readings: bool = True,
+        first_token: int | None = None,
+    ) -> None:
+        link = ScpiLink(
+            transport,
+            byte_s=line.byte_s,
+            first_token=first_token,
+            after_resynchronisation=self._look_after_doubt,
+        )
+        super().__init__(transport, link, test_currents_A=test_currents_A, first_range_ohm=first_range_ohm)
+        self._stays_on = output_between_readings
+        self._output_is_on = False
+
+    def start_reading(self) -> None:
+        """Begin a reading; the output is switched on where it has to be."""
+        if self._ranges:
+            if self.link.in_doubt:
+                self.link.resynchronise()
+            if self._rests:
+                self._apply()
+            if self._stays_on and not self._output_is_on:
+                self.link.command(":OUTP ON")
+                self._output_is_on = True
+        super().start_reading()
+
+    def finish_reading(self) -> Reading:
+        """The reading that was begun, ohm. Refused, from the error queue, where there was none."""
+        try:
+            return super().finish_reading()
+        except TimedOut:
+            self.link.explain_silence(self._message)
+            raise
+
+    def off(self) -> bool:
+        """Output off until the next reading; True only if it reads back so. Never raises."""
+        self._output_is_on = False
+        return super().off()
+
+    def close(self) -> None:
+        """Output off, as well as that can be done, and let go of the port. Never raises."""
+        self.off()
+        super().close()
+
+    def _is_mine(self, maker: str, model: str) -> bool:
+        return "KEITHLEY" in maker and ("2400" in model or "2401" in model)
+
+    def _function_for(self, four_wire: bool) -> str:
+        return "RES"
+
+    def _setting_messages(self) -> list[str]:
+        self._output_is_on = False
+        wires = "ON" if self._four_wire else "OFF"
+        clear = 0 if self._stays_on else 1
+        return [
+            "*RST",
+            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;:SENS:RES:NPLC {self._nplc:g};:SYST:RSEN {wires}',
+            f":SENS:RES:RANG:AUTO 0;:SENS:RES:RANG {self._ranges[self._chosen]:.0f}",
+            f":FORM:ELEM CURR,RES;:SOUR:CLE:AUTO {clear}",
+        ]
+
+    def _settings_message(self) -> str:
+        return (
+            ":SENS:FUNC?;:SENS:RES:MODE?;:SENS:RES:NPLC?;:SYST:RSEN?;:SENS:RES:RANG:AUTO?;:SENS:RES:RANG?"
+            ";:FORM:ELEM?;:SOUR:CLE:AUTO?;:OUTP?"
+        )
+
+    def _as_configured(self, settings: list[str]) -> bool:
+        if len(settings) != 9:
+            return False
+        functions, mode, nplc, wires, automatic, full_scale_ohm, elements, clear, output = settings
+        return (
+            '"RES"' in functions.replace("'", '"')
+            and mode == "AUTO"
+            and is_number(nplc, self._nplc)
+            and is_number(wires, float(self._four_wire))
+            and is_number(automatic, 0.0)
+            and is_number(full_scale_ohm, self._ranges[self._index])
+            and elements.replace(" ", "") == "CURR,RES"
+            and is_number(clear, float(not self._stays_on))
+            and is_number(output, float(self._output_is_on))
+        )
+
+    def _rest(self) -> bool:
+        return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
+
+    def _value_ohm(self, text: str) -> float:
+        current_text, _, resistance_text = text.partition(",")
+        if self.NUMBER.fullmatch(current_text) is None or self.NUMBER.fullmatch(resistance_text) is None:
+            raise Corrupt(f"{text!r} is no reading")
+        current_A, expected_A = float(current_text), self.test_current_A
+        if abs(current_A - expected_A) > CURRENT_TOLERANCE * expected_A:
+            self.link.doubt()
+            raise OutOfStep(f"the meter sourced {current_A:g} A where its range has {expected_A:g} A")
+        return float(resistance_text)

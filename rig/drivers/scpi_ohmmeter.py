@@ -1,0 +1,252 @@
+"""What SCPI meters have in common as ohmmeters: ranges by test current, and a reading that is given twice.
+
+The instrument's own autorange would pick the test current by itself; here the driver picks the range, so
+that the test current never exceeds what was allowed and is known for every reading. A reading asks for its
+value twice: where there is no checksum, repetition has to do, and a flipped digit is no wrong number.
+
+Residual: a corruption that changes both copies alike, and leaves the token as it is. For bursts shorter than the
+distance of the copies (a dozen characters) two of them are needed, with the same change at the same place: for random
+bursts at a share p of the answers, less than p^2 / 16 / 256, 16 for the place and 256 for the new character.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from math import isfinite, nan
+from typing import ClassVar
+
+from rig.drivers.identity import Identity
+from rig.drivers.meter import resistance_reading
+from rig.drivers.scpi import ScpiLink
+from rig.errors import Corrupt, OutOfStep, Refused
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Quality, Reading
+
+RANGE_UP, RANGE_DOWN = 0.95, 0.08  # of full scale, where the driver changes the range, ahead of the overrange
+LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz
+COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
+APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
+OFF_ATTEMPTS = 3
+
+
+class ScpiOhmmeter:
+    """See `rig.drivers.meter.ResistanceMeter`. A meter says in class attributes and hooks how it is spoken to.
+
+    test_currents_A: full scale, ohm -> test current, A. first_range_ohm: where ranging begins. OVERRANGE: of full
+    scale, what a range still shows. READ: the two questions of a reading. NUMBER: how a reading is written.
+    """
+
+    LINE: ClassVar[LineSettings]
+    NAME: ClassVar[str]
+    OVERRANGE: ClassVar[float] = 1.2
+    READ: ClassVar[str] = ":READ?;:FETC?"
+    SENSE: ClassVar[str] = ":SENS:"
+    NUMBER: ClassVar[re.Pattern[str]] = re.compile(r"[+-]\d\.\d{4,10}E[+-]\d\d")
+
+    def __init__(
+        self,
+        transport: Transport,
+        link: ScpiLink,
+        *,
+        test_currents_A: Mapping[float, float],
+        first_range_ohm: float,
+    ) -> None:
+        self.transport = transport
+        self.link = link
+        self._test_currents_A = dict(sorted(test_currents_A.items()))
+        self._first_range_ohm = first_range_ohm
+        self._ranges: list[float] = []
+        self._index = 0
+        self._chosen = 0
+        self._function = ""
+        self._four_wire = True
+        self._nplc = nan
+        self._message = ""
+        self._settling = False
+        self._looking = False
+        self._rests = False
+
+    # ---- what a meter says of itself ------------------------------------------------------------
+
+    def _is_mine(self, maker: str, model: str) -> bool:
+        """Whether `*IDN?` names an instrument of this driver's family."""
+        raise NotImplementedError
+
+    def _check_nplc(self, nplc: float) -> None:
+        """ValueError where the meter has no such integration time."""
+        if not 0.01 <= nplc <= 10.0:
+            raise ValueError(f"{nplc} power line cycles: 0.01 to 10 is expected")
+
+    def _function_for(self, four_wire: bool) -> str:
+        return "FRES" if four_wire else "RES"
+
+    def _setting_messages(self) -> list[str]:
+        """Commands that bring all settings about, the range among them."""
+        raise NotImplementedError
+
+    def _settings_message(self) -> str:
+        """A question for all settings."""
+        raise NotImplementedError
+
+    def _as_configured(self, settings: list[str]) -> bool:
+        """Whether the answers to `_settings_message` are what is configured."""
+        raise NotImplementedError
+
+    def _rest(self) -> bool:
+        """Stop the test current; whether the meter says that it has stopped."""
+        raise NotImplementedError
+
+    def _value_ohm(self, text: str) -> float:
+        """The number in a reading's text. Corrupt where it is none."""
+        if self.NUMBER.fullmatch(text) is None:
+            raise Corrupt(f"{text!r} is no reading")
+        return float(text)
+
+    # ---- what the rig asks for ------------------------------------------------------------------
+
+    @property
+    def test_current_A(self) -> float:
+        """Of the range that the last reading was taken in, A; nan before `configure`."""
+        return self._test_currents_A[self._ranges[self._index]] if self._ranges else nan
+
+    @property
+    def range_ohm(self) -> float:
+        """Full scale of that range, ohm."""
+        return self._ranges[self._index] if self._ranges else nan
+
+    def identify(self) -> Identity:
+        """`*IDN?`; Refused where it is another instrument."""
+        maker, model, serial_number, firmware = (
+            part.strip() for part in (self.link.ask_alone("*IDN?") + ",,,").split(",")[:4]
+        )
+        if not self._is_mine(maker.upper(), model):
+            raise Refused(None, f"{maker!r} {model!r} is no {self.NAME}")
+        return Identity(self.NAME.split()[0], model.removeprefix("MODEL").strip(), serial_number, firmware)
+
+    def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
+        """Function, integration time, ranges whose test current is allowed; Refused if it reads back else."""
+        self._check_nplc(nplc)
+        allowed = [ohm for ohm, current_A in self._test_currents_A.items() if current_A <= max_test_current_A]
+        if not allowed:
+            least_A = min(self._test_currents_A.values())
+            raise ValueError(f"a test current of {max_test_current_A} A is below the least, {least_A} A")
+        self._ranges = []
+        if self.link.in_doubt:
+            self.link.resynchronise()
+        self._function = self._function_for(four_wire)
+        self._four_wire = four_wire
+        self._nplc = nplc
+        self._ranges = allowed
+        self._index = self._chosen = min(
+            range(len(allowed)), key=lambda index: abs(allowed[index] - self._first_range_ohm)
+        )
+        try:
+            self._apply()
+        except BaseException:
+            self._ranges = []  # half configured is not configured
+            raise
+
+    def start_reading(self) -> None:
+        """Begin a reading; where the last one asked for another range, change it first."""
+        if not self._ranges:
+            raise Refused(None, "the meter is not configured yet")
+        if self._rests:
+            self._apply()
+        message = self.READ
+        self._settling = self._chosen != self._index
+        if self._settling:
+            header = f"{self.SENSE}{self._function}:RANG"
+            message = f"{header} {self._ranges[self._chosen]:.0f};{header}?;{message}"
+        self._message = message
+        self.link.start(message, APERTURES * self._nplc * LINE_PERIOD_S + MARGIN_S)
+        self._index = self._chosen
+
+    def finish_reading(self) -> Reading:
+        """The reading that was begun, ohm; `time_s` is the middle of the integration."""
+        time_s = self.link.arrived_s + COMMAND_S + 0.5 * self._nplc * LINE_PERIOD_S
+        *before, first, second = ("", *self.link.finish().split(";"))
+        try:
+            if first != second:
+                raise Corrupt(f"{first!r} and {second!r} are not twice the same reading")
+            value_ohm = self._value_ohm(first)
+        except Corrupt:
+            self.link.doubt()
+            raise
+        full_scale_ohm = self._ranges[self._index]
+        if self._settling and (len(before) != 2 or not is_number(before[1], full_scale_ohm)):
+            self.link.doubt()
+            raise OutOfStep(f"range {full_scale_ohm:g} ohm was asked for, and {before[1:]} came back")
+        reading = resistance_reading(value_ohm, time_s, 1.05 * self.OVERRANGE * full_scale_ohm)
+        self._choose_next_range(reading)
+        if self._settling and reading.quality is Quality.OK:
+            return Reading(reading.value, time_s, Quality.SETTLING)
+        return reading
+
+    def read_resistance(self) -> Reading:
+        """Begin a reading and wait for it, ohm."""
+        self.start_reading()
+        return self.finish_reading()
+
+    def off(self) -> bool:
+        """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
+        self._rests = True
+        for _ in range(OFF_ATTEMPTS):
+            try:
+                if self._rest():
+                    return True
+            except Exception:
+                self.link.doubt()
+        return False
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.transport.close()
+
+    # ---- ranges and settings --------------------------------------------------------------------
+
+    def _choose_next_range(self, reading: Reading) -> None:
+        index = self._index
+        if reading.quality is Quality.OVERRANGE:
+            self._chosen = min(index + 1, len(self._ranges) - 1)
+        elif reading.quality is Quality.OK:
+            value_ohm = reading.value
+            while index + 1 < len(self._ranges) and value_ohm > RANGE_UP * self._ranges[index]:
+                index += 1
+            while index > 0 and value_ohm < RANGE_DOWN * self._ranges[index]:
+                index -= 1
+            self._chosen = index
+
+    def _apply(self) -> None:
+        """Send all settings and read them back."""
+        self._rests = False
+        for message in self._setting_messages():
+            self.link.command(message)
+        self._index = self._chosen
+        settings = self._settings()
+        if not self._as_configured(settings):
+            raise Refused(None, f"the meter reads back {settings}")
+
+    def _settings(self) -> list[str]:
+        return self.link.ask(self._settings_message()).split(";")
+
+    def _look_after_doubt(self) -> None:
+        """A meter that was switched off in between has forgotten its settings: give them again."""
+        if not self._ranges or self._looking or self._rests:
+            return
+        self._looking = True
+        try:
+            if not self._as_configured(self._settings()):
+                self._apply()
+        finally:
+            self._looking = False
+
+
+def is_number(text: str, value: float) -> bool:
+    """Whether `text` is the number `value`, to the digits in which instruments answer."""
+    try:
+        number = float(text)
+    except ValueError:
+        return False
+    return isfinite(number) and abs(number - value) <= 1e-3 * abs(value) + 1e-9

@@ -1,0 +1,230 @@
+"""SRS LDC501, the temperature controller in it, on its RS-232 port.
+
+Sources: LDC500 series manual, remote chapter p. 4-10, 4-16, 4-37, 4-38, 4-47, 4-54. Not verified on an instrument: the
+sign of the current that heats (`heating_sign`: check with a small pulse), `*ESE`, how a number is written.
+
+There is no checksum. A reading is asked for twice in one line, with a token (`rig.drivers.srs_line`), and counts if
+both are alike; a setting is read back in the line that sets it. Residual: a corruption that changes both copies of a
+reading alike and leaves the token as it is; for random bursts at a share p of the answers less than p^2 / 8 / 256 (8
+places, 256 characters). A setting garbled on its way acts until the read-back has shown it, some 50 ms at 9600 Bd; the
+instrument's own limits (TILM, TMIN, TMAX) hold meanwhile.
+
+It has no dead man: when the host falls silent the output stays as it is. At 9600 Bd a temperature takes 55 ms and a
+current 50 ms: with both, a period of 0.2 s is right.
+"""
+
+from __future__ import annotations
+
+import re
+from math import isfinite, nan
+from typing import ClassVar
+
+from rig.drivers.controller import Status
+from rig.drivers.identity import Identity
+from rig.drivers.srs_line import SrsLink
+from rig.errors import Corrupt, Refused
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Quality, Reading
+
+CURRENT_MODE, TEMPERATURE_MODE = 0, 1
+WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}
+LARGEST_CURRENT_A = 4.5
+RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
+NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
+TRIALS, OFF_ATTEMPTS = 3, 3
+NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,9})?([eE][+-]?\d{1,2})?")
+
+
+class SrsLdc500Controller:
+    """See `rig.drivers.controller.TemperatureController`.
+
+    line: settings that the port was opened with. heating_sign: +1 if positive current heats as the element is wired,
+    -1 if it cools.
+    """
+
+    LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600)
+    commands_current: ClassVar[bool] = True
+    has_dead_man: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        line: LineSettings = LINE,
+        heating_sign: int = 1,
+        first_token: int | None = None,
+    ) -> None:
+        if heating_sign not in (1, -1):
+            raise ValueError(f"heating sign {heating_sign}: 1 or -1 is expected")
+        self.transport = transport
+        self.link = SrsLink(
+            transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._look_after_doubt
+        )
+        self.current_limit_A = nan
+        self.temperature_limits_degC = (nan, nan)
+        self._heating_sign = heating_sign
+        self._armed_mode: int | None = None
+
+    def identify(self) -> Identity:
+        """`*IDN?`. Refused where it is no LDC501 (or 500, 502, which have the same temperature controller)."""
+        maker, model, number, firmware = (
+            part.strip() for part in (self.link.ask_alone("*IDN?") + ",,,").split(",")[:4]
+        )
+        if "STANFORD" not in maker.upper() or not model.startswith("LDC50"):
+            raise Refused(None, f"{maker!r} {model!r} is no LDC500 series controller")
+        return Identity("SRS", model, number.removeprefix("s/n"), firmware.removeprefix("ver"))
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Output off, current mode at 0 A, TILM, TMIN, TMAX; each read back. There is no dead man to be set."""
+        low_degC, high_degC = temperature_limits_degC
+        if not 0.0 < current_limit_A <= LARGEST_CURRENT_A:
+            raise ValueError(
+                f"current limit {current_limit_A} A: more than 0 and at most {LARGEST_CURRENT_A} is expected"
+            )
+        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
+            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
+        self._armed_mode = None
+        self._set("TEON", 0)
+        self._set("TMOD", CURRENT_MODE)
+        self._set("TCUR", 0.0)
+        self._set("TILM", current_limit_A, RESOLUTION_A)
+        self._set("TMIN", low_degC, RESOLUTION_K)
+        self._set("TMAX", high_degC, RESOLUTION_K)
+        self.current_limit_A = current_limit_A
+        self.temperature_limits_degC = (low_degC, high_degC)
+
+    def arm_current(self) -> None:
+        """Current mode (TMOD CC) at 0 A, output on."""
+        self._require_configured()
+        self._armed_mode = None
+        self._set("TMOD", CURRENT_MODE)
+        self._set("TCUR", 0.0)
+        self._enable(CURRENT_MODE)
+
+    def set_current_A(self, current_A: float) -> None:
+        """TCUR, read back. ValueError outside the configured limit: nothing is sent."""
+        if not abs(current_A) <= self.current_limit_A:
+            raise ValueError(f"{current_A} A is outside the configured +-{self.current_limit_A} A")
+        if self._armed_mode != CURRENT_MODE:
+            raise Refused(None, "the output is not armed for currents")
+        self._set_fast("TCUR", self._heating_sign * current_A, RESOLUTION_A)
+
+    def arm_setpoint(self) -> None:
+        """The instrument's own regulation (TMOD CT), held at the temperature of now; output on."""
+        self._require_configured()
+        self._armed_mode = None
+        now = self.read_temperature()
+        low_degC, high_degC = self.temperature_limits_degC
+        if not (now.is_number and low_degC <= now.value <= high_degC):
+            raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
+        self._set("TMOD", TEMPERATURE_MODE)
+        self._set("TEMP", now.value, RESOLUTION_K)
+        self._enable(TEMPERATURE_MODE)
+
+    def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """TEMP, read back. ValueError outside the configured limits: nothing is sent."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not low_degC <= setpoint_degC <= high_degC:
+            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        if self._armed_mode != TEMPERATURE_MODE:
+            raise Refused(None, "the output is not armed for setpoints")
+        self._set_fast("TEMP", setpoint_degC, RESOLUTION_K)
+
+    def read_temperature(self) -> Reading:
+        """Temperature (TTRD), degC; `time_s` is when the question had arrived."""
+        value_degC = self._read_twice("TTRD")
+        quality = Quality.OK if -273.15 <= value_degC <= 1000.0 else Quality.INVALID
+        return Reading(value_degC, self.link.arrived_s, quality)
+
+    def read_current(self) -> Reading:
+        """Current that flows (TIRD), A, positive heats by `heating_sign`."""
+        value_A = self._heating_sign * self._read_twice("TIRD")
+        return Reading(value_A, self.link.arrived_s, Quality.OK if isfinite(value_A) else Quality.INVALID)
+
+    def status(self) -> Status:
+        """Output and mode (TEON, TMOD), and errors since they were last asked for (LEXE, LCME)."""
+        on_text, mode_text, execution, command = self._answers("TEON?;TMOD?;LEXE?;LCME?", 4)
+        on, mode = _number(on_text), _number(mode_text)
+        if not (execution.strip().isdigit() and command.strip().isdigit()):
+            self.link.doubt()
+            raise Corrupt(f"{execution!r} and {command!r} are no error numbers")
+        codes = [code for code in (int(execution), int(command)) if code]
+        words = f"{'on' if on else 'off'}, {'own regulation' if mode == TEMPERATURE_MODE else 'current'}"
+        if codes:
+            words += f", error {codes[0]}"
+        return Status(words, bool(codes), on == 1, codes[0] if codes else 0)
+
+    def off(self) -> bool:
+        """TEON 0; True if TEON and the current that flows say so. Never raises."""
+        self._armed_mode = None
+        for _ in range(OFF_ATTEMPTS):
+            try:
+                on, again, current_A = self._answers("TEON 0;TEON?;TEON?;TIRD?", 3)
+                if on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A:
+                    return True
+            except Exception:
+                self.link.doubt()
+        return False
+
+    def close(self) -> None:
+        """Let go of the port; the output stays as it is."""
+        self.transport.close()
+
+    def _enable(self, mode: int) -> None:
+        self._set("TEON", 1)
+        status = self.status()
+        if not status.output_is_on:
+            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        self._armed_mode = mode
+
+    def _require_configured(self) -> None:
+        if not isfinite(self.current_limit_A):
+            raise Refused(None, "limits are not configured yet")
+
+    def _set(self, name: str, value: float, resolution: float = 0.0) -> None:
+        """Set, read back, and ask for errors."""
+        self._set_fast(name, value, resolution)
+        self.link.check(f"{name} {value:g}")
+
+    def _set_fast(self, name: str, value: float, resolution: float = 0.0) -> None:
+        """Set and read back in one line. What reads back right was taken; otherwise errors are asked for."""
+        text = f"{value:.4f}" if resolution else f"{value:g}"
+        (read_back,) = self._answers(f"{name} {text};{name}?", 1)
+        if not abs(_number(read_back) - value) <= resolution:
+            self.link.check(f"{name} {text}")
+            raise Refused(None, f"{name} was set to {text} and reads {read_back}")
+
+    def _read_twice(self, name: str) -> float:
+        """A number that the instrument says twice in one line. Corrupt where they differ, again and again."""
+        for _ in range(TRIALS):
+            first, second = self._answers(f"{name}?;{name}?", 2)
+            if first == second:
+                return _number(first)
+        self.link.doubt()
+        raise Corrupt(f"{first!r} and {second!r} are not twice the same {name}")
+
+    def _answers(self, message: str, count: int) -> list[str]:
+        answers = self.link.ask(message).split(";")
+        if len(answers) != count:
+            self.link.doubt()
+            raise Corrupt(f"{answers} are not {count} answers to {message}")
+        return answers
+
+    def _look_after_doubt(self) -> None:
+        """A controller that was switched off in between comes back with its output off: it is no longer armed."""
+        if self._armed_mode is not None:
+            mode, self._armed_mode = self._armed_mode, None
+            on, now = (_number(text) for text in self._answers("TEON?;TMOD?", 2))
+            if on == 1 and now == mode:
+                self._armed_mode = mode
+
+
+def _number(text: str) -> float:
+    """A number, or a token's word as a number; nan where it is neither."""
+    text = text.strip()
+    if text in WORDS:
+        return float(WORDS[text])
+    return float(text) if NUMBER.fullmatch(text) else nan

@@ -1,0 +1,318 @@
+"""TE Technology TC-36-25 RS232 and TC-48-20 temperature controllers.
+
+Sources: TC-36-25 RS232 manual, Appendix C p. 42 to 50 (codes are hexadecimal); TC-48-20 manual, Appendix B p. 48 to 54.
+
+They command power in percent, never amperes, so the current is unknown: `commands_current` is False, `arm_current` and
+`set_current_A` are Refused, `read_current` is no number, and the rig falls back to setpoints for the instrument's own
+regulation. The current limit cannot be set either (the supply's voltage over the element's resistance is what it is).
+There is no dead man.
+
+TC-36-25: writing to its EEPROM (some 1e6 times) is switched off (34) before anything else is written; the working units
+(4b) are read before a temperature is trusted; the number that fences (`rig.drivers.te_link`) goes to the control
+deadband (25), which only the deadband type of control uses, and the driver chooses PID (2b). Not verified: that alarm
+type 2 is fixed alarms, that the deadband takes 0.01 to 99.99.
+TC-48-20: no code is known that reads its units (`units` has to be given), switches its EEPROM off or sets its alarms;
+its output enable reads back by code 64 (not verified: `power_read_code`); the model number (00) is its fence.
+
+A temperature is read twice between fences, and the two have to agree within `agreement_K`, by default 0.14 K, less than
+the 15 units (0.15 K) by which a corruption that the sum misses changes a value. Residual: a burst over the last digit
+and the sum that fits again (1 of 16 x 256), with an error below 0.15 K; on the TC-48-20, with its units of 0.1 K, the
+same. A plate faster than 3 K/s moves more than that between two readings at 9600 Bd, and is never read.
+
+At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint three: a period of 0.5 s is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import ClassVar
+
+from rig.drivers.controller import Status
+from rig.drivers.identity import Identity
+from rig.drivers.te_link import Dialect, Request, TeLink
+from rig.errors import Corrupt, Refused
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Quality, Reading
+
+TRIALS, OFF_ATTEMPTS = 3, 3
+MODEL_CODE = 9613
+ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
+MAKES_TROUBLE = 0b1011111  # an open second input does not
+LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A controller: its name, line, frames, units of a degree, codes (empty: not known)."""
+
+    name: str
+    line: LineSettings
+    dialect: Dialect
+    per_degC: int
+    power_write: bytes
+    power_read: bytes
+    alarms: bytes
+    units: bytes = b""
+    settings: tuple[tuple[bytes, bytes, int], ...] = ()  # write, read, value, at configuration
+    limits: tuple[tuple[bytes, bytes], ...] = ()  # write and read of low and high alarm
+    alarm_type: tuple[bytes, bytes] = (b"", b"")
+    drain_s: float = 0.3
+
+
+MODELS = {
+    "tc-36-25": Model(
+        "TC-36-25 RS232",
+        LineSettings(baudrate=9600),
+        Dialect(8, True, fence_write=b"25", quiet=(b"34", 0)),
+        100,
+        b"2d",
+        b"46",
+        b"05",
+        units=b"4b",
+        settings=((b"34", b"4c", 0), (b"29", b"42", 0), (b"2b", b"44", 1), (b"2e", b"47", 1)),
+        limits=((b"24", b"58"), (b"23", b"57")),
+        alarm_type=(b"28", b"41"),
+    ),
+    "tc-48-20": Model(
+        "TC-48-20",
+        LineSettings(baudrate=115200),
+        Dialect(4, False, fence_read=b"00", fence_value=MODEL_CODE),
+        10,
+        b"30",
+        b"64",
+        b"03",
+        drain_s=2.5,
+    ),
+}
+
+
+class TeTechnologyController:
+    """See `rig.drivers.controller.TemperatureController`.
+
+    model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
+    (the manual advises a delay; not verified how long). drain_s: how long the line has to be silent after doubt.
+    units: "degC" or "degF" where the model cannot be asked. alarm_type: None leaves the alarms as they are.
+    """
+
+    LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
+    commands_current: ClassVar[bool] = False
+    has_dead_man: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        line: LineSettings | None = None,
+        model: str = "tc-36-25",
+        address: int = 0,
+        gap_s: float = 0.01,
+        drain_s: float | None = None,
+        agreement_K: float = 0.14,
+        units: str | None = None,
+        alarm_type: int | None = 2,
+        power_read_code: str | None = None,
+        first_token: int | None = None,
+    ) -> None:
+        if not 0 <= address <= 255:
+            raise ValueError(f"address {address}: 0 to 255 is expected")
+        if units not in (None, "degC", "degF"):
+            raise ValueError(f"units {units!r}: 'degC' or 'degF' is expected")
+        self._model = table = _model(model)
+        self.transport = transport
+        self.link = TeLink(
+            transport,
+            table.dialect,
+            address=address,
+            byte_s=(table.line if line is None else line).byte_s,
+            gap_s=gap_s,
+            drain_s=table.drain_s if drain_s is None else drain_s,
+            first_token=first_token,
+        )
+        self.temperature_limits_degC = (nan, nan)
+        self._agreement_K = agreement_K
+        self._fahrenheit: bool | None = None if units is None else units == "degF"
+        self._given_units = units is not None
+        self._alarm_type = alarm_type
+        self._power_read = table.power_read if power_read_code is None else power_read_code.encode("ascii")
+        self._armed = False
+        self._looked_after = 0
+
+    @classmethod
+    def line_for(cls, **options: object) -> LineSettings:
+        """Line settings of the model that the options name. ValueError where there is none."""
+        return _model(options.get("model", "tc-36-25")).line
+
+    def identify(self) -> Identity:
+        """The TC-36-25 has no identification: its sensor type (43) has to be 0 to 5. Refused."""
+        if self._model.dialect.fence_read:
+            (number,) = self._exchange((self._model.dialect.fence_read, None))
+            wrong = number != MODEL_CODE
+        else:
+            (number,) = self._exchange((b"43", None))
+            wrong = not 0 <= number <= 5
+        if wrong:
+            raise Refused(None, f"what answers reads {number}, and is no {self._model.name}")
+        return Identity("TE Technology", self._model.name, "", "")
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Output off, EEPROM off, own regulation by setpoints from here, alarms that shut down; each read back.
+
+        Neither the current limit nor a dead man can be set.
+        """
+        low_degC, high_degC = temperature_limits_degC
+        if not (isfinite(current_limit_A) and current_limit_A > 0.0):
+            raise ValueError(f"current limit {current_limit_A} A: a positive number is expected")
+        if not (isfinite(low_degC) and isfinite(high_degC) and low_degC < high_degC):
+            raise ValueError(f"temperature limits {low_degC}, {high_degC} degC: two rising numbers are expected")
+        self._armed = False
+        model = self._model
+        self._set(model.power_write, self._power_read, 0)
+        for write, read, value in model.settings:
+            self._set(write, read, value)
+        self._learn_units()
+        if model.limits and self._alarm_type is not None:
+            for (write, read), limit_degC in zip(model.limits, temperature_limits_degC, strict=True):
+                self._set(write, read, self._fixed(limit_degC))
+            self._set(*model.alarm_type, self._alarm_type)
+        self.temperature_limits_degC = (low_degC, high_degC)
+
+    def arm_current(self) -> None:
+        """Refused: it commands power, and the current is unknown."""
+        raise Refused(None, f"a {self._model.name} cannot be told a current; use setpoints")
+
+    def set_current_A(self, current_A: float) -> None:
+        """Refused: it commands power, and the current is unknown."""
+        raise Refused(None, f"a {self._model.name} cannot be told a current; use setpoints")
+
+    def arm_setpoint(self) -> None:
+        """Output on under the instrument's own regulation, held at the temperature of now."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not isfinite(low_degC):
+            raise Refused(None, "limits are not configured yet")
+        self._armed = False
+        now = self.read_temperature()
+        if not (now.is_number and low_degC <= now.value <= high_degC):
+            raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
+        self._set(b"1c", b"50", self._fixed(now.value))
+        self._set(self._model.power_write, self._power_read, 1)
+        status = self.status()
+        if status.is_error or not status.output_is_on:
+            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        self._armed = True
+
+    def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """Set temperature (1c), read back. ValueError outside the configured limits: nothing is sent."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not low_degC <= setpoint_degC <= high_degC:
+            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        if self.link.in_doubt:
+            self.link.resynchronise()
+            self._look_after_doubt()
+        if not self._armed:
+            raise Refused(None, "the output is not armed for setpoints")
+        self._set(b"1c", b"50", self._fixed(setpoint_degC))
+
+    def read_temperature(self) -> Reading:
+        """Control sensor (01), degC; `time_s` is when the second of two requests had arrived."""
+        self._learn_units()
+        for _ in range(TRIALS):
+            first, second, time_s = self._read_pair(b"01")
+            if abs(first - second) <= self._agreement_K * self._model.per_degC * (1.8 if self._fahrenheit else 1.0):
+                value_degC = self._degC(second)
+                quality = Quality.OK if LOWEST_DEGC <= value_degC <= HIGHEST_DEGC else Quality.INVALID
+                return Reading(value_degC if quality is Quality.OK else nan, time_s, quality)
+        self.link.doubt()
+        raise Corrupt(f"two readings one after the other are {first} and {second}")
+
+    def read_current(self) -> Reading:
+        """Not known: the instrument tells power, not amperes. Nothing is asked."""
+        return Reading(nan, self.transport.clock.now_s(), Quality.INVALID)
+
+    def read_power_percent(self) -> Reading:
+        """Power output (02), % of full power, positive heats as far as the instrument's polarity is set so."""
+        (value,) = self._exchange((b"02", None))
+        return Reading(value / 511.0 * 100.0, self.link.arrived_s, Quality.OK if abs(value) <= 511 else Quality.INVALID)
+
+    def status(self) -> Status:
+        """Alarms (05, on the TC-48-20 03) and whether power is on (46)."""
+        alarms, on = self._exchange((self._model.alarms, None), (self._power_read, None))
+        names = [name for bit, name in enumerate(ALARMS) if alarms >> bit & 1]
+        text = ("on" if on == 1 else "off") + "".join(f", alarm: {name}" for name in names)
+        return Status(text, bool(alarms & MAKES_TROUBLE), on == 1, alarms & MAKES_TROUBLE)
+
+    def off(self) -> bool:
+        """Power off, at once and then proven; True if it reads back so twice (46). Never raises."""
+        self._armed = False
+        off = (self._model.power_write, 0)
+        for attempt in range(OFF_ATTEMPTS):
+            try:
+                if self.link.in_doubt or attempt:
+                    self.link.shout(*off)
+                read = (self._power_read, None)
+                if self.link.sequence(off, read, read, trials=2)[1:] == [0, 0]:
+                    return True
+            except Exception:
+                self.link.doubt()
+        return False
+
+    def close(self) -> None:
+        """Let go of the port; the output stays as it is."""
+        self.transport.close()
+
+    def _exchange(self, *requests: Request) -> list[int]:
+        replies = self.link.sequence(*requests)
+        self._look_after_doubt()
+        return replies
+
+    def _read_pair(self, code: bytes) -> tuple[int, int, float]:
+        first, second = self.link.sequence((code, None), (code, None))
+        time_s = self.link.arrived_before_fence_s
+        self._look_after_doubt()
+        return first, second, time_s
+
+    def _set(self, write: bytes, read: bytes, value: int) -> None:
+        _, read_back = self.link.sequence((write, value), (read, None))
+        if read_back != value:
+            raise Refused(
+                None, f"{value} was written by code {write.decode()}, and code {read.decode()} reads {read_back}"
+            )
+
+    def _learn_units(self) -> None:
+        if self._fahrenheit is not None:
+            return
+        if not self._model.units:
+            raise Refused(None, f"a {self._model.name} does not tell its working units: the option `units` is needed")
+        (units,) = self.link.sequence((self._model.units, None))
+        if units not in (0, 1):
+            raise Refused(None, f"working units read {units}")
+        self._fahrenheit = units == 0
+
+    def _look_after_doubt(self) -> None:
+        """After the line was in doubt the instrument may have restarted: units and power are asked for again."""
+        if self.link.resynchronised == self._looked_after:
+            return
+        self._looked_after = self.link.resynchronised
+        if self._model.units and not self._given_units and self._fahrenheit is not None:
+            self._fahrenheit = None
+            self._learn_units()
+        if self._armed:
+            (on,) = self.link.sequence((self._power_read, None))
+            self._armed = on == 1
+
+    def _fixed(self, temperature_degC: float) -> int:
+        value = temperature_degC * 1.8 + 32.0 if self._fahrenheit else temperature_degC
+        return round(value * self._model.per_degC)
+
+    def _degC(self, fixed: int) -> float:
+        value = fixed / self._model.per_degC
+        return (value - 32.0) / 1.8 if self._fahrenheit else value
+
+
+def _model(name: object) -> Model:
+    if not isinstance(name, str) or name not in MODELS:
+        raise ValueError(f"model {name!r}: one of {', '.join(sorted(MODELS))} is expected")
+    return MODELS[name]
