@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from compensator.film import FilmModel
-from compensator.functions import KELVIN
+from compensator.functions import KELVIN, Array
 from compensator.pid import PidGains
 from compensator.plate import PlateModel
 
@@ -42,10 +43,8 @@ class Design:
     period_s: float
 
 
-def loop_margins(
-    gains: PidGains, gain: float, pole_per_s: float, dead_time_s: float, period_s: float
-) -> Margins:
-    """Margins of the sampled loop PID(z) G(z), G the zero-order hold of gain e^(-dead_time s) / (s + pole).
+def sampled_loop(gains: PidGains, gain: float, pole_per_s: float, dead_time_s: float, period_s: float) -> Any:
+    """PID(z) G(z) as a python-control transfer function, G the zero-order hold of gain e^(-dead_time s) / (s + pole).
 
     The dead time is taken in whole periods, rounded up.
     """
@@ -63,14 +62,31 @@ def loop_margins(
     if gains.kd > 0.0:
         span = gains.filter_time_s + period_s
         pid = pid + (gains.kd / span) * (z - 1.0) / (z - gains.filter_time_s / span)
-    loop = pid * held * delay
-    gain_margin, phase_margin, _, crossover = control.margin(loop)
-    omega = np.logspace(-4.0, math.log10(math.pi / period_s), 2000)
-    response = np.asarray(loop(np.exp(1j * omega * period_s)))
-    ms = float(np.max(1.0 / np.abs(1.0 + response)))
+    return pid * held * delay
+
+
+def loop_response(loop: Any, period_s: float) -> tuple[Array, Any]:
+    """Frequencies (rad/s) up to Nyquist's, and the loop's complex response there."""
+    omega = np.logspace(-4.0, math.log10(0.9999 * math.pi / period_s), 2000)
+    return omega, np.asarray(loop(np.exp(1j * omega * period_s)))
+
+
+def maximum_sensitivity(loop: Any, period_s: float) -> float:
+    """Ms, the largest |1 / (1 + L)|; infinite where the closed loop is not stable."""
+    import control
+
     if not np.all(np.abs(np.asarray(control.feedback(loop, 1).poles())) < 1.0):
-        ms = math.inf
-    return Margins(float(gain_margin), float(phase_margin), ms, float(crossover))
+        return math.inf
+    return float(np.max(1.0 / np.abs(1.0 + loop_response(loop, period_s)[1])))
+
+
+def loop_margins(loop: Any, period_s: float) -> Margins:
+    """Gain margin, phase margin, Ms and crossover of a sampled loop."""
+    import control
+
+    omega, response = loop_response(loop, period_s)
+    gain_margin, phase_margin, _, crossover = control.margin(control.frd(response, omega, smooth=True))
+    return Margins(float(gain_margin), float(phase_margin), maximum_sensitivity(loop, period_s), float(crossover))
 
 
 def design_pi(gain: float, pole_per_s: float, dead_time_s: float, period_s: float, ms: float) -> Design:
@@ -87,14 +103,15 @@ def design_pi(gain: float, pole_per_s: float, dead_time_s: float, period_s: floa
     low, high = 0.05 * total, 200.0 * total
     for _ in range(30):
         middle = math.sqrt(low * high)
-        if loop_margins(gains_for(middle), gain, pole_per_s, dead_time_s, period_s).ms > ms:
+        loop = sampled_loop(gains_for(middle), gain, pole_per_s, dead_time_s, period_s)
+        if maximum_sensitivity(loop, period_s) > ms:
             low = middle
         else:
             high = middle
         if high / low < 1.01:
             break
     gains = gains_for(high)
-    margins = loop_margins(gains, gain, pole_per_s, dead_time_s, period_s)
+    margins = loop_margins(sampled_loop(gains, gain, pole_per_s, dead_time_s, period_s), period_s)
     return Design(gains, margins, high, gain, pole_per_s, dead_time_s, period_s)
 
 
@@ -106,7 +123,7 @@ def design_temperature(period_s: float, dead_time_s: float, ms: float) -> Design
 def steepest_slope(model: FilmModel, low_degC: float, high_degC: float) -> tuple[float, float]:
     """Largest |d output / dT| on the major loop (output's unit per K) and its temperature (degC)."""
     grid = np.linspace(low_degC, high_degC, 2001)
-    heating, memory = model.simulate(grid, model.initial_memory(low_degC, "heated"))
+    heating, _ = model.simulate(grid, model.initial_memory(low_degC, "heated"))
     cooling, _ = model.simulate(grid[::-1], model.initial_memory(high_degC, "cooled"))
     best, where = 0.0, 0.5 * (low_degC + high_degC)
     for temperatures, outputs in ((grid, heating), (grid[::-1], cooling)):
@@ -114,7 +131,6 @@ def steepest_slope(model: FilmModel, low_degC: float, high_degC: float) -> tuple
         k = int(np.argmax(slopes))
         if slopes[k] > best:
             best, where = float(slopes[k]), float(0.5 * (temperatures[k] + temperatures[k + 1]))
-    del memory
     return best, where
 
 

@@ -34,7 +34,8 @@ class Film(Protocol):
 class World:
     """What is true of the simulated rig.
 
-    heat_sink: the far side as a node of its own; None keeps it at the ambient. current_limit_A: of the driver. thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
+    heat_sink: the far side as a node of its own; None keeps it at the ambient. current_limit_A: of the driver.
+    thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
     """
 
     plate: PlateModel

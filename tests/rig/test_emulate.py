@@ -101,7 +101,8 @@ def test_a_port_that_another_process_holds(
     instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
     with PseudoTerminals(instruments) as terminals:
         port = terminals.paths["controller"]
-        code = f"import serial, sys; p = serial.Serial({port!r}, exclusive=True); print('held', flush=True); sys.stdin.read()"
+        code = f"import serial, sys; p = serial.Serial({port!r}, exclusive=True); print('held', flush=True); "
+        code += "sys.stdin.read()"
         other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"

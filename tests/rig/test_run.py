@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -45,7 +46,7 @@ def test_run_folder_is_whole(peltier: Peltier, tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert document["stop"]["rows"] == len(rows)
     times = [float(row["time_s"]) for row in rows]
-    assert all(b > a for a, b in zip(times[:-1], times[1:], strict=True))
+    assert all(b > a for a, b in pairwise(times))
     with netcdf_file(folder / "record.nc", mmap=False) as file:
         assert file.variables["temperature_degC"].shape == (len(rows),)
         assert file.variables["temperature_degC"][5] == float(rows[5]["temperature_degC"])
@@ -125,7 +126,7 @@ def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: sig
     while time.monotonic() < deadline and (not record.exists() or len(record.read_text().splitlines()) < 3):
         time.sleep(0.02)
     process.send_signal(number)
-    out, err = process.communicate(timeout=20.0)
+    _, err = process.communicate(timeout=20.0)
     assert process.returncode == 128 + number, err
     assert "output off, confirmed" in err
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())

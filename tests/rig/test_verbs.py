@@ -1,0 +1,152 @@
+"""The smaller verbs: init, tune, calibrate, identify's options."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compensator.film import Envelope, FilmModel, Memoryless
+from rig.files.configuration import read_configuration
+from rig.files.model_file import Model, read_model, write_model
+from rig.files.record_file import read_record, write_columns
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) -> None:
+    status, out, _ = peltier("init", tmp_path / "new")
+    assert status == 0
+    paths = [Path(line) for line in out.splitlines()]
+    assert {path.name for path in paths} == {"rig.toml", "simulated.toml"}
+    for path in paths:
+        read_configuration(path)
+    paths[0].write_text("mine")
+    status, _, err = peltier("init", tmp_path / "new")
+    assert status == 2
+    assert "exists" in err
+    assert paths[0].read_text() == "mine"
+
+
+def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:
+    status, out, _ = peltier("tune", write_bench(tmp_path), "--json", tmp_path / "t.json")
+    assert status == 0
+    for word in ("gain margin", "phase margin", "Ms 1."):
+        assert word in out
+    result = json.loads((tmp_path / "t.json").read_text())
+    assert result["full"]["margins"]["ms"] == pytest.approx(1.4, abs=0.03)
+    slower = write_bench(tmp_path, more="\n[control]\nms = 1.2\ndead_time_s = 0.5\n")
+    peltier("tune", slower, "--json", tmp_path / "s.json")
+    assert json.loads((tmp_path / "s.json").read_text())["full"]["gains"]["kp"] < result["full"]["gains"]["kp"] / 2
+
+
+def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, more="\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 8\n")
+    path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 25.0"))
+    status, _, err = peltier("calibrate", path, "--out", tmp_path / "cal", "--json", tmp_path / "c.json")
+    assert (status, err) == (0, "")
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert result["check_rmse_dec"] < 0.004
+    model = read_model(tmp_path / "cal" / "MODEL.toml", needs=("film", "plate"))
+    assert model.plate is not None
+    assert model.plate.seebeck_over_capacity_per_A_s == pytest.approx(1.6e-3, rel=0.01)
+    assert model.plate.ambient_degC == pytest.approx(25.0, abs=0.3)
+    assert model.film is not None
+    assert np.min(model.film.order_margin()) >= -1e-9
+
+
+def test_models_read_back_to_the_same_bits(tmp_path: Path) -> None:
+    random = np.random.default_rng(0)
+    film = FilmModel(
+        random.uniform(0.0, 1.0, 7),
+        random.exponential(0.1, 7),
+        Envelope("tanh", 0.1 + random.random(), -random.random()),
+        Envelope("tanh", 0.1 + random.random(), random.random()),
+        Memoryless("arrhenius", -random.random() * 1e3, offset=random.random()),
+    )
+    write_model(tmp_path / "m.toml", Model(film, None), "a comment")
+    back = read_model(tmp_path / "m.toml").film
+    assert back is not None
+    np.testing.assert_array_equal(back.radii, film.radii)
+    np.testing.assert_array_equal(back.weights, film.weights)
+    assert (back.rising, back.falling, back.memoryless) == (film.rising, film.falling, film.memoryless)
+
+
+def test_records_read_back_to_the_same_bits(tmp_path: Path) -> None:
+    columns = {
+        "time_s": np.cumsum(np.random.default_rng(1).random(50)),
+        "temperature_degC": np.random.default_rng(2).normal(60, 9, 50),
+        "resistance_ohm": np.append(10 ** np.random.default_rng(3).normal(4, 1, 48), [np.inf, np.nan]),
+    }
+    write_columns(tmp_path / "r.csv", columns)
+    back = read_record(tmp_path / "r.csv")
+    for name, values in columns.items():
+        np.testing.assert_array_equal(back[name], values)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_records_from_elsewhere(tmp_path: Path, peltier: Peltier, delimiter: str) -> None:
+    film = FilmModel([0.1, 0.4], [0.6, 0.4], Envelope("tanh", 0.2, -12.6), Envelope("tanh", 0.2, -11.8))
+    temperature = np.concatenate([np.linspace(30, 90, 200), np.linspace(90, 30, 200), np.linspace(30, 65, 100)])
+    output, _ = film.simulate(temperature, film.initial_memory(30.0, "heated"))
+    lines = [delimiter.join(("t / min", "T", "R", "note"))]
+    lines += [
+        delimiter.join((repr(k / 60.0), repr(float(v) + 273.15), repr(float(10.0**-u) / 1e3), "a b"))
+        for k, (v, u) in enumerate(zip(temperature, output, strict=True))
+    ]
+    record = tmp_path / "their.txt"
+    record.write_text("\n".join(lines) + "\n")
+    mapping = [
+        "--column",
+        "time_s=t / min@min",
+        "--column",
+        "temperature_degC=T@K",
+        "--column",
+        "resistance_ohm=R@kohm",
+    ]
+    status, out, err = peltier(
+        "identify", record, *mapping, "--kind", "generalized_pi", "--operators", 12, "--compress", 6,
+        "--out", tmp_path / "m.toml", "--json", tmp_path / "i.json",
+    )  # fmt: skip
+    assert (status, err) == (0, "")
+    assert "operators instead of" in out
+    result = json.loads((tmp_path / "i.json").read_text())
+    assert result["film"]["rmse_dec"] < 0.01
+    assert result["film"]["compression"]["operators"] <= 6
+    table = tomllib.loads((tmp_path / "m.toml").read_text())
+    assert table["film"]["kind"] == "generalized_pi"
+    assert len(table["film"]["radii"]) <= 6
+
+
+def test_an_output_that_is_no_resistance(tmp_path: Path, peltier: Peltier) -> None:
+    film = FilmModel(
+        [0.1, 0.4],
+        [600.0, 400.0],
+        Envelope("tanh", 0.18, -11.6),
+        Envelope("tanh", 0.18, -10.6),
+        Memoryless("none", offset=900.0),
+        output="curvature_per_m",
+    )
+    temperature = np.concatenate([np.linspace(25, 85, 240), np.linspace(85, 25, 240), np.linspace(25, 65, 160)])
+    output, _ = film.simulate(temperature, film.initial_memory(25.0, "heated"))
+    write_columns(
+        tmp_path / "r.csv",
+        {"time_s": np.arange(640.0), "temperature_degC": temperature, "curvature_per_m": output},
+    )
+    status, out, _ = peltier(
+        "identify", tmp_path / "r.csv", "--output", "curvature_per_m", "--out", tmp_path / "m.toml"
+    )
+    assert status == 0
+    assert "per_m" in out
+    status, out, _ = peltier(
+        "predict", tmp_path / "m.toml", tmp_path / "r.csv", "--initial", "heated",
+        "--out", tmp_path / "p.csv", "--json", tmp_path / "p.json",
+    )  # fmt: skip
+    assert status == 0
+    assert json.loads((tmp_path / "p.json").read_text())["rmse_per_m"] < 5.0
+    np.testing.assert_allclose(read_record(tmp_path / "p.csv")["predicted_curvature_per_m"], output, atol=40.0)
