@@ -64,8 +64,7 @@ def main(options: argparse.Namespace) -> int:
     with_film = [r for r in records if r.has_output(options.output)]
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
-        names = ", ".join(str(path) for path in options.records)
-        raise fault(names, "columns", "neither resistance_ohm nor current_A is there; expected one at least (--column)")
+        raise _nothing_to_fit(records, options.output)
     film = _film(with_film, options) if with_film else None
     film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
@@ -86,6 +85,25 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+def _nothing_to_fit(records: list[Record], output: str) -> Faults:
+    """Why there is neither a film nor a plate in the records."""
+    name = "resistance_ohm" if output == "minus_log10_ohm" else output
+    lines = []
+    for record in records:
+        there = [column for column in (name, "current_A") if column in record.columns]
+        what = f"{' and '.join(there)}: no finite number in {record.rows} rows" if there else "no such column"
+        lines.append(f"{record.source}: {name}, current_A: {what}; expected one of them at least (--column maps names)")
+    return Faults(lines)
+
+
+def _said_of(records: list[Record], error: ValueError) -> Faults:
+    """The fault with the record that it is about."""
+    text = str(error)
+    if any(text.startswith(record.source) for record in records):
+        return Faults([text])
+    return Faults([f"{', '.join(record.source for record in records)}: {text}"])
+
+
 def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
     from compensator.identify_film import identify_film_records
 
@@ -102,7 +120,7 @@ def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
             seed=options.seed,
         )
     except ValueError as error:
-        raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
+        raise _said_of(records, error) from None
 
 
 def _film_record(record: Record, output: str) -> FilmRecord:
@@ -110,17 +128,17 @@ def _film_record(record: Record, output: str) -> FilmRecord:
     from compensator.identify_film import FilmRecord
 
     own_times = record["resistance_time_s"] if record.has("resistance_time_s") else None
-    return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), output_time_s=own_times)
+    return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), record.source, own_times)
 
 
 def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
     from compensator.identify_plate import PlateRecord, identify_plate_records
 
-    inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"]) for r in records]
+    inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
     try:
         return identify_plate_records(inputs, kind=options.plate)
     except ValueError as error:
-        raise Faults([f"{', '.join(r.source for r in records)}: {error}"]) from None
+        raise _said_of(records, error) from None
 
 
 def _tell_film(fit: FilmFit, unit: str, voice: Voice) -> dict[str, Any]:

@@ -15,6 +15,7 @@ current 50 ms: with both, a period of 0.2 s is right.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from math import isfinite, nan
 from typing import ClassVar
@@ -22,7 +23,7 @@ from typing import ClassVar
 from rig.drivers.controller import Status
 from rig.drivers.identity import Identity
 from rig.drivers.srs_line import SrsLink
-from rig.errors import Corrupt, Refused
+from rig.errors import Corrupt, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
@@ -108,6 +109,7 @@ class SrsLdc500Controller:
         """TCUR, read back. ValueError outside the configured limit: nothing is sent."""
         if not abs(current_A) <= self.current_limit_A:
             raise ValueError(f"{current_A} A is outside the configured +-{self.current_limit_A} A")
+        self._require_step()
         if self._armed_mode != CURRENT_MODE:
             raise Refused(None, "the output is not armed for currents")
         self._set_fast("TCUR", self._heating_sign * current_A, RESOLUTION_A)
@@ -129,6 +131,7 @@ class SrsLdc500Controller:
         low_degC, high_degC = self.temperature_limits_degC
         if not low_degC <= setpoint_degC <= high_degC:
             raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        self._require_step()
         if self._armed_mode != TEMPERATURE_MODE:
             raise Refused(None, "the output is not armed for setpoints")
         self._set_fast("TEMP", setpoint_degC, RESOLUTION_K)
@@ -158,11 +161,15 @@ class SrsLdc500Controller:
         return Status(words, bool(codes), on == 1, codes[0] if codes else 0)
 
     def off(self) -> bool:
-        """TEON 0; True if TEON and the current that flows say so. Never raises."""
+        """TEON 0, at once and then proven; True if TEON and the current that flows say so. Never raises."""
         self._armed_mode = None
         for _ in range(OFF_ATTEMPTS):
             try:
-                on, again, current_A = self._answers("TEON 0;TEON?;TEON?;TIRD?", 3)
+                if self.link.in_doubt:
+                    with contextlib.suppress(InstrumentError):
+                        self.link.shout("TEON 0")
+                self.link.start("TEON 0;TEON?;TEON?;TIRD?")
+                on, again, current_A = self.link.finish().split(";")
                 if on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A:
                     return True
             except Exception:
@@ -179,6 +186,11 @@ class SrsLdc500Controller:
         if not status.output_is_on:
             raise Refused(status.code or None, f"the output does not come on: {status.text}")
         self._armed_mode = mode
+
+    def _require_step(self) -> None:
+        """In step, so that it is known whether the output is still armed."""
+        if self.link.in_doubt:
+            self.link.resynchronise()
 
     def _require_configured(self) -> None:
         if not isfinite(self.current_limit_A):

@@ -26,7 +26,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass
 
-from rig.errors import Corrupt, InstrumentError, OutOfStep
+from rig.errors import Corrupt, InstrumentError, OutOfStep, TimedOut
 from rig.ports.transport import Transport
 
 RESYNCHRONISATIONS = 3
@@ -158,8 +158,12 @@ class TeLink:
         for _ in range(32):
             if reply == expected:
                 return
-            reply = _value(self._receive(self.transport.clock.now_s() + self._patience_s))
-        raise OutOfStep("the line cannot be brought in step")
+            try:
+                data = self._receive(self.transport.clock.now_s() + self._patience_s)
+            except TimedOut:
+                break
+            reply = _value(data)
+        raise OutOfStep(f"{reply} came back where {expected} was expected: the line cannot be brought in step")
 
     def _fence(self) -> tuple[int, int]:
         """A fence's expected and its actual reply."""

@@ -250,7 +250,9 @@ class TeTechnologyController:
         off = (self._model.power_write, 0)
         for attempt in range(OFF_ATTEMPTS):
             try:
-                if self.link.in_doubt or attempt:
+                if attempt:
+                    self.transport.reopen()
+                if attempt or self.link.in_doubt:
                     self.link.shout(*off)
                 read = (self._power_read, None)
                 if self.link.sequence(off, read, read, trials=2)[1:] == [0, 0]:

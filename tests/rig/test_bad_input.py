@@ -100,7 +100,7 @@ def test_wrong_models(peltier: Peltier, tmp_path: Path, old: str, new: str, plac
     ("text", "place"),
     [
         ("", "file is empty"),
-        ("time_s,temperature_degC\n0,20\n1,21\n", "neither resistance_ohm nor current_A"),
+        ("time_s,temperature_degC\n0,20\n1,21\n", "no such column"),
         ("time,temperature_degC,resistance_ohm\n0,20,5\n", "column 'time_s' missing"),
         ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,x,5\n", "line 3: temperature_degC: 'x'"),
         ("time_s,temperature_degC,resistance_ohm\n0,20,5\n1,21\n", "line 3: 2 fields, expected 3"),
@@ -143,3 +143,42 @@ def test_out_folder_that_is_taken(peltier: Peltier, tmp_path: Path) -> None:
     assert status == 2
     assert "not empty" in err
     assert (taken / "precious.txt").read_text() == "keep me"
+
+
+def _record(path: Path, temperature: object, resistance: object) -> Path:
+    import numpy as np
+
+    time = np.arange(200.0)
+    rows = zip(time, np.broadcast_to(temperature, 200), np.broadcast_to(resistance, 200), strict=True)
+    path.write_text("time_s,temperature_degC,resistance_ohm\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("temperature", "resistance", "expected"),
+    [
+        (60.0, 1e4, "temperature_degC: constant at 60"),
+        ("nan", 1e4, "temperature_degC: no finite number"),
+        (60.0, "nan", "resistance_ohm: no finite number"),
+        (60.0, "inf", "resistance_ohm: no finite number"),
+    ],
+)
+def test_records_that_say_nothing(
+    peltier: Peltier, tmp_path: Path, temperature: object, resistance: object, expected: str
+) -> None:
+    path = _record(tmp_path / "record.csv", temperature, resistance)
+    status, _, err = peltier("identify", path)
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    assert str(path) in err
+    assert expected in err
+
+
+def test_a_record_that_never_crosses_the_transition_is_told_so(peltier: Peltier, tmp_path: Path) -> None:
+    import numpy as np
+
+    wave = np.sin(np.arange(200.0) / 20.0)
+    path = _record(tmp_path / "record.csv", 20.0 + 10.0 * wave, 10.0 ** (5.0 - 0.1 * wave))
+    status, out, _ = peltier("identify", path)
+    assert status == 0
+    assert "does not cross the transition" in out
