@@ -18,6 +18,8 @@ VERBS = {
     "predict": "compare a model with a record that it was not fitted to",
     "invert": "temperatures for a desired resistance",
     "tune": "PID gains from the plate model, with margins",
+    "ports": "what is attached",
+    "check": "does it answer, and is it what the configuration says",
     "emulate": "simulated instruments on pseudo-terminals",
 }
 

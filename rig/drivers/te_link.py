@@ -15,10 +15,13 @@ What makes up for that:
 
 Residual, single faults: none for late, lost, split, repeated, stale and foreign frames, as each of them leaves one
 frame too many or too few before the fence. A fence that only reads a constant cannot tell an old one from a new one:
-there `drain_s` has to outlast the longest delay. The sum sees every change of one character. It misses a burst that
-leaves the sum as it is: 1 of about 16 random changes of two neighbouring digits. Such a burst within up to four
-digits changes the value by a multiple of 15 (16 = 1 modulo 15, so the digits' sum is the value modulo 15): hence a
-reading is made twice, and the two may differ by less than 15 units (`rig.drivers.te_technology`).
+there `drain_s` has to outlast the longest delay. Of double faults (one reply lost, another doubled) in one sequence, a
+reading made twice can be its first half twice: right, and one exchange older than its time says.
+
+The sum sees every change of one character. It misses a burst that leaves the sum as it is: 1 of about 16 random changes
+of two neighbouring digits. Such a burst within up to four digits changes the value by a multiple of 15 (16 = 1 modulo
+15, so the digits' sum is the value modulo 15): hence a reading is made twice, and the two may differ by less than 15
+units (`rig.drivers.te_technology`).
 """
 
 from __future__ import annotations

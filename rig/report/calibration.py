@@ -25,24 +25,33 @@ def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
         (f"{result.check_rmse_dec:.4f} dec", "held-out RMSE of log R"),
         (f"{film.rmse:.4f} dec", "RMSE of the fit"),
         (f"{result.check_rmse_K * 1e3:.0f} mK", "held-out RMSE of the temperature from the current alone"),
-        (f"{result.transition_degC[0]:.1f} .. {result.transition_degC[1]:.1f} \N{DEGREE SIGN}C", "the transition"),
+        (
+            f"{result.transition_degC[0]:.0f}\N{EN DASH}{result.transition_degC[1]:.0f} \N{DEGREE SIGN}C",
+            "the transition",
+        ),
         (film.model.memoryless.function, "form of D(T)"),
         (f"{int(np.sum(film.model.weights > 0.0))}", "play operators with weight"),
     ]
-    model = plate.model
+    units = {
+        "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
+        "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
+        "conductance_over_capacity_per_s": ("G/C", "1/s"),
+        "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
+        "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
+    }
     rows = [
-        ["S/C", f"{model.seebeck_over_capacity_per_A_s:.6g}", "1/(A s)"],
-        ["R_e/C", f"{model.resistance_over_capacity_K_per_A2_s:.6g}", "K/(A\N{SUPERSCRIPT TWO} s)"],
-        ["G/C", f"{model.conductance_over_capacity_per_s:.6g}", "1/s"],
-        ["ambient", f"{model.ambient_degC:.3f}", "\N{DEGREE SIGN}C"],
+        [units[name][0], f"{value:.6g}", f"\N{PLUS-MINUS SIGN} {1.96 * error:.2g}", units[name][1]]
+        for name, value, error in zip(plate.names, plate.values, plate.standard_errors, strict=True)
     ]
+    open_questions = [*film.identifiability, *plate.identifiability]
     parts = [
         tiles(numbers),
         section("The film", _loops(folder, result), _residual(folder, result)),
-        section("What this record cannot fix", bullets(film.identifiability))
-        if film.identifiability
-        else section("What this record cannot fix", paragraph("Nothing was found.")),
-        section("The plate", table(["parameter", "value", "unit"], rows), _profile(folder)),
+        section(
+            "What this record cannot fix",
+            bullets(open_questions) if open_questions else paragraph("Nothing: it fixes the film and the plate."),
+        ),
+        section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _profile(folder)),
     ]
     write_page(folder.part / "report.html", "Calibration of film and plate", lead, parts)
 

@@ -150,3 +150,19 @@ def test_an_output_that_is_no_resistance(tmp_path: Path, peltier: Peltier) -> No
     assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_per_m"] < 5.0
     np.testing.assert_allclose(read_record(tmp_path / "p.csv")["predicted_curvature_per_m"], output, atol=40.0)
+
+
+def test_check_tells_who_answers_and_ends_off(peltier: Peltier, tmp_path: Path) -> None:
+    status, out, err = peltier("check", write_bench(tmp_path), "--json", tmp_path / "c.json")
+    assert (status, err) == (0, "")
+    for word in ("controller: Meerstetter", "meter: Keithley 2000", "limits read back: 4 A", "dead man 5 s", "STOP:"):
+        assert word in out
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert result["output_off_confirmed"] is True
+    assert result["temperature_degC"] == pytest.approx(60.0, abs=1.0)
+
+
+def test_ports_lists_or_says_that_there_is_none(peltier: Peltier) -> None:
+    status, out, _ = peltier("ports")
+    assert status == 0
+    assert out.strip()
