@@ -3,8 +3,8 @@ nothing.
 
     python benchmarks/exchange.py [--json FILE]
 
-A simulated hour at 10 Hz has 36000 control periods. Targets: 20 us a MeCom exchange, 25 us a reading of the
-meter.
+A simulated hour at 10 Hz has 36000 control periods. Targets: 20 us a MeCom exchange, 25 us any other. A temperature of
+the TE Technology controller, and a setpoint, are three exchanges.
 """
 
 from __future__ import annotations
@@ -22,8 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from rig.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports import registry
-from sim.instruments.keithley2000 import Keithley2000
-from sim.instruments.meerstetter import MeerstetterTec
+from sim.instruments.registry import emulated_controller, emulated_meter
 
 REPEATS, ROUNDS = 5000, 5
 
@@ -78,16 +77,12 @@ def cost_us(action: Callable[[], object]) -> float:
     return min(rounds)
 
 
-def main() -> None:
-    """Measure and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", metavar="FILE")
-    arguments = parser.parse_args()
+def period_us() -> float:
+    """A control period of the fastest pair."""
     clock, plant = VirtualClock(), NoPlant()
-    tec = registry.register("exchange-tec", MeerstetterTec(plant), clock)
-    dmm = registry.register("exchange-dmm", Keithley2000(plant), clock)
-    controller = open_controller("meerstetter", tec, clock)
-    meter = open_meter("keithley2000", dmm, clock)
+    tec = registry.register("period-tec", emulated_controller("meerstetter", plant), clock)
+    dmm = registry.register("period-dmm", emulated_meter("keithley2000", plant), clock)
+    controller, meter = open_controller("meerstetter", tec, clock), open_meter("keithley2000", dmm, clock)
     controller.configure(4.0, (10.0, 95.0), 5.0)
     controller.arm_current()
     meter.configure(True, 1.0, 1e-3)
@@ -102,13 +97,34 @@ def main() -> None:
         meter.finish_reading()
         clock.sleep_until_s(begin_s + 0.1)
 
-    rows = {
-        "set_current_A": cost_us(lambda: controller.set_current_A(1.0)),
-        "read_temperature": cost_us(controller.read_temperature),
-        "read_current": cost_us(controller.read_current),
-        "read_resistance": cost_us(meter.read_resistance),
-        "one period: T, I, R": cost_us(step),
-    }
+    return cost_us(step)
+
+
+def main() -> None:
+    """Measure and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", metavar="FILE")
+    arguments = parser.parse_args()
+    rows: dict[str, float] = {}
+    for name in ("meerstetter", "srs_ldc500", "te_technology"):
+        clock, plant = VirtualClock(), NoPlant()
+        address = registry.register(f"exchange-{name}", emulated_controller(name, plant), clock)
+        controller = open_controller(name, address, clock)
+        controller.configure(4.0, (10.0, 95.0), 5.0)
+        rows[f"{name}: read_temperature"] = cost_us(controller.read_temperature)
+        if controller.commands_current:
+            controller.arm_current()
+            rows[f"{name}: set_current_A"] = cost_us(lambda one=controller: one.set_current_A(1.0))
+        else:
+            controller.arm_setpoint()
+            rows[f"{name}: set_setpoint_degC"] = cost_us(lambda one=controller: one.set_setpoint_degC(30.0))
+    for name in ("hp34401a", "keithley2000", "keithley2400"):
+        clock, plant = VirtualClock(), NoPlant()
+        address = registry.register(f"exchange-{name}", emulated_meter(name, plant), clock)
+        meter = open_meter(name, address, clock)
+        meter.configure(True, 1.0, 1e-3)
+        rows[f"{name}: read_resistance"] = cost_us(meter.read_resistance)
+    rows["one period: T, I, R"] = period_us()
     rows["a simulated hour at 10 Hz, s"] = rows["one period: T, I, R"] * 36000 * 1e-6
     for name, value in rows.items():
         print(f"{name:32s} {value:8.2f}" + ("" if name.endswith("s") and "hour" in name else " us"))

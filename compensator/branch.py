@@ -26,67 +26,66 @@ from numba import njit
 
 from compensator import play
 from compensator.film import Packed
-from compensator.functions import Array, envelope, envelope_inflection, envelope_inverse, memoryless
+from compensator.functions import Array, envelope, envelope_inflection, envelope_inverse, lean, memoryless
 from compensator.pieces import SLOPE_ROW, VALUE_ROW, range_between
 
 ROWS: Final = 128  # points that a search can hold
 Z, F, E1, E2, H, GAMMA, SLOPE, D = range(8)  # columns of a point: z, F, E', E'', H, G, G', D(side z)
 
-Work = tuple[Array, Array, Array, Array]  # points (ROWS, 8), each envelope's G and G' (ROWS, envelopes), scratch
+# points (ROWS, 8), each envelope's G and G' (ROWS, envelopes), and two arrays (operators,) to reckon in
+Work = tuple[Array, Array, Array, Array, Array]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def workspace(film: Packed) -> Work:
     """Room for a search; the two arrays of envelopes hold anything only where envelopes are mixed."""
     envelopes, operators = film[0].shape[0], film[1].size
     rows = ROWS if envelopes > 1 else 1
-    return np.empty((ROWS, 8)), np.empty((rows, envelopes)), np.empty((rows, envelopes)), np.empty((2, operators))
+    gammas, slopes = np.empty((rows, envelopes)), np.empty((rows, envelopes))
+    return np.empty((ROWS, 8)), gammas, slopes, np.empty(operators), np.empty(operators)
 
 
-@njit(cache=True)
-def place(row: int, side: float, film: Packed, memory: Array, work: Work) -> None:
-    """Complete a row that has z, D and its slopes in v, and the envelope there: H and F, in the model's own bits."""
-    radii, weights = film[1], film[2]
-    points, gammas, _, scratch = work
-    moved = scratch[0]
-    point = points[row]
-    if film[0].shape[0] == 1:
-        gamma = point[GAMMA]
-        for j in range(radii.size):
-            moved[j] = side * max(gamma - radii[j], side * memory[j])
-    else:
-        for j in range(radii.size):
-            moved[j] = side * max(gammas[row, j] - radii[j], side * memory[j])
-    total = play.weighted_sum(weights, moved)
-    point[H] = side * total
-    point[F] = side * (point[D] + total)
+@lean
+def place_common(
+    row: int, side: float, radii: Array, weights: Array, memory: Array, points: Array, parts: Array
+) -> None:
+    """Complete a row that has z, D and its slopes, and G: H and F, in the model's own bits. Common envelopes."""
+    gamma = points[row, GAMMA]
+    for j in range(radii.size):
+        parts[j] = max(gamma - radii[j], side * memory[j])
+    h = play.weighted_sum(weights, parts)
+    points[row, H], points[row, F] = h, side * points[row, D] + h
 
 
-@njit(cache=True)
+@lean
 def evaluate(row: int, side: float, z: float, film: Packed, memory: Array, work: Work) -> None:
     """One evaluation: D and the envelopes at z, into a row of the workspace."""
     envelopes, code, par = film[0], film[3], film[4]
-    points, gammas, slopes, _ = work
-    point = points[row]
+    points, gammas, slopes = work[0], work[1], work[2]
     v = side * z
     d0, d1, d2 = memoryless(code, par, v)
-    point[Z], point[D], point[E1], point[E2] = z, d0, d1, side * d2
+    points[row, Z], points[row, D], points[row, E1], points[row, E2] = z, d0, d1, side * d2
     first = 0 if side > 0.0 else 3
     if envelopes.shape[0] == 1:
         gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
-        point[GAMMA], point[SLOPE] = side * gamma, slope
+        points[row, GAMMA], points[row, SLOPE] = side * gamma, slope
+        place_common(row, side, film[1], film[2], memory, points, work[4])
     else:
         for j in range(envelopes.shape[0]):
             gamma, slope = envelope(envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2], v)
             gammas[row, j], slopes[row, j] = side * gamma, slope
-    place(row, side, film, memory, work)
+        radii, weights, parts = film[1], film[2], work[4]
+        for j in range(radii.size):
+            parts[j] = max(gammas[row, j] - radii[j], side * memory[j])
+        h = play.weighted_sum(weights, parts)
+        points[row, H], points[row, F] = h, side * d0 + h
 
 
-@njit(cache=True)
+@lean
 def slope_onward(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
     """F' just above a point: an operator that has reached its envelope moves."""
     envelopes, radii, weights = film[0], film[1], film[2]
-    points, gammas, slopes, _ = work
+    points, gammas, slopes = work[0], work[1], work[2]
     total = 0.0
     common = envelopes.shape[0] == 1
     gamma, slope = points[row, GAMMA], points[row, SLOPE]
@@ -95,10 +94,10 @@ def slope_onward(row: int, side: float, film: Packed, memory: Array, work: Work)
             gamma, slope = gammas[row, j], slopes[row, j]
         if gamma - radii[j] >= side * memory[j]:
             total += weights[j] * slope
-    return points[row, E1] + total
+    return float(points[row, E1] + total)
 
 
-@njit(cache=True)
+@lean
 def moving_weight(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
     """Sum of the weights of the operators that move just above a point."""
     envelopes, radii, weights = film[0], film[1], film[2]
@@ -111,13 +110,13 @@ def moving_weight(row: int, side: float, film: Packed, memory: Array, work: Work
     return total
 
 
-@njit(cache=True)
+@lean
 def bounds(
     x: int, y: int, side: float, film: Packed, table: Array, memory: Array, work: Work
 ) -> tuple[float, float, float, float, float, float]:
     """(least F', largest F', least F, largest F, least E, largest E) between the points in rows x and y."""
     envelopes, radii, weights = film[0], film[1], film[2]
-    points, gammas, slopes, _ = work
+    points, gammas, slopes = work[0], work[1], work[2]
     p, q = points[x], points[y]
     width = q[Z] - p[Z]
     low, high = min(side * p[Z], side * q[Z]), max(side * p[Z], side * q[Z])
@@ -173,90 +172,98 @@ def bounds(
     return least, most, floor - slack, ceiling + slack, least_e, most_e
 
 
-@njit(cache=True)
-def level(kappa: float, rest: float, start: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The g at which kappa g + sum_j p_j max(g - r_j, side m_j) = rest, common envelopes; nan where there is none.
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+def moving_sums(g: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
+    """(rest, moving) of sum_j p_j max(g - r_j, held_j) = moving g + rest; summed in any order, for steps only."""
+    rest, moving = 0.0, 0.0
+    for j in range(radii.size):
+        moves = g - radii[j] >= held[j]
+        rest += weights[j] * (-radii[j] if moves else held[j])
+        moving += weights[j] if moves else 0.0
+    return rest, moving
 
-    The sum is convex and piecewise linear in g: Newton's method, from `start`, is exact after finitely many steps.
+
+@lean
+def level(kappa: float, target: float, start: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
+    """(g, weight that moves there) where kappa g + sum_j p_j max(g - r_j, held_j) = target; nan: nowhere.
+
+    held: side m_j. The sum is convex and piecewise linear in g: Newton's method, from `start`, is exact after
+    finitely many steps.
     """
-    radii, weights = film[1], film[2]
-    parts, active = work[3][0], work[3][1]
-    count = radii.size
-    g, steps = start, 0
-    while steps <= count + 4:
-        for j in range(count):
-            held = side * memory[j]
-            moves = g - radii[j] >= held
-            parts[j] = -radii[j] if moves else held
-            active[j] = weights[j] if moves else 0.0
-        slope = kappa + play.lane_sum(active)
-        if slope <= 0.0:
-            if g == math.inf or steps > 0:
-                return math.nan
-            g = math.inf  # where all operators move the slope is largest
-        else:
-            g_next = (rest - play.weighted_sum(weights, parts)) / slope
-            if steps > 0 and g < math.inf and g_next >= g - 1e-15 * (1.0 + abs(g)):
-                return g_next
+    g, moving, steps = start, 0.0, 0
+    while steps <= radii.size + 4:
+        rest, moving = moving_sums(g, held, radii, weights)
+        slope = kappa + moving
+        if slope > 0.0:
+            g_next = (target - rest) / slope
+            done = steps > 0 and g < math.inf and g_next >= g - 1e-15 * (1.0 + abs(g))
             g = g_next
+            if done:
+                break
+        elif steps > 0:
+            g = math.nan
+            break
+        else:
+            g = math.inf  # where all operators move the slope is largest
         steps += 1
-    return g
+    return g, moving
 
 
-@njit(cache=True)
-def common_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The z where F reaches the target, common envelopes: exact in the operators' kinks and in g, E to second order."""
-    point = work[0][row]
-    slope = point[SLOPE]
-    if slope <= 0.0:
-        return math.nan
-    kappa = point[E1] / slope
-    g = level(kappa, target - (point[F] - point[H]) + kappa * point[GAMMA], point[GAMMA], side, film, memory, work)
-    if not math.isfinite(g):
-        return math.nan
-    z = z_of(g, side, film)
-    if not math.isfinite(z):
-        return math.nan
-    envelopes = film[0]
+@lean
+def held_back(rest: float, start: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The z at which H alone reaches the value `rest`, common envelopes; nan where it never does."""
+    envelopes, held = film[0], work[3]
+    for j in range(memory.size):
+        held[j] = side * memory[j]
+    g = level(0.0, rest, start, held, film[1], film[2])[0]
     first = 0 if side > 0.0 else 3
-    code, a = envelopes[0, first], envelopes[0, first + 1]
-    slope_there = slope
-    if code == 0.0:
-        slope_there = a
-    elif code == 1.0:
-        slope_there = a * (1.0 - g * g)
-    step = z - point[Z]
-    error = step * (point[E1] + 0.5 * step * point[E2]) - kappa * (g - point[GAMMA])
-    total = point[E1] + point[E2] * step + play.lane_sum(work[3][1]) * slope_there
-    if total > 0.0:
-        z -= error / total
+    return side * envelope_inverse(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g)
+
+
+@lean
+def common_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The z where F reaches the target, common envelopes: exact in the operators' kinks and in g, E linear in g."""
+    point, envelopes, held = work[0][row], film[0], work[3]
+    if point[SLOPE] <= 0.0:
+        return math.nan
+    for j in range(memory.size):
+        held[j] = side * memory[j]
+    kappa = point[E1] / point[SLOPE]
+    rest = target - (point[F] - point[H]) + kappa * point[GAMMA]
+    g = level(kappa, rest, point[GAMMA], held, film[1], film[2])[0]
+    first = 0 if side > 0.0 else 3
+    return side * envelope_inverse(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g)
+
+
+@lean
+def kinked_step(gap: float, e1: float, slope: float, gamma: float, held: Array, radii: Array, weights: Array) -> float:
+    """The step in z at which E and the common envelope, both straight lines, have closed the gap; nan: never."""
+    rest, moving = moving_sums(gamma, held, radii, weights)
+    total = gap + rest + moving * gamma
+    g, z = math.inf, math.inf
+    for _ in range(radii.size + 2):
+        rest, moving = moving_sums(g, held, radii, weights)
+        if e1 + moving * slope <= 0.0:
+            z = math.nan
+            break
+        z_next = (total - rest - moving * gamma) / (e1 + moving * slope)
+        done = z_next >= z - 1e-15 * (1.0 + abs(z))
+        z, g = z_next, gamma + slope * z_next
+        if done:
+            break
     return z
 
 
-@njit(cache=True)
-def z_of(g: float, side: float, film: Packed) -> float:
-    """The z at which the common envelope has the value g."""
-    envelopes = film[0]
-    first = 0 if side > 0.0 else 3
-    return side * envelope_inverse(
-        envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g
-    )
-
-
-@njit(cache=True)
-def kinked_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
-    """The z where E and every operator's envelope, each a straight line through the point, reach the target."""
+@lean
+def mixed_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The same where every operator has an envelope of its own."""
     radii, weights = film[1], film[2]
-    points, gammas, slopes, _ = work
-    common = film[0].shape[0] == 1
+    points, gammas, slopes = work[0], work[1], work[2]
     gap, z = target - points[row, F], math.inf
-    gamma, slope = points[row, GAMMA], points[row, SLOPE]
     for _ in range(radii.size + 2):
         total, slope_sum = 0.0, points[row, E1]
         for j in range(radii.size):
-            if not common:
-                gamma, slope = gammas[row, j], slopes[row, j]
-            held, w = side * memory[j], gamma - radii[j]
+            held, w, slope = side * memory[j], gammas[row, j] - radii[j], slopes[row, j]
             here = max(w, held)
             if z == math.inf or w + slope * z > held:
                 total += weights[j] * (w - here)
@@ -267,6 +274,6 @@ def kinked_step(row: int, target: float, side: float, film: Packed, memory: Arra
             return math.nan
         z_next = (gap - total) / slope_sum
         if z != math.inf and z_next >= z - 1e-15 * (1.0 + abs(z)):
-            return points[row, Z] + z_next
+            return float(z_next)
         z = z_next
-    return points[row, Z] + z
+    return z

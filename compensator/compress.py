@@ -9,6 +9,7 @@ condition. Compare: J. Zhang et al., ASME DSCC 2013-3969, optimal compression of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def probe(low_degC: float, high_degC: float, seed: int = 0) -> Array:
     """Temperatures (degC) of minor loops everywhere in a range: two major loops, then random turning points."""
     random = np.random.default_rng(seed)
     turns = np.concatenate(([low_degC, high_degC, low_degC, high_degC], random.uniform(low_degC, high_degC, TURNS)))
-    parts = [np.linspace(a, b, ROWS_A_TURN, endpoint=False) for a, b in zip(turns[:-1], turns[1:], strict=True)]
+    parts = [np.linspace(a, b, ROWS_A_TURN, endpoint=False) for a, b in pairwise(turns)]
     return np.concatenate(parts)
 
 

@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike
 from compensator import play
 from compensator.functions import (
     ENVELOPE_CODES,
-    FIRST_COEFFICIENT,
     MEMORYLESS_CODES,
     Array,
     envelope_limits,
     envelope_value,
+    envelope_values,
 )
+from compensator.own_functions import envelope_code, memoryless_code, registered
 
 Packed = tuple[Array, Array, Array, int, Array]  # (envelopes, radii, weights, code of D, parameters of D)
 Initial = Literal["cooled", "heated"]
@@ -46,14 +47,20 @@ class Envelope:
     b: float
 
     def __post_init__(self) -> None:
-        if self.function not in ENVELOPE_CODES:
-            raise ValueError(f"function: {self.function!r} is none of {', '.join(ENVELOPE_CODES)}")
+        if self.function not in ENVELOPE_CODES and envelope_code(self.function) is None:
+            known = ", ".join([*ENVELOPE_CODES, *registered()[0]])
+            raise ValueError(f"function: {self.function!r} is none of {known}")
         if not (self.a > 0.0 and np.isfinite(self.a) and np.isfinite(self.b)):
             raise ValueError(f"a: {self.a!r}, b: {self.b!r}: expected a finite and > 0 (increasing), b finite")
 
     def row(self) -> tuple[float, float, float]:
         """The envelope as the compiled loops take it: (code, a, b)."""
-        return float(ENVELOPE_CODES[self.function]), self.a, self.b
+        code = ENVELOPE_CODES.get(self.function)
+        if code is None:
+            code = envelope_code(self.function)
+        if code is None:
+            raise ValueError(f"function: {self.function!r} is not registered in this process")
+        return float(code), self.a, self.b
 
 
 IDENTITY = Envelope("linear", 1.0, 0.0)
@@ -71,18 +78,28 @@ class Memoryless:
     coefficients: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.function not in MEMORYLESS_CODES:
-            raise ValueError(f"function: {self.function!r} is none of {', '.join(MEMORYLESS_CODES)}")
+        if self.function not in MEMORYLESS_CODES and memoryless_code(self.function) is None:
+            known = ", ".join([*MEMORYLESS_CODES, *registered()[1]])
+            raise ValueError(f"function: {self.function!r} is none of {known}")
         if not np.all(np.isfinite([self.amplitude, self.a, self.b, self.offset, *self.coefficients])):
             raise ValueError("amplitude, a, b, offset, coefficients: expected finite numbers")
 
     @property
     def code(self) -> int:
-        return MEMORYLESS_CODES[self.function]
+        """The function as the compiled loops take it."""
+        code = MEMORYLESS_CODES.get(self.function)
+        if code is None:
+            code = memoryless_code(self.function)
+        if code is None:
+            raise ValueError(f"function: {self.function!r} is not registered in this process")
+        return code
 
     def array(self) -> Array:
         """The parameters as the compiled loops take them: (amplitude, a, b, offset, c_0, c_1, ...)."""
-        return np.array([self.amplitude, self.a, self.b, self.offset, *self.coefficients], dtype=np.float64)
+        coefficients = self.coefficients
+        if self.function == "polynomial" and not coefficients:
+            coefficients = (0.0,)
+        return np.array([self.amplitude, self.a, self.b, self.offset, *coefficients], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +113,14 @@ class Memory:
         plays = np.array(self.plays, dtype=np.float64)
         plays.setflags(write=False)
         object.__setattr__(self, "plays", plays)
+
+
+def memory_owning(input_degC: float, plays: Array) -> Memory:
+    """A memory around an array that nobody else keeps: without the copy that `Memory` makes."""
+    plays.setflags(write=False)
+    memory = object.__new__(Memory)
+    memory.__dict__["input_degC"], memory.__dict__["plays"] = input_degC, plays
+    return memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +160,10 @@ class FilmModel:
         if isinstance(self.rising, tuple) != isinstance(self.falling, tuple):
             raise ValueError("rising, falling: expected one envelope each for all operators, or one each for each")
 
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: what is cached holds addresses that another process does not know."""
+        return {name: self.__dict__[name] for name in self.__dataclass_fields__}
+
     @property
     def operators(self) -> int:
         return int(self.radii.size)
@@ -148,15 +177,19 @@ class FilmModel:
 
     @cached_property
     def memoryless_array(self) -> Array:
-        array = self.memoryless.array()
-        if self.memoryless.function == "polynomial" and array.size == FIRST_COEFFICIENT:
-            array = np.append(array, 0.0)
-        return array
+        """The parameters of D as the compiled loops take them."""
+        return self.memoryless.array()
 
     @cached_property
     def packed(self) -> Packed:
         """The model as the compiled loops take it: always of the same array types, so that each compiles once."""
-        return self.envelopes, self.radii.copy(), self.weights.copy(), self.memoryless.code, self.memoryless_array
+        return (
+            self.envelopes,
+            self.radii.copy(),
+            self.weights.copy(),
+            self.memoryless.code,
+            self.memoryless_array,
+        )
 
     def saturated(self, initial: Initial) -> Array:
         """Each operator's output after the input came from +inf ("cooled") or -inf ("heated"); may be infinite."""
@@ -182,7 +215,7 @@ class FilmModel:
         outputs = np.empty(inputs.size)
         plays = memory.plays.copy()
         play.run(inputs, memory.input_degC, plays, self.packed, outputs)
-        return outputs, Memory(float(inputs[-1]) if inputs.size else memory.input_degC, plays)
+        return outputs, memory_owning(float(inputs[-1]) if inputs.size else memory.input_degC, plays)
 
     def step(self, input_degC: float, memory: Memory) -> tuple[float, Memory]:
         """One sample: the output and the new memory. The same compiled loop as `simulate`, so the same bits."""
@@ -205,8 +238,6 @@ class FilmModel:
         condition (below paper eq (6)) fails and the output jumps at a reversal."""
         v = np.linspace(low_degC, high_degC, 20001)
         margins = np.empty(len(self.envelopes))
-        for k, (rc, ra, rb, lc, la, lb) in enumerate(self.envelopes):
-            rising = np.tanh(ra * v + rb) if rc == 1.0 else ra * v + rb
-            falling = np.tanh(la * v + lb) if lc == 1.0 else la * v + lb
-            margins[k] = float(np.min(falling - rising))
+        for k, row in enumerate(self.envelopes):
+            margins[k] = float(np.min(envelope_values(row[3:], v) - envelope_values(row[:3], v)))
         return np.broadcast_to(margins, (self.operators,)) + 2.0 * self.radii

@@ -1,18 +1,18 @@
 """The inverse of the extended generalized PI model, solved for v directly on the branch it is on.
 
 From a memory, every temperature above the present one is reached on the rising branch, every one below on the
-falling branch, and along a branch the hysteretic part h(v) = sum_j p_j w_j(v) never decreases in v. So on any
-interval [x, y] of a branch
+falling branch (`compensator.branch`). A walk away from the present temperature proves, interval by interval, that
+there is no solution, or that a bracket holds exactly one (`compensator.search`); so the solution nearest to the
+present temperature is found whenever there is one, where D decreases faster than h increases too (paper, table 1),
+and where there is none that is proven. Of several the `choice` is:
 
-    f(v) = D(v) + h(v)  lies in  [min D + h(x), max D + h(y)],        f'(v) >= min D' + min h'
+    "nearest"           the smallest change of temperature
+    "fastest"           the shortest time, at the plate's rates of heating and cooling
+    "fewest_reversals"  onward in the direction of `heading`, if there is a solution, else back
 
-and a search that walks away from the present temperature can prove, interval by interval, that there is no
-solution, or that f increases there and a bracket holds exactly one. The solution nearest to the present temperature
-is therefore found whenever there is one; where D decreases faster than h increases, too (paper, table 1).
-
-Inside a bracket the step is exact in the operators' kinks: with g = gamma(v) the hysteretic part is piecewise linear
-in g and D is expanded to second order; a step that leaves the bracket or gains too little is replaced by a
-bisection, so that it cannot fail to converge. One *evaluation* is D and the envelopes at one trial temperature.
+On one branch all three take the nearest. The bound that is kept: |model(inverse(u)) - u| <= `bound`, 1e-10 of the
+output's unit, or 1e-12 of the model's span where that is more (outputs of hundreds). One *evaluation* is D and the
+envelopes at one trial temperature, the present one included.
 
 The paper's own iteration, eq (20), is `compensator.iteration`; where it cannot converge is told there.
 """
@@ -22,372 +22,277 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from compensator import play
-from compensator.film import FilmModel, Initial, Memory, Packed, writable
-from compensator.functions import (
-    Array,
-    envelope,
-    envelope_inverse,
-    memoryless,
-    memoryless_range,
-    memoryless_slope_range,
-)
+from compensator.branch import E1, E2, GAMMA, SLOPE, D, F, Z, evaluate, place_common, workspace
+from compensator.film import FilmModel, Initial, Memory, Packed, memory_owning, writable
+from compensator.functions import Array, envelope, lean, memoryless
+from compensator.pieces import SLOPE_ROW, pieces
+from compensator.search import FOUND, FOUND_UP, HERE, common_root, copy_row, largest, search
 
 LOW_DEGC, HIGH_DEGC = -50.0, 200.0
-TOLERANCE = 1e-10  # of the output: the bound on |model(inverse(u)) - u| that a solution keeps
-NARROW_K = 1e-9  # no interval below this width is searched for a further pair of solutions
-SEGMENTS = 256
+TOLERANCE = 1e-10  # of the output
+SPAN_SHARE = 1e-12  # of the output's span, where that is more
+MOST_SOLUTIONS: Final = 512
+
+Choice = Literal["nearest", "fastest", "fewest_reversals"]
+# what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
+Settings = tuple[Array, Array]
+LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)
+# what is known of the present temperature: v, D, D', D'', and of the branch last walked its side, G and G'
+HERE_SIZE: Final = 7
 
 
-@njit(cache=True)
-def _evaluate(
-    side: int, v: float, film: Packed, memory: Array
-) -> tuple[float, float, float, float, float, float]:
-    """(f, D', D'', h, dh/dv, sum of moving weights) at v on a branch: side +1 rising, -1 falling."""
-    envelopes, radii, weights, code, par = film
-    d0, d1, d2 = memoryless(code, par, v)
-    first = 0 if side > 0 else 3
-    h, dh, moving = 0.0, 0.0, 0.0
-    gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
-    mixed = envelopes.shape[0] > 1
-    for j in range(radii.size):
-        if mixed and j > 0:
-            gamma, slope = envelope(envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2], v)
-        w = gamma - side * radii[j]
-        if side * (w - memory[j]) > 0.0:
-            h += weights[j] * w
-            dh += weights[j] * slope
-            moving += weights[j]
-        else:
-            h += weights[j] * memory[j]
-    return d0 + h, d1, d2, h, dh, moving
+@njit(cache=True, error_model="numpy")
+def no_point() -> Array:
+    """An empty note of the present temperature."""
+    return np.full(HERE_SIZE, math.nan)
 
 
-@njit(cache=True)
-def _kinked_step(
-    side: int, x: float, f: float, d1: float, u: float, film: Packed, memory: Array
-) -> float:
-    """The v where D linearized at x plus the operators, each with its envelope linearized at x, reaches u.
-
-    The sum is piecewise linear and convex (side +1) or concave (-1) in v, so that Newton's method, started where
-    every operator moves, walks to the root in finitely many steps, one way.
-    """
-    envelopes, radii, weights = film[0], film[1], film[2]
-    first = 0 if side > 0 else 3
-    z = math.inf
-    for _ in range(radii.size + 2):
-        total, slope_sum = 0.0, d1
-        gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], x)
-        for j in range(radii.size):
-            if envelopes.shape[0] > 1 and j > 0:
-                gamma, slope = envelope(envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2], x)
-            here = side * max(side * gamma - radii[j], side * memory[j])
-            w = gamma - side * radii[j]
-            if z == math.inf or side * (w + slope * z - memory[j]) > 0.0:
-                total += weights[j] * (w - here)
-                slope_sum += weights[j] * slope
-            else:
-                total += weights[j] * (memory[j] - here)
-        if slope_sum <= 0.0:
-            return math.nan
-        z_next = (u - f - total) / slope_sum
-        if z != math.inf and side * (z_next - z) >= -1e-15 * (1.0 + abs(z)):
-            return x + z_next
-        z = z_next
-    return x + z
-
-
-@njit(cache=True)
-def _common_step(
-    side: int,
-    x: float,
-    f: float,
-    d1: float,
-    d2: float,
-    h: float,
-    u: float,
-    film: Packed,
+@lean
+def solve_monotone(
+    target: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    limits: Array,
     memory: Array,
+    points: Array,
+    held: Array,
+    parts: Array,
+    here: Array,
+) -> tuple[bool, float, float, int]:
+    """`solve` where D never decreases and envelopes are common: one branch, one bracket.
+
+    Plain arrays and one exit: with tuples of arrays or a second return every call would count its references.
+    """
+    bound = limits[BOUND]
+    if here[0] != v:
+        here[0], here[4] = v, 0.0
+        here[1], here[2], here[3] = memoryless(code, par, v)
+    rest = here[1] + play.weighted_sum(weights, memory)
+    found, v_found, residual, count = abs(rest - target) <= bound, v, rest - target, 1
+    if not found:
+        side, first, end = 1.0, 0, limits[HIGH]
+        if target < rest:
+            side, first, end = -1.0, 3, -limits[LOW]
+        points[HERE, Z], points[HERE, D] = side * v, here[1]
+        points[HERE, E1], points[HERE, E2] = here[2], side * here[3]
+        if here[4] == side:
+            points[HERE, GAMMA], points[HERE, SLOPE] = here[5], here[6]
+        else:
+            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
+            points[HERE, GAMMA], points[HERE, SLOPE] = side * gamma, slope
+        place_common(HERE, side, radii, weights, memory, points, parts)
+        # not where the film is at its limit, nor where the output jumps past the target at the reversal
+        if side * v < end and points[HERE, F] - side * target < -bound:
+            found, more = common_root(
+                HERE,
+                end,
+                math.nan,
+                True,
+                side,
+                side * target,
+                envelopes,
+                radii,
+                weights,
+                code,
+                par,
+                memory,
+                points,
+                held,
+                parts,
+                bound,
+            )
+            count += more
+            v_found, residual = side * points[FOUND, Z], side * points[FOUND, F] - target
+        elif side * v < end and points[HERE, F] - side * target <= bound:
+            v_found = np.nextafter(v, side * math.inf)  # the jump ends at the target, one bit from here
+            d0, d1, d2 = memoryless(code, par, v_found)
+            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v_found)
+            points[FOUND, Z], points[FOUND, D], points[FOUND, E1] = side * v_found, d0, d1
+            points[FOUND, E2], points[FOUND, GAMMA], points[FOUND, SLOPE] = side * d2, side * gamma, slope
+            place_common(FOUND, side, radii, weights, memory, points, parts)
+            found, residual = True, side * points[FOUND, F] - target
+            count += 1
+    return found, v_found if found else math.nan, residual, count
+
+
+@njit(cache=True, error_model="numpy")
+def solve(
+    target: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    limits: Array,
+    table: Array,
+    memory: Array,
+    points: Array,
+    gammas: Array,
+    slopes: Array,
+    held: Array,
+    parts: Array,
+    here: Array,
+    root: Array,
+) -> tuple[bool, float, float, int]:
+    """(found, temperature, model minus target, evaluations) of the chosen solution, from v and a memory.
+
+    The arguments are the film, the settings, the memory and the workspace, taken apart. `here` and the row FOUND tell
+    `arrive` what is known at the solution, so that a smooth target costs no evaluation twice.
+    """
+    bound, least_slope = limits[BOUND], limits[LEAST_SLOPE]
+    rest = memoryless(code, par, v)[0] + play.weighted_sum(weights, memory)
+    count = 1
+    if abs(rest - target) <= bound:
+        return True, v, rest - target, count
+    monotone = least_slope >= 0.0
+    film, work = (envelopes, radii, weights, code, par), (points, gammas, slopes, held, parts)
+    up, up_residual, down, down_residual = math.nan, math.nan, math.nan, math.nan
+    if v < limits[HIGH] and (target > rest or not monotone):
+        evaluate(HERE, 1.0, v, film, memory, work)
+        found, more = search(1.0, target, limits[HIGH], film, table, least_slope, memory, work, bound, root)
+        count += more
+        if found > 0:
+            up, up_residual = points[FOUND, Z], points[FOUND, F] - target
+    stop = limits[LOW]
+    if not math.isnan(up):
+        stop = max(stop, v - (up - v) * limits[UP_COST] / limits[DOWN_COST])
+    if v > stop and (target < rest or not monotone):
+        if not math.isnan(up):
+            copy_row(FOUND, FOUND_UP, work)
+        evaluate(HERE, -1.0, -v, film, memory, work)
+        found, more = search(-1.0, -target, -stop, film, table, least_slope, memory, work, bound, root)
+        count += more
+        if found > 0:
+            down, down_residual = -points[FOUND, Z], -points[FOUND, F] - target
+        elif not math.isnan(up):
+            copy_row(FOUND_UP, FOUND, work)
+    if not math.isnan(down):
+        return True, down, down_residual, count
+    return not math.isnan(up), up, up_residual, count
+
+
+@lean
+def arrive(
+    v: float, v_before: float, envelopes: Array, radii: Array, memory: Array, points: Array, here: Array
+) -> None:
+    """Move the memory, in place, to the solution that `solve` left in the row FOUND, and note what is known there."""
+    if v != v_before:
+        side = 1.0 if v > v_before else -1.0
+        here[0], here[1], here[2], here[3] = v, points[FOUND, D], points[FOUND, E1], side * points[FOUND, E2]
+        if envelopes.shape[0] > 1:
+            here[4] = 0.0
+            play.advance(v, v_before, envelopes, radii, memory)
+        else:
+            here[4], here[5], here[6] = side, points[FOUND, GAMMA], points[FOUND, SLOPE]
+            play.move(side, side * points[FOUND, GAMMA], radii, memory)
+
+
+@njit(cache=True, error_model="numpy")
+def trajectory(
+    targets: Array,
+    v: float,
+    memory: Array,
+    film: Packed,
+    settings: Settings,
+    rows: Array,
+    evaluations: NDArray[np.int64],
 ) -> float:
-    """The same where all operators share their envelopes: exact in gamma, D to second order."""
-    envelopes, radii, weights = film[0], film[1], film[2]
-    first = 0 if side > 0 else 3
-    code, a, b = envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2]
-    gamma, slope = envelope(code, a, b, x)
-    if slope <= 0.0:
-        return math.nan
-    kappa = d1 / slope
-    rest = u - (f - h) + kappa * gamma  # kappa g + sum_j p_j w_j(g) = rest
-    g, started, moving = 0.0, False, 0.0
-    for _ in range(radii.size + 2):
-        total, moving = 0.0, 0.0
-        for j in range(radii.size):
-            w = g - side * radii[j]
-            if not started or side * (w - memory[j]) > 0.0:
-                total -= weights[j] * side * radii[j]
-                moving += weights[j]
-            else:
-                total += weights[j] * memory[j]
-        if moving + kappa <= 0.0:
-            return math.nan
-        g_next = (rest - total) / (moving + kappa)
-        done = started and side * (g_next - g) >= -1e-15 * (1.0 + abs(g))
-        g, started = g_next, True
-        if done:
-            break
-    v = envelope_inverse(code, a, b, g)
-    if not math.isfinite(v):
-        return math.nan
-    z = v - x
-    slope_there = a if code == 0.0 else a * (1.0 - g * g)
-    error = d1 * z + 0.5 * d2 * z * z - kappa * (g - gamma)
-    total_slope = d1 + d2 * z + moving * slope_there
-    if total_slope > 0.0:
-        v -= error / total_slope
+    """Temperatures for a sequence of outputs; where a target is out of reach the film rests and the row is nan.
+
+    rows: temperatures and residuals, shape (2, targets). Returns the last temperature; `memory` is left there.
+    """
+    here, root = no_point(), np.empty(1)
+    envelopes, radii, weights, code, par = film
+    limits, table = settings
+    points, gammas, slopes, held, parts = workspace(film)
+    monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
+    for i in range(targets.size):
+        if monotone:
+            found, v_next, residual, count = solve_monotone(
+                targets[i], v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
+            )
+        else:
+            found, v_next, residual, count = solve(
+                targets[i],
+                v,
+                envelopes,
+                radii,
+                weights,
+                code,
+                par,
+                limits,
+                table,
+                memory,
+                points,
+                gammas,
+                slopes,
+                held,
+                parts,
+                here,
+                root,
+            )
+        rows[0, i], rows[1, i], evaluations[i] = v_next, residual, count
+        if found:
+            arrive(v_next, v, envelopes, radii, memory, points, here)
+            v = v_next
     return v
 
 
-@njit(cache=True)
-def _bracketed(
-    side: int,
-    u: float,
-    x: float,
-    at_x: tuple[float, float, float, float, float, float],
+@njit(cache=True, error_model="numpy")
+def solutions_on_branch(
+    side: float,
+    target: float,
+    v: float,
     end: float,
     film: Packed,
+    settings: Settings,
     memory: Array,
-    tolerance: float,
-) -> tuple[bool, float, float, int]:
-    """The root of f = u between x and end, where f is known to increase: (found, v, f(v) - u, evaluations)."""
-    count = 0
-    f, d1, d2, h, _, _ = at_x
-    near, far = x, end  # f at near is on the side of x, f at far beyond u or not yet known
-    far_known = False
-    upward = end > x
-    gap_before = math.inf
-    for _ in range(200):
-        gap = abs(f - u)
-        if gap <= tolerance:
-            return True, x, f - u, count
-        if abs(far - near) <= 4e-16 * max(abs(far), abs(near)):
-            return far_known, x, f - u, count
-        trial = math.nan
-        if gap <= 0.5 * gap_before:
-            if film[0].shape[0] == 1:
-                trial = _common_step(side, x, f, d1, d2, h, u, film, memory)
-            if not (min(near, far) < trial < max(near, far)):
-                trial = _kinked_step(side, x, f, d1, u, film, memory)
-        gap_before = gap
-        if not (min(near, far) < trial < max(near, far)):
-            gap_before = math.inf
-            if not far_known:
-                trial = far
-            else:
-                trial = 0.5 * (near + far)
-        x = trial
-        f, d1, d2, h, _, _ = _evaluate(side, x, film, memory)
-        count += 1
-        if (f < u) == upward:
-            if x == end and abs(f - u) > tolerance:
-                return False, x, f - u, count
-            near = x
-        else:
-            far, far_known = x, True
-    return False, x, f - u, count
+    roots: Array,
+) -> tuple[int, int]:
+    """All temperatures from v to `end` on one branch where the output is `target`: (how many, evaluations)."""
+    work = workspace(film)
+    evaluate(HERE, side, side * v, film, memory, work)
+    found, count = search(
+        side,
+        side * target,
+        side * end,
+        film,
+        settings[1],
+        settings[0][LEAST_SLOPE],
+        memory,
+        work,
+        settings[0][BOUND],
+        roots,
+    )
+    for k in range(found):
+        roots[k] *= side
+    return found, count + 1
 
 
-@njit(cache=True)
-def search(
-    side: int,
-    u: float,
-    start: float,
-    end: float,
-    film: Packed,
-    memory: Array,
-    least_slope: float,
-    tolerance: float,
-) -> tuple[bool, float, float, int]:
-    """The solution of f = u nearest to `start` on the way to `end` along one branch.
-
-    least_slope: a lower bound of dD/dv over the whole range. Returns (found, v, f(v) - u, evaluations).
-    """
-    at_x = _evaluate(side, start, film, memory)
-    count = 1
-    if abs(at_x[0] - u) <= tolerance or start == end:
-        return abs(at_x[0] - u) <= tolerance, start, at_x[0] - u, count
-    envelopes, code, par = film[0], film[3], film[4]
-    first = 0 if side > 0 else 3
-    flattest = math.inf  # the least slope of any envelope over the whole range
-    for row in range(envelopes.shape[0]):
-        flattest = min(flattest, envelopes[row, first + 1] if envelopes[row, first] == 0.0 else 0.0)
-    onward = (end > start) == (side > 0)  # walking this way, operators only ever start to move
-    upward = end > start
-    x = start
-    ends = np.empty(SEGMENTS)
-    values = np.empty((SEGMENTS, 6))
-    known = np.zeros(SEGMENTS, dtype=np.bool_)
-    ends[0], depth = end, 1
-    while depth > 0:
-        y = ends[depth - 1]
-        increasing = least_slope >= 0.0 or (onward and at_x[5] * flattest + least_slope >= 0.0)
-        possible = True
-        if increasing:
-            possible = (at_x[0] < u) == upward
-        else:
-            if not known[depth - 1]:
-                at = _evaluate(side, y, film, memory)
-                for k in range(6):
-                    values[depth - 1, k] = at[k]
-                known[depth - 1] = True
-                count += 1
-            at_y = values[depth - 1]
-            low, high = min(x, y), max(x, y)
-            d_x, d_y = at_x[0] - at_x[3], at_y[0] - at_y[3]
-            if upward:
-                least, most = memoryless_range(code, par, low, high, d_x, d_y)
-                possible = least + at_x[3] <= u + tolerance and u - tolerance <= most + at_y[3]
-            else:
-                least, most = memoryless_range(code, par, low, high, d_y, d_x)
-                possible = least + at_y[3] <= u + tolerance and u - tolerance <= most + at_x[3]
-            if possible:
-                slope = memoryless_slope_range(code, par, low, high)[0]
-                rise = min(at_x[5], at_y[5]) * _least_envelope_slope(film[0], first, low, high)
-                if slope + rise >= 0.0:
-                    increasing = True
-                    possible = ((at_x[0] < u) == upward) and ((at_y[0] < u) != upward)
-                    if abs(at_y[0] - u) <= tolerance:
-                        possible = True
-        if possible and not increasing:
-            if abs(y - x) > NARROW_K and depth < SEGMENTS:
-                ends[depth], known[depth] = 0.5 * (x + y), False
-                depth += 1
-                continue
-            possible = (at_x[0] < u) != (values[depth - 1, 0] < u)
-            increasing = True
-        if possible:
-            found, v, residual, more = _bracketed(side, u, x, at_x, y, film, memory, tolerance)
-            count += more
-            if found:
-                return True, v, residual, count
-        depth -= 1
-        x = y
-        if depth > 0:
-            if known[depth]:
-                row = values[depth]
-                at_x = (row[0], row[1], row[2], row[3], row[4], row[5])
-            else:
-                at_x = _evaluate(side, x, film, memory)
-                count += 1
-    return False, math.nan, math.nan, count
-
-
-@njit(cache=True)
-def _least_envelope_slope(envelopes: Array, first: int, low: float, high: float) -> float:
-    """The least slope of any envelope on [low, high]: a tanh is steepest in its middle, so at an end."""
-    least = math.inf
-    for row in range(envelopes.shape[0]):
-        code, a, b = envelopes[row, first], envelopes[row, first + 1], envelopes[row, first + 2]
-        least = min(least, envelope(code, a, b, low)[1], envelope(code, a, b, high)[1])
-    return least
-
-
-@njit(cache=True)
-def solve(
-    u: float,
-    v_before: float,
-    film: Packed,
-    memory: Array,
-    low: float,
-    high: float,
-    least_slope: float,
-    tolerance: float,
-) -> tuple[bool, float, float, int]:
-    """The temperature nearest to v_before, on either branch, at which the output is u."""
-    rest = memoryless(film[3], film[4], v_before)[0] + play.weighted_sum(film[2], memory)
-    count = 1
-    if abs(rest - u) <= tolerance:
-        return True, v_before, rest - u, count
-    up = (False, math.nan, math.nan, 0)
-    down = (False, math.nan, math.nan, 0)
-    monotone = least_slope >= 0.0
-    if v_before < high and (u > rest or not monotone):
-        up = search(1, u, v_before, high, film, memory, least_slope, tolerance)
-        count += up[3] - 1  # the present temperature is counted once
-    if v_before > low and (u < rest or not monotone):
-        stop = low
-        if up[0]:
-            stop = max(low, v_before - (up[1] - v_before))
-        if stop < v_before:
-            down = search(-1, u, v_before, stop, film, memory, least_slope, tolerance)
-            count += down[3] - 1
-    if up[0] and (not down[0] or up[1] - v_before <= v_before - down[1]):
-        return True, up[1], up[2], count
-    return down[0], down[1], down[2], count
-
-
-@njit(cache=True)
-def _extreme(
-    sign: int,
-    side: int,
-    start: float,
-    end: float,
-    film: Packed,
-    memory: Array,
-    tolerance: float,
-) -> float:
-    """The largest (sign +1) or smallest (-1) output on one branch between two temperatures, to `tolerance`."""
-    code, par = film[3], film[4]
-    at_x, at_y = _evaluate(side, start, film, memory), _evaluate(side, end, film, memory)
-    best = max(sign * at_x[0], sign * at_y[0])
-    left, right = np.empty(SEGMENTS), np.empty(SEGMENTS)
-    left[0], right[0], depth = min(start, end), max(start, end), 1
-    while depth > 0:
-        depth -= 1
-        x, y = left[depth], right[depth]
-        f_x, _, _, h_x, _, _ = _evaluate(side, x, film, memory)
-        f_y, _, _, h_y, _, _ = _evaluate(side, y, film, memory)
-        best = max(best, sign * f_x, sign * f_y)
-        least, most = memoryless_range(code, par, x, y, f_x - h_x, f_y - h_y)
-        bound = most + h_y if sign > 0 else -(least + h_x)
-        slopes = memoryless_slope_range(code, par, x, y)
-        if bound <= best + tolerance or slopes[0] >= 0.0 or y - x <= NARROW_K or depth + 2 > SEGMENTS:
-            continue
-        middle = 0.5 * (x + y)
-        left[depth], right[depth] = x, middle
-        left[depth + 1], right[depth + 1] = middle, y
-        depth += 2
-    return sign * best
-
-
-@njit(cache=True)
-def trajectory(
-    targets: Array,
-    v_before: float,
-    memory: Array,
-    film: Packed,
-    low: float,
-    high: float,
-    least_slope: float,
-    tolerance: float,
-    temperatures: Array,
-    residuals: Array,
-    evaluations: NDArray[np.int64],
-) -> float:
-    """Temperatures for a sequence of outputs; where a target is out of reach the film rests and the row is nan."""
-    for i in range(targets.size):
-        found, v, residual, count = solve(targets[i], v_before, film, memory, low, high, least_slope, tolerance)
-        evaluations[i] = count
-        residuals[i] = residual
-        temperatures[i] = v if found else math.nan
-        if found:
-            play.advance(v, v_before, film[0], film[1], memory)
-            v_before = v
-    return v_before
+@njit(cache=True, error_model="numpy")
+def output_range(
+    side: float, v: float, end: float, film: Packed, settings: Settings, memory: Array
+) -> tuple[float, float]:
+    """Least and largest output on one branch from v (its limit there) to `end`."""
+    work = workspace(film)
+    extremes = np.empty(2)
+    for k in range(2):
+        sign = 1.0 - 2.0 * k
+        evaluate(HERE, side, side * v, film, memory, work)
+        extremes[k] = side * largest(sign, side, side * end, film, settings[1], memory, work, 0.1 * settings[0][BOUND])
+    return extremes.min(), extremes.max()
 
 
 @dataclass(frozen=True)
@@ -395,9 +300,10 @@ class Solution:
     """One temperature for one wanted output.
 
     reachable: whether there is one within the limits, from this memory. temperature_degC: the solution, or where
-    there is none the present temperature. residual: model minus target, in the output's unit. interval: the outputs
-    that can be reached, (low, high); computed where the target cannot be. nearest: its near end, else the target.
-    evaluations: of D and the envelopes at one trial temperature.
+    there is none the present temperature. residual: model minus target, in the output's unit. Where the target
+    cannot be reached, intervals are the outputs that can, (low, high) each and in order - more than one where the
+    order condition fails and the output jumps at a reversal -, interval is from the least to the largest of them,
+    and nearest the near end; else nearest is the target. evaluations: of D and the envelopes at one temperature.
     """
 
     reachable: bool
@@ -407,107 +313,148 @@ class Solution:
     interval: tuple[float, float] | None
     evaluations: int
     memory: Memory
+    intervals: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class Inverse:
     """The inverse of a film model within temperature limits (degC).
 
-    Every solution keeps |model(inverse(u)) - u| <= tolerance, in the output's unit.
+    Every solution keeps |model(inverse(u)) - u| <= bound, in the output's unit. choice: of several solutions.
+    heating_K_per_s, cooling_K_per_s: the plate's rates (both > 0), for the choice "fastest".
     """
 
     model: FilmModel
     low_degC: float = LOW_DEGC
     high_degC: float = HIGH_DEGC
     tolerance: float = TOLERANCE
+    choice: Choice = "nearest"
+    heating_K_per_s: float = 1.0
+    cooling_K_per_s: float = 1.0
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low_degC) and self.low_degC < self.high_degC < math.inf):
             raise ValueError(f"limits: {self.low_degC!r} to {self.high_degC!r} degC: expected low < high")
+        if self.choice not in ("nearest", "fastest", "fewest_reversals"):
+            raise ValueError(f"choice: {self.choice!r} is none of nearest, fastest, fewest_reversals")
+        if not (0.0 < self.heating_K_per_s < math.inf and 0.0 < self.cooling_K_per_s < math.inf):
+            raise ValueError("heating_K_per_s, cooling_K_per_s: expected finite numbers > 0")
+
+    @cached_property
+    def pieces(self) -> Array:
+        """Where D turns and bends within the limits, shape (3, points): `compensator.pieces`."""
+        return pieces(self.model.memoryless, self.low_degC, self.high_degC)
 
     @cached_property
     def least_slope(self) -> float:
-        """A lower bound of dD/dv within the limits: where it is >= 0 the model is monotone without further proof."""
-        return float(memoryless_slope_range(self.model.memoryless.code, self.model.memoryless_array, self.low_degC, self.high_degC)[0])
+        """The least dD/dv within the limits (exact): where it is >= 0 the model is monotone."""
+        return float(self.pieces[SLOPE_ROW].min())
 
-    def solve(self, target: float, memory: Memory) -> Solution:
-        """The temperature nearest to the present one at which the output is `target`, from this memory."""
-        found, v, residual, count = solve(
-            target,
-            memory.input_degC,
-            self.model.packed,
-            memory.plays.copy(),
-            self.low_degC,
-            self.high_degC,
-            self.least_slope,
-            self.tolerance,
-        )
-        if found:
-            return Solution(True, v, residual, target, None, count, self._advanced(v, memory))
-        low, high = self.reachable_interval(memory)
-        here = self.model.output_at(memory)
-        nearest = low if abs(target - low) <= abs(target - high) else high
-        if low <= target <= high:  # a gap: the order condition fails, the output jumps at a reversal
-            nearest = here
-        return Solution(False, memory.input_degC, here - target, nearest, (low, high), count, memory)
+    @cached_property
+    def bound(self) -> float:
+        """What |model(inverse(u)) - u| keeps, in the output's unit: `tolerance`, or SPAN_SHARE of the span."""
+        span = float(self.model.weights.sum() + np.ptp(self.pieces[1]))
+        return max(self.tolerance, SPAN_SHARE * span)
+
+    def settings(self, heading: int = 0) -> Settings:
+        """What the compiled loops need beside the film; heading: the sign of the last move, 0 if there was none."""
+        up, down = 1.0, 1.0
+        if self.choice == "fastest":
+            up, down = 1.0 / self.heating_K_per_s, 1.0 / self.cooling_K_per_s
+        elif self.choice == "fewest_reversals" and heading != 0:
+            up, down = (1.0, 1e9) if heading > 0 else (1e9, 1.0)
+        limits = np.array([self.low_degC, self.high_degC, self.bound, self.least_slope, up, down])
+        return limits, self.pieces
+
+    @cached_property
+    def _settings(self) -> Settings:
+        return self.settings()
+
+    def solve(self, target: float, memory: Memory, heading: int = 0) -> Solution:
+        """The chosen temperature at which the output is `target`, from this memory.
+
+        heading: sign of the last move of the temperature, for the choice "fewest_reversals".
+        """
+        rows, counts = np.empty((2, 1)), np.empty(1, dtype=np.int64)
+        plays = memory.plays.copy()
+        settings = self.settings(heading) if heading else self._settings
+        before = memory.input_degC
+        v = trajectory(np.array([target]), before, plays, self.model.packed, settings, rows, counts)
+        count = int(counts[0])
+        if not math.isnan(rows[0, 0]):
+            return Solution(True, v, float(rows[1, 0]), target, None, count, memory_owning(v, plays))
+        intervals = self.reachable_intervals(memory)
+        ends = [end for interval in intervals for end in interval]
+        nearest = min(ends, key=lambda end: abs(end - target))
+        residual = self.model.output_at(memory) - target
+        return Solution(False, before, residual, nearest, (ends[0], ends[-1]), count, memory, intervals)
+
+    def solutions(self, target: float, memory: Memory) -> tuple[Array, int]:
+        """All temperatures (degC, increasing) at which the output is `target` from this memory, and evaluations.
+
+        Where the output stands still at the target, one of the temperatures there.
+        """
+        v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
+        found: list[Array] = []
+        count = 1
+        at_rest = abs(self.model.output_at(memory) - target) <= self.bound
+        if at_rest:
+            found.append(np.array([v]))
+        for side, end in ((-1.0, self.low_degC), (1.0, self.high_degC)):
+            if (end - v) * side > 0.0:
+                roots = np.empty(MOST_SOLUTIONS)
+                n, more = solutions_on_branch(side, target, v, end, film, self._settings, plays, roots)
+                found.append(roots[:n][np.abs(roots[:n] - v) > 1e-6] if at_rest else roots[:n])
+                count += more - 1
+        return np.sort(np.concatenate(found)) if found else np.empty(0), count
 
     def first(self, target: float, initial: Initial | None = None) -> Solution:
         """The lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output."""
         initial = initial or self.model.initial
-        side = -1 if initial == "cooled" else 1
-        found, v, residual, count = search(
-            side,
-            target,
-            self.low_degC,
-            self.high_degC,
-            self.model.packed,
-            self.model.saturated(initial),
-            self.least_slope,
-            self.tolerance,
-        )
+        film, saturated = self.model.packed, self.model.saturated(initial)
+        side, start, end = 1.0, self.low_degC, self.high_degC
+        if initial == "cooled":
+            side, start, end = -1.0, end, start
+        roots = np.empty(1 if side > 0.0 or self.least_slope >= 0.0 else MOST_SOLUTIONS)
+        found, count = solutions_on_branch(side, target, start, end, film, self._settings, saturated, roots)
         if found:
-            return Solution(True, v, residual, target, None, count, self.model.initial_memory(v, initial))
-        saturated = self.model.saturated(initial)
-        ends = (self.low_degC, self.high_degC, self.model.packed, saturated, self.tolerance)
-        low, high = _extreme(-1, side, *ends), _extreme(1, side, *ends)
+            v = float(roots[found - 1])
+            memory = self.model.initial_memory(v, initial)
+            return Solution(True, v, self.model.output_at(memory) - target, target, None, count, memory)
+        low, high = output_range(side, start, end, film, self._settings, saturated)
         nearest = low if abs(target - low) <= abs(target - high) else high
         rest = self.model.initial_memory(self.low_degC, initial)
-        return Solution(False, math.nan, math.nan, nearest, (low, high), count, rest)
+        return Solution(False, math.nan, math.nan, nearest, (low, high), count, rest, ((low, high),))
+
+    def reachable_intervals(self, memory: Memory) -> tuple[tuple[float, float], ...]:
+        """The outputs that can be reached from this memory without turning round, as intervals in order.
+
+        There is more than one where the output jumps at a reversal: the order condition fails.
+        """
+        v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
+        here = self.model.output_at(memory)
+        parts = [(here, here)]
+        for side, end in ((-1.0, self.low_degC), (1.0, self.high_degC)):
+            if (end - v) * side > 0.0:
+                parts.append(output_range(side, v, end, film, self._settings, plays))
+        parts.sort()
+        merged = [parts[0]]
+        for low, high in parts[1:]:
+            if low <= merged[-1][1] + self.bound:
+                merged[-1] = (merged[-1][0], max(merged[-1][1], high))
+            else:
+                merged.append((low, high))
+        return tuple((float(low), float(high)) for low, high in merged)
 
     def reachable_interval(self, memory: Memory) -> tuple[float, float]:
         """Least and largest output that can be reached from this memory without turning round."""
-        v = memory.input_degC
-        here = self.model.output_at(memory)
-        least, most = here, here
-        film, plays = self.model.packed, memory.plays.copy()
-        for side, end in ((1, self.high_degC), (-1, self.low_degC)):
-            if (end - v) * side > 0.0:
-                least = min(least, _extreme(-1, side, v, end, film, plays, self.tolerance))
-                most = max(most, _extreme(1, side, v, end, film, plays, self.tolerance))
-        return least, most
+        intervals = self.reachable_intervals(memory)
+        return intervals[0][0], intervals[-1][1]
 
     def trajectory(self, targets: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
         """Temperatures (degC) for a sequence of outputs, nan where one is out of reach, and the memory after."""
         wanted = writable(targets)
-        temperatures, residuals = np.empty(wanted.size), np.empty(wanted.size)
-        counts = np.empty(wanted.size, dtype=np.int64)
+        rows, counts = np.empty((2, wanted.size)), np.empty(wanted.size, dtype=np.int64)
         plays = memory.plays.copy()
-        v = trajectory(
-            wanted,
-            memory.input_degC,
-            plays,
-            self.model.packed,
-            self.low_degC,
-            self.high_degC,
-            self.least_slope,
-            self.tolerance,
-            temperatures,
-            residuals,
-            counts,
-        )
-        return temperatures, Memory(v, plays)
-
-    def _advanced(self, v: float, memory: Memory) -> Memory:
-        plays = memory.plays.copy()
-        play.advance(v, memory.input_degC, self.model.packed[0], self.model.packed[1], plays)
-        return Memory(v, plays)
+        v = trajectory(wanted, memory.input_degC, plays, self.model.packed, self._settings, rows, counts)
+        return rows[0], Memory(v, plays)

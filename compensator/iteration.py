@@ -5,11 +5,12 @@
     s_i = p_0 r_i + sum_(j<i) p_j (r_i - r_j),   q_i = -p_i / ((p_0 + .. + p_i) (p_0 + .. + p_(i-1)))   (16)-(18)
     v_n = Psi^-1[u - D(v_(n-1))]  until  |v_n - v_(n-1)| < sigma                                              (20)
 
-The inverse plays' memory follows from the model's: z_i = sum_(j<=i) p_j w_j + w_i sum_(j>i) p_j (Krejci and Kuhnen,
+The inverse plays' memory follows from the model's: z_i = w_i sum_(j<=i) p_j + sum_(j>i) p_j w_j (Krejci and Kuhnen,
 IEE Proc. Control Theory Appl. 148 (2001) 185). Where it holds and where it does not:
 
 - radii must start at 0 with a positive weight, else 1 / p(r_0) is undefined (section 4.2's radii start at 1/30);
-- (14) is the inverse of eq (6) only where gamma_R = gamma_L; elsewhere it is off by the envelopes' distance;
+- eqs (12), (14) are eq (6) and its inverse only where gamma_R = gamma_L: elsewhere gamma jumps at a reversal and
+  moves Pi's plays. With the memory of eq (6), as here, and not one of its own, (14) is right elsewhere, too;
 - (21), (26), (27) need |dD/dv|, and after a reversal with gamma_R < gamma_L all operators stand still at once, where
   the iteration never converges, however small D is;
 - |v_n - v_(n-1)| < sigma bounds the error by sigma q / (1 - q), q the contraction factor, not by sigma.
@@ -56,24 +57,15 @@ def _analytic(
         return math.nan
     rising = y > present
     gamma = inverse_weights[0] * y
-    below, above = weights[0] * memory[0], present_weight(weights) - weights[0]
+    below, above = weights[0], present - weights[0] * memory[0]
     for i in range(1, weights.size):
-        below += weights[i] * memory[i]
-        above -= weights[i]
-        z = below + above * memory[i]
+        below += weights[i]
+        above -= weights[i] * memory[i]
+        z = below * memory[i] + above
         z = max(y - inverse_radii[i], z) if rising else min(y + inverse_radii[i], z)
         gamma += inverse_weights[i] * z
     first = 0 if rising else 3
     return envelope_inverse(envelope_row[first], envelope_row[first + 1], envelope_row[first + 2], gamma)
-
-
-@njit(cache=True)
-def present_weight(weights: Array) -> float:
-    """Sum of the weights, in order."""
-    total = 0.0
-    for j in range(weights.size):
-        total += weights[j]
-    return total
 
 
 @njit(cache=True)
@@ -137,12 +129,12 @@ def iterate(
     converged, v, count = _iterate(
         target,
         memory.input_degC,
-        model.envelopes[0],
-        model.radii,
-        model.weights,
+        model.packed[0][0],
+        model.packed[1],
+        model.packed[2],
         model.memoryless.code,
         model.memoryless_array,
-        memory.plays,
+        memory.plays.copy(),
         sigma,
         most_iterations,
     )

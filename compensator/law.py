@@ -20,16 +20,20 @@ estimated as a disturbance on the output and taken off the target: feedback of t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, field
+from math import nan
+from typing import Final, Literal
 
 import numpy as np
+from numba import njit
 
-from compensator.film import FilmModel, Memory
-from compensator.functions import Array
+from compensator.film import IDENTITY, FilmModel, Memory, Packed, memory_owning
+from compensator.functions import Array, memoryless_value
 from compensator.inverse import Inverse
-from compensator.pid import PidGains, PidState, pid_integrate, pid_output
-from compensator.plate import PlateModel
+from compensator.pid import PidGains, PidState, integral_of, output_of
+from compensator.plate import PlateModel, current_for_rate, current_range, rate
+from compensator.plate import step as plate_step
+from compensator.play import advance, weighted_sum
 from compensator.reference import next_reference, next_temperature
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
@@ -67,7 +71,7 @@ class LawState:
     reference_degC: float
     memory: Memory
     disturbance: float = 0.0
-    pid: PidState = PidState()
+    pid: PidState = field(default_factory=PidState)
     current_A: float = 0.0
 
 
@@ -86,6 +90,95 @@ class Command:
     reachable: bool
 
 
+NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
+FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
+# places in a law's numbers
+LAW, PERIOD, LIMIT, LOW, HIGH, SPACING, BAND, OBSERVER, DISTURBANCE_TIME, SHARE, HAS_FILM = range(11)
+# places in a state's numbers, then in a command's
+T, REF, DISTURBANCE, INTEGRAL, DERIVATIVE, ERROR, CURRENT, INPUT, SETPOINT, REF_NOW, MODEL, REACHED = range(12)
+
+
+@njit(cache=True)
+def law_step(
+    law: Array,
+    plate: Array,
+    gains: Array,
+    film: Packed,
+    limits: Array,
+    table: Array,
+    state: Array,
+    plays: Array,
+    targets: Array,
+    reading: float,
+    output: float,
+    target_now: float,
+) -> None:
+    """One period of the law: `state` and `plays` are brought to this sample, the command stands behind the state."""
+    name, period, limit = law[LAW], law[PERIOD], law[LIMIT]
+    envelopes, radii, weights, code, par = film
+    here = plate_step(plate, state[T], state[CURRENT], period)
+    if name == INSTRUMENT_PID and not math.isnan(reading):
+        here = reading  # the current is the controller's own
+    elif name != FEEDFORWARD and not math.isnan(reading):
+        here += law[OBSERVER] * (reading - here)
+    model = math.nan
+    if law[HAS_FILM] > 0.0:
+        advance(here, state[INPUT], envelopes, radii, plays)
+        state[INPUT] = here
+        model = memoryless_value(code, par, here) + weighted_sum(weights, plays)
+        if name in (FULL, INSTRUMENT_PID) and math.isfinite(output):
+            share = min(period / law[DISTURBANCE_TIME], 1.0)
+            state[DISTURBANCE] += share * (output - model - state[DISTURBANCE])
+    state[T] = here
+    if name == PID:  # on the film's output alone, in A; the last current holds while there is no reading
+        if math.isfinite(output):
+            wanted, state[DERIVATIVE], state[ERROR] = output_of(
+                gains, state[INTEGRAL], state[DERIVATIVE], state[ERROR], target_now, output, period
+            )
+            low, high = current_range(plate, here, limit)
+            state[CURRENT] = min(max(wanted, low), high)
+            shortfall = state[CURRENT] - wanted
+            state[INTEGRAL] = integral_of(gains, state[INTEGRAL], target_now, output, shortfall, period)
+        return
+    low, high = current_range(plate, here, limit)
+    cooling = min(law[SHARE] * rate(plate, here, low), -1e-6)
+    heating = max(law[SHARE] * rate(plate, here, high), 1e-6)
+    reference, reached = state[REF], True
+    if name == TEMPERATURE:
+        following = next_temperature(targets, law[SPACING], period, reference, cooling, heating)
+    else:
+        reached, following = next_reference(
+            targets - state[DISTURBANCE],
+            law[BAND] if name != FEEDFORWARD else 0.0,
+            state[INPUT],
+            plays,
+            film,
+            limits,
+            table,
+            law[SPACING],
+            period,
+            reference,
+            cooling,
+            heating,
+        )
+    following = min(max(following, law[LOW]), law[HIGH])
+    wanted_rate = (following - reference) / period
+    feedback = name in (FULL, TEMPERATURE)
+    if feedback:
+        correction, state[DERIVATIVE], state[ERROR] = output_of(
+            gains, state[INTEGRAL], state[DERIVATIVE], state[ERROR], reference, here, period
+        )
+        wanted_rate += correction
+    state[CURRENT] = current_for_rate(plate, here, wanted_rate, limit)
+    if feedback:
+        shortfall = rate(plate, here, state[CURRENT]) - wanted_rate
+        if abs(shortfall) < 1e-12:
+            shortfall = 0.0
+        state[INTEGRAL] = integral_of(gains, state[INTEGRAL], reference, here, shortfall, period)
+    state[SETPOINT], state[REF_NOW], state[REF], state[MODEL] = following, reference, following, model
+    state[REACHED] = 1.0 if reached else 0.0
+
+
 class Law:
     """Parameters of one law, bound to a film and a plate model. It remembers nothing: see `LawState`."""
 
@@ -96,6 +189,15 @@ class Law:
         self.plate = plate
         self.film = film
         self.inverse = Inverse(film, settings.low_degC, settings.high_degC) if film is not None else None
+        s = settings
+        numbers = (s.period_s, s.current_limit_A, s.low_degC, s.high_degC, s.preview_spacing_s, s.band)
+        shares = (s.observer_gain, s.disturbance_time_s, s.rate_share, float(film is not None))
+        self._numbers = np.array([float(NAMES.index(s.name)), *numbers, *shares])
+        self._gains = s.gains.array()
+        stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
+        inverse = self.inverse or Inverse(stand_in, s.low_degC, s.high_degC)
+        self._film = inverse.model.packed
+        self._limits, self._table = inverse.settings()
 
     def start(self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0) -> LawState:
         """State at the first reading; memory None: as after cooling down from the hot end."""
@@ -110,7 +212,7 @@ class Law:
     def preview_times_s(self) -> Array:
         """How far ahead of a step each target lies that it is given."""
         s = self.settings
-        return s.period_s + s.preview_spacing_s * np.arange(s.preview)
+        return s.period_s + s.preview_spacing_s * np.arange(s.preview, dtype=np.float64)
 
     def step(
         self, state: LawState, temperature_degC: float, output: float, target_now: float, targets: Array
@@ -119,84 +221,40 @@ class Law:
 
         For the law "temperature" targets are degC, else in the film's output unit.
         """
-        s = self.settings
-        state = self._observed(state, temperature_degC, output)
-        if s.name == "pid":
-            return self._output_pid(state, output, target_now)
-        here = state.temperature_degC
-        cooling, heating = self.plate.rate_range_K_per_s(here, s.current_limit_A)
-        cooling, heating = min(s.rate_share * cooling, -1e-6), max(s.rate_share * heating, 1e-6)
-        reachable = True
-        if s.name == "temperature":
-            following = next_temperature(
-                targets, s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating
-            )
-        else:
-            reachable, following = self._plan(state, targets - state.disturbance, cooling, heating)
-        following = min(max(following, s.low_degC), s.high_degC)
-        rate = (following - state.reference_degC) / s.period_s
         pid = state.pid
-        if s.name in ("full", "temperature"):
-            correction, pid = pid_output(s.gains, pid, state.reference_degC, here, s.period_s)
-            rate += correction
-        current = self.plate.current_for_rate_A(here, rate, s.current_limit_A)
-        if s.name in ("full", "temperature"):
-            shortfall = self.plate.rate_K_per_s(here, current) - rate
-            if abs(shortfall) < 1e-12:
-                shortfall = 0.0
-            pid = pid_integrate(s.gains, pid, state.reference_degC, here, shortfall, s.period_s)
-        model = self.film.output_at(state.memory) if self.film is not None else math.nan
-        command = Command(current, following, state.reference_degC, model, reachable)
-        return command, replace(state, reference_degC=following, pid=pid, current_A=current)
-
-    def _observed(self, state: LawState, temperature_degC: float, output: float) -> LawState:
-        """The state brought to this sample: temperature, memory, and what the film model gets wrong."""
-        s = self.settings
-        predicted = self.plate.step(state.temperature_degC, state.current_A, s.period_s)
-        if s.name == "instrument_pid" and not math.isnan(temperature_degC):
-            predicted = temperature_degC  # the current is the controller's own
-        elif s.name != "feedforward" and not math.isnan(temperature_degC):
-            predicted += s.observer_gain * (temperature_degC - predicted)
-        if self.film is None:
-            return replace(state, temperature_degC=predicted)
-        expected, memory = self.film.step(predicted, state.memory)
-        disturbance = state.disturbance
-        if s.name in ("full", "instrument_pid") and math.isfinite(output):
-            share = min(s.period_s / s.disturbance_time_s, 1.0)
-            disturbance += share * (output - expected - disturbance)
-        return replace(state, temperature_degC=predicted, memory=memory, disturbance=disturbance)
-
-    def _plan(self, state: LawState, targets: Array, slowest: float, fastest: float) -> tuple[bool, float]:
-        inverse, s = self.inverse, self.settings
-        assert inverse is not None
-        reached, following = next_reference(
-            targets,
-            s.band if s.name != "feedforward" else 0.0,
-            state.memory.input_degC,
-            state.memory.plays.copy(),
-            inverse.model.packed,
-            inverse.low_degC,
-            inverse.high_degC,
-            inverse.least_slope,
-            inverse.tolerance,
-            s.preview_spacing_s,
-            s.period_s,
-            state.reference_degC,
-            slowest,
-            fastest,
+        plays = state.memory.plays.copy()
+        numbers = np.array(
+            (
+                state.temperature_degC,
+                state.reference_degC,
+                state.disturbance,
+                pid.integral,
+                pid.derivative,
+                pid.weighted_error,
+                state.current_A,
+                state.memory.input_degC,
+                nan,
+                nan,
+                nan,
+                1.0,
+            )
         )
-        return bool(reached), float(following)
-
-    def _output_pid(self, state: LawState, output: float, target: float) -> tuple[Command, LawState]:
-        """PID on the film's output alone, in A; the last current holds while there is no reading."""
-        s = self.settings
-        measured = output if math.isfinite(output) else math.nan
-        if math.isnan(measured):
-            command = Command(state.current_A, math.nan, math.nan, math.nan, True)
-            return command, state
-        wanted, pid = pid_output(s.gains, state.pid, target, measured, s.period_s)
-        low, high = self.plate.current_range_A(state.temperature_degC, s.current_limit_A)
-        current = min(max(wanted, low), high)
-        pid = pid_integrate(s.gains, pid, target, measured, current - wanted, s.period_s)
-        command = Command(current, math.nan, math.nan, math.nan, True)
-        return command, replace(state, pid=pid, current_A=current)
+        if not targets.flags.writeable:
+            targets = targets.copy()
+        law_step(
+            self._numbers,
+            self.plate.numbers,
+            self._gains,
+            self._film,
+            self._limits,
+            self._table,
+            numbers,
+            plays,
+            targets,
+            temperature_degC,
+            output,
+            target_now,
+        )
+        t, r, d, i, derivative, error, current, v, setpoint, reference, model, reached = numbers.tolist()
+        following = LawState(t, r, memory_owning(v, plays), d, PidState(i, derivative, error), current)
+        return Command(current, setpoint, reference, model, reached > 0.0), following

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import cfunc, types
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic
@@ -37,7 +37,7 @@ _memoryless: dict[str, int] = {}
 
 
 @intrinsic
-def call_at(typing_context: Any, table: Any, place: Any, s: Any) -> Any:
+def _call_at(typing_context: Any, table: Any, place: Any, s: Any) -> Any:
     """Call the function float -> float whose address stands at a place of the table."""
     signature = types.float64(types.int64, types.int64, types.float64)
 
@@ -51,7 +51,7 @@ def call_at(typing_context: Any, table: Any, place: Any, s: Any) -> Any:
 
 
 @intrinsic
-def number_at(typing_context: Any, table: Any, place: Any) -> Any:
+def _number_at(typing_context: Any, table: Any, place: Any) -> Any:
     """The float64 that stands at a place of the table."""
     signature = types.float64(types.int64, types.int64)
 
@@ -60,6 +60,10 @@ def number_at(typing_context: Any, table: Any, place: Any) -> Any:
         return builder.load(builder.gep(base, [arguments[1]]))
 
     return signature, generate
+
+
+call_at: Any = _call_at  # to a type checker the typing context would be one more argument
+number_at: Any = _number_at
 
 
 def register_envelope(
@@ -131,7 +135,7 @@ def _address(function: Scalar) -> int:
         _kept.append(callback)
         return int(ctypes.cast(callback, ctypes.c_void_p).value or 0)
     _kept.append(compiled)
-    return int(compiled.address)
+    return int(compiled.address or 0)
 
 
 def _table(value: Scalar, slope: Scalar, third: Scalar, low: float, high: float, inflection: float) -> int:

@@ -37,7 +37,7 @@ def pieces(d: Memoryless, low_degC: float, high_degC: float) -> Array:
 
 
 def _turns_and_bends(d: Memoryless, par: Array, low: float, high: float) -> Array:
-    nowhere = np.empty(0)
+    nowhere: Array = np.empty(0)
     if d.function in ("none", "linear", "arrhenius") or (d.function != "polynomial" and d.a == 0.0):
         return nowhere
     if d.function == "tanh":
@@ -45,20 +45,26 @@ def _turns_and_bends(d: Memoryless, par: Array, low: float, high: float) -> Arra
     if d.function in ("sin", "cos"):
         first, last = sorted((d.a * low + d.b, d.a * high + d.b))
         quarter = 0.5 * math.pi
-        return (np.arange(math.ceil(first / quarter), math.floor(last / quarter) + 1) * quarter - d.b) / d.a
+        count = np.arange(math.ceil(first / quarter), math.floor(last / quarter) + 1, dtype=np.float64)
+        return np.asarray((count * quarter - d.b) / d.a, dtype=np.float64)
     if d.function == "polynomial":
         middle, half = 0.5 * (low + high), 0.5 * (high - low)
         curve = Polynomial(par[FIRST_COEFFICIENT:])(Polynomial([middle, half]))  # in x = (v - middle) / half
         roots = np.concatenate([curve.deriv().trim().roots(), curve.deriv(2).trim().roots()])
         near = np.abs(roots.imag) < 1e-6
-        return middle + half * roots.real[near]
+        return np.asarray(middle + half * roots.real[near], dtype=np.float64)
     v = np.linspace(low, high, GRID)
     found = [nowhere]
     for which in (1, 2):
         values = np.array([memoryless(d.code, par, float(x))[which] for x in v])
-        found.append(np.array([_bisected(d.code, par, which, v[k], v[k + 1]) for k in np.flatnonzero(
-            np.sign(values[1:]) * np.sign(values[:-1]) < 0.0
-        )]))
+        found.append(
+            np.array(
+                [
+                    _bisected(d.code, par, which, v[k], v[k + 1])
+                    for k in np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0.0)
+                ]
+            )
+        )
         found.append(v[values == 0.0])
     return np.concatenate(found)
 
@@ -77,12 +83,14 @@ def _bisected(code: int, par: Array, which: int, left: float, right: float) -> f
 @njit(cache=True)
 def inside(table: Array, low: float, high: float) -> tuple[int, int]:
     """Indices (first, one past the last) of the points strictly between low and high."""
-    first = np.searchsorted(table[0], low, side="right")
-    return first, max(first, np.searchsorted(table[0], high, side="left"))
+    first = int(np.searchsorted(table[0], low, side="right"))
+    return first, max(first, int(np.searchsorted(table[0], high, side="left")))
 
 
 @njit(cache=True)
-def range_between(table: Array, row: int, low: float, high: float, at_low: float, at_high: float) -> tuple[float, float]:
+def range_between(
+    table: Array, row: int, low: float, high: float, at_low: float, at_high: float
+) -> tuple[float, float]:
     """Least and largest D (row 1) or dD/dv (row 2) on [low, high] degC, given its values at the two ends."""
     least, most = min(at_low, at_high), max(at_low, at_high)
     first, last = inside(table, low, high)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -44,6 +45,44 @@ def run(par: Array, first_degC: float, times_s: Array, currents_A: Array, temper
             current = currents_A[k]
             forcing = s * KELVIN * current + 0.5 * r * current * current + q * current + g * ambient
             temperature = exact_step(temperature, forcing, g - s * current, times_s[k + 1] - times_s[k])
+
+
+@njit(cache=True)
+def rate(par: Array, temperature: float, current: float) -> float:
+    """dT/dt (K/s) at a temperature (degC) and current (A); par as for `run`, and 1 for a heater, 0 for a Peltier."""
+    s, r, g, q, ambient = par[0], par[1], par[2], par[3], par[4]
+    joule = 0.5 * r * current * current + q * current
+    return float(s * current * (temperature + KELVIN) + joule - g * (temperature - ambient))
+
+
+@njit(cache=True)
+def step(par: Array, temperature: float, current: float, dt: float) -> float:
+    """Temperature (degC) after dt with the current held: exact."""
+    s, r, g, q, ambient = par[0], par[1], par[2], par[3], par[4]
+    joule = 0.5 * r * current * current + q * current
+    return exact_step(temperature, s * KELVIN * current + joule + g * ambient, g - s * current, dt)
+
+
+@njit(cache=True)
+def current_range(par: Array, temperature: float, limit: float) -> tuple[float, float]:
+    """Least and largest useful current (A): within the limit, and not beyond the largest cooling."""
+    if par[5] > 0.0:
+        return 0.0, limit
+    if par[1] == 0.0:
+        return -limit, limit
+    return -min(limit, par[0] * (temperature + KELVIN) / par[1]), limit
+
+
+@njit(cache=True)
+def current_for_rate(par: Array, temperature: float, wanted_rate: float, limit: float) -> float:
+    """The plate's inverse: the current (A) that gives dT/dt, held within `current_range`."""
+    low, high = current_range(par, temperature, limit)
+    wanted = wanted_rate + par[2] * (temperature - par[4])
+    b = par[0] * (temperature + KELVIN) + par[3]
+    discriminant = b * b + 2.0 * par[1] * wanted
+    if discriminant <= 0.0:
+        return low
+    return float(min(max(2.0 * wanted / (b + math.sqrt(discriminant)), low), high))
 
 
 @dataclass(frozen=True)
@@ -86,24 +125,18 @@ class PlateModel:
             ]
         )
 
+    @cached_property
+    def numbers(self) -> Array:
+        """`array`, and 1 for a heater, 0 for a Peltier."""
+        return np.append(self.array(), float(self.kind == "heater"))
+
     def rate_K_per_s(self, temperature_degC: float, current_A: float) -> float:
         """dT/dt at a temperature and current."""
-        s, r = self.seebeck_over_capacity_per_A_s, self.resistance_over_capacity_K_per_A2_s
-        loss = self.conductance_over_capacity_per_s * (temperature_degC - self.ambient_degC)
-        joule = 0.5 * r * current_A * current_A + self.drive_over_capacity_K_per_s * current_A
-        return s * current_A * (temperature_degC + KELVIN) + joule - loss
+        return float(rate(self.numbers, temperature_degC, current_A))
 
     def step(self, temperature_degC: float, current_A: float, dt_s: float) -> float:
         """Temperature (degC) after dt_s with the current held: exact."""
-        s, r = self.seebeck_over_capacity_per_A_s, self.resistance_over_capacity_K_per_A2_s
-        g = self.conductance_over_capacity_per_s
-        joule = 0.5 * r * current_A * current_A + self.drive_over_capacity_K_per_s * current_A
-        forcing = s * KELVIN * current_A + joule + g * self.ambient_degC
-        decay = g - s * current_A
-        x = decay * dt_s
-        if abs(x) < 1e-8:
-            return temperature_degC + (forcing - decay * temperature_degC) * dt_s * (1.0 - 0.5 * x)
-        return temperature_degC * math.exp(-x) - forcing * math.expm1(-x) / decay
+        return float(step(self.numbers, temperature_degC, current_A, dt_s))
 
     def simulate(self, first_degC: float, times_s: Array, currents_A: Array) -> Array:
         """Temperatures (degC) at the times, shape (samples,), the current of each row held until the next."""
@@ -114,13 +147,8 @@ class PlateModel:
 
     def current_range_A(self, temperature_degC: float, limit_A: float) -> tuple[float, float]:
         """Least and largest useful current: within the limit, and not beyond the largest cooling."""
-        if self.kind == "heater":
-            return 0.0, limit_A
-        r = self.resistance_over_capacity_K_per_A2_s
-        if r == 0.0:
-            return -limit_A, limit_A
-        largest_cooling = self.seebeck_over_capacity_per_A_s * (temperature_degC + KELVIN) / r
-        return -min(limit_A, largest_cooling), limit_A
+        low, high = current_range(self.numbers, temperature_degC, limit_A)
+        return float(low), float(high)
 
     def rate_range_K_per_s(self, temperature_degC: float, limit_A: float) -> tuple[float, float]:
         """Fastest cooling (negative, if it can cool) and heating at a temperature within the current limit."""
@@ -129,11 +157,4 @@ class PlateModel:
 
     def current_for_rate_A(self, temperature_degC: float, rate_K_per_s: float, limit_A: float) -> float:
         """The plate's inverse: the current that gives dT/dt, held within `current_range_A`."""
-        low, high = self.current_range_A(temperature_degC, limit_A)
-        loss = self.conductance_over_capacity_per_s * (temperature_degC - self.ambient_degC)
-        wanted = rate_K_per_s + loss
-        b = self.seebeck_over_capacity_per_A_s * (temperature_degC + KELVIN) + self.drive_over_capacity_K_per_s
-        discriminant = b * b + 2.0 * self.resistance_over_capacity_K_per_A2_s * wanted
-        if discriminant <= 0.0:
-            return low
-        return min(max(2.0 * wanted / (b + math.sqrt(discriminant)), low), high)
+        return float(current_for_rate(self.numbers, temperature_degC, rate_K_per_s, limit_A))

@@ -13,31 +13,36 @@ from __future__ import annotations
 
 from numba import njit
 
-from compensator.functions import Array, envelope_value, memoryless
+from compensator.functions import Array, envelope_value, memoryless_value
+
+
+@njit(cache=True)
+def move(side: float, gamma: float, radii: Array, memory: Array) -> None:
+    """Move every operator to the envelope's value gamma, rising (side +1) or falling (-1), in place: eq (6)."""
+    if side > 0.0:
+        for j in range(radii.size):
+            memory[j] = max(gamma - radii[j], memory[j])
+    else:
+        for j in range(radii.size):
+            memory[j] = min(gamma + radii[j], memory[j])
 
 
 @njit(cache=True)
 def advance(v: float, v_before: float, envelopes: Array, radii: Array, memory: Array) -> None:
     """Move every operator to the input v, in place: eq (6)."""
-    count = radii.size
     if v > v_before:
-        if envelopes.shape[0] == 1:
-            gamma = envelope_value(envelopes[0, 0], envelopes[0, 1], envelopes[0, 2], v)
-            for j in range(count):
-                memory[j] = max(gamma - radii[j], memory[j])
-        else:
-            for j in range(count):
-                gamma = envelope_value(envelopes[j, 0], envelopes[j, 1], envelopes[j, 2], v)
-                memory[j] = max(gamma - radii[j], memory[j])
+        side, first = 1.0, 0
     elif v < v_before:
-        if envelopes.shape[0] == 1:
-            gamma = envelope_value(envelopes[0, 3], envelopes[0, 4], envelopes[0, 5], v)
-            for j in range(count):
-                memory[j] = min(gamma + radii[j], memory[j])
-        else:
-            for j in range(count):
-                gamma = envelope_value(envelopes[j, 3], envelopes[j, 4], envelopes[j, 5], v)
-                memory[j] = min(gamma + radii[j], memory[j])
+        side, first = -1.0, 3
+    else:
+        return
+    if envelopes.shape[0] == 1:
+        gamma = envelope_value(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
+        move(side, gamma, radii, memory)
+        return
+    for j in range(radii.size):
+        gamma = envelope_value(envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2], v)
+        memory[j] = max(gamma - radii[j], memory[j]) if side > 0.0 else min(gamma + radii[j], memory[j])
 
 
 @njit(cache=True)
@@ -73,10 +78,26 @@ def run(
     film: (envelopes, radii, weights, code of D, parameters of D).
     """
     envelopes, radii, weights, code, par = film
+    if envelopes.shape[0] > 1:
+        for i in range(inputs.size):
+            v = inputs[i]
+            advance(v, v_before, envelopes, radii, memory)
+            outputs[i] = memoryless_value(code, par, v) + weighted_sum(weights, memory)
+            v_before = v
+        return
+    code_r, a_r, b_r = (
+        envelopes[0, 0],
+        envelopes[0, 1],
+        envelopes[0, 2],
+    )  # read once: half the time of a sample
+    code_l, a_l, b_l = envelopes[0, 3], envelopes[0, 4], envelopes[0, 5]
     for i in range(inputs.size):
         v = inputs[i]
-        advance(v, v_before, envelopes, radii, memory)
-        outputs[i] = memoryless(code, par, v)[0] + weighted_sum(weights, memory)
+        if v > v_before:
+            move(1.0, envelope_value(code_r, a_r, b_r, v), radii, memory)
+        elif v < v_before:
+            move(-1.0, envelope_value(code_l, a_l, b_l, v), radii, memory)
+        outputs[i] = memoryless_value(code, par, v) + weighted_sum(weights, memory)
         v_before = v
 
 

@@ -14,9 +14,10 @@ import numpy as np
 from numba import njit
 
 from compensator import play
+from compensator.branch import workspace
 from compensator.film import Packed
-from compensator.functions import Array, memoryless
-from compensator.inverse import solve
+from compensator.functions import Array, memoryless_value
+from compensator.inverse import HIGH, LEAST_SLOPE, LOW, arrive, no_point, solve, solve_monotone
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 
@@ -28,36 +29,61 @@ def wanted_temperatures(
     v_now: float,
     memory: Array,
     film: Packed,
-    low: float,
-    high: float,
-    least_slope: float,
-    tolerance: float,
+    limits: Array,
+    table: Array,
     temperatures: Array,
 ) -> bool:
     """Temperatures (degC) for the coming targets from the present memory; `memory` is used up.
 
     A target within `band` of the present output asks for no move: near a turning point the loop is so flat that
     noise on the output would become degrees. Returns whether the first target can be reached; where one cannot,
-    the temperature stays, or goes to the limit on whose side the target lies.
+    the temperature stays, or goes to the limit on whose side the target lies. limits, table: of `Inverse.settings`.
     """
     first_reached = True
     v = v_now
+    envelopes, radii, weights, code, par = film
+    points, gammas, slopes, held, parts = workspace(film)
+    here, root = no_point(), np.empty(1)
+    monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
     for i in range(targets.size):
-        output = play.weighted_sum(film[2], memory) + _memoryless_value(film, v)
+        output = play.weighted_sum(weights, memory) + memoryless_value(code, par, v)
         wanted = min(max(output, targets[i] - band), targets[i] + band)
-        found, v_next, _, _ = solve(wanted, v, film, memory, low, high, least_slope, tolerance)
-        if not found:
+        if wanted == output:
+            temperatures[i] = v
+            continue
+        if monotone:
+            found, v_next, _, _ = solve_monotone(
+                wanted, v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
+            )
+        else:
+            found, v_next, _, _ = solve(
+                wanted,
+                v,
+                envelopes,
+                radii,
+                weights,
+                code,
+                par,
+                limits,
+                table,
+                memory,
+                points,
+                gammas,
+                slopes,
+                held,
+                parts,
+                here,
+                root,
+            )
+        if found:
+            arrive(v_next, v, envelopes, radii, memory, points, here)
+        else:
             first_reached = first_reached and i > 0
-            v_next = high if wanted > output else low
-        play.advance(v_next, v, film[0], film[1], memory)
+            v_next = limits[HIGH] if wanted > output else limits[LOW]
+            play.advance(v_next, v, envelopes, radii, memory)
         v = v_next
         temperatures[i] = v
     return first_reached
-
-
-@njit(cache=True)
-def _memoryless_value(film: Packed, v: float) -> float:
-    return memoryless(film[3], film[4], v)[0]
 
 
 @njit(cache=True)
@@ -94,10 +120,8 @@ def next_reference(
     v_now: float,
     plays: Array,
     film: Packed,
-    low: float,
-    high: float,
-    least_slope: float,
-    tolerance: float,
+    limits: Array,
+    table: Array,
     spacing_s: float,
     first_s: float,
     reference: float,
@@ -112,10 +136,9 @@ def next_reference(
     """
     count = targets.size
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(
-        targets, band, v_now, plays.copy(), film, low, high, least_slope, tolerance, wanted
-    )
+    reached = wanted_temperatures(targets, band, v_now, plays.copy(), film, limits, table, wanted)
     latest_departures(wanted, spacing_s, slowest, fastest, departures)
+    envelopes, radii, weights, code, par = film
     best, cheapest = reference, math.inf
     for choice in range(DEPARTURES):
         share = choice / (DEPARTURES - 1.0)
@@ -125,9 +148,9 @@ def next_reference(
             dt = first_s if i == 0 else spacing_s
             step = wanted[i] + share * (departures[i] - wanted[i]) - temperature
             temperature += limited(step, slowest * dt, fastest * dt)
-            play.advance(temperature, v, film[0], film[1], memory)
+            play.advance(temperature, v, envelopes, radii, memory)
             v = temperature
-            error = _memoryless_value(film, v) + play.weighted_sum(film[2], memory) - targets[i]
+            error = memoryless_value(code, par, v) + play.weighted_sum(weights, memory) - targets[i]
             cost += dt * error * error
             if i == 0:
                 first = temperature

@@ -9,19 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim.instruments.scpi import (
-    INVALID_CHARACTER_DATA,
-    MISSING_PARAMETER,
-    CommandTree,
-    ScpiError,
-    boolean,
-    number,
-)
+from sim.instruments.scpi import CommandTree, ScpiError, number
+from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word, unquoted
 
 if TYPE_CHECKING:
     from sim.instruments.keithley2000 import Keithley2000
-
-Parameters = tuple[str, ...]
 
 # name as the instrument answers it -> its header
 FUNCTIONS = {
@@ -101,11 +93,11 @@ def default_settings() -> dict[str, float | str]:
 def define_commands(tree: CommandTree, meter: Keithley2000) -> None:
     """Fill `tree` with the commands of `meter`."""
     for header, name, text, default, minimum, maximum in NUMBERS:
-        _define_number(tree, meter, header, name, text, default, minimum, maximum)
+        define_number(tree, meter, header, name, text, default, minimum, maximum)
     for header, name, _ in SWITCHES:
-        _define_switch(tree, meter, header, name)
+        define_switch(tree, meter, header, name)
     for header, name, _ in WORDS:
-        _define_word(tree, meter, header, name)
+        define_word(tree, meter, header, name)
     for header in SILENT:
         tree.define(header, set=lambda _: None)
     for function, header in FUNCTIONS.items():
@@ -114,46 +106,14 @@ def define_commands(tree: CommandTree, meter: Keithley2000) -> None:
     _define_measuring(tree, meter)
 
 
-def _define_number(
-    tree: CommandTree,
-    meter: Keithley2000,
-    header: str,
-    name: str,
-    text: str,
-    default: float,
-    minimum: float,
-    maximum: float,
-) -> None:
-    def change(parameters: Parameters) -> None:
-        meter.settings[name] = number(parameters, minimum, maximum, default)
-
-    tree.define(header, set=change, ask=lambda _: text % meter.settings[name])
-
-
-def _define_switch(tree: CommandTree, meter: Keithley2000, header: str, name: str) -> None:
-    def change(parameters: Parameters) -> None:
-        meter.settings[name] = int(boolean(parameters))
-
-    tree.define(header, set=change, ask=lambda _: str(meter.settings[name]))
-
-
-def _define_word(tree: CommandTree, meter: Keithley2000, header: str, name: str) -> None:
-    def change(parameters: Parameters) -> None:
-        if not parameters:
-            raise ScpiError(*MISSING_PARAMETER)
-        meter.settings[name] = ",".join(parameters).upper()
-
-    tree.define(header, set=change, ask=lambda _: str(meter.settings[name]))
-
-
 def _define_function(tree: CommandTree, meter: Keithley2000, function: str, header: str) -> None:
     sense = "[:SENSe#]:" + header
     for tail, name, text, default, minimum, maximum in FUNCTION_NUMBERS:
-        _define_number(tree, meter, sense + tail, f"{function}:{name}", text, default, minimum, maximum)
+        define_number(tree, meter, sense + tail, f"{function}:{name}", text, default, minimum, maximum)
     for tail, name, _ in FUNCTION_SWITCHES:
-        _define_switch(tree, meter, sense + tail, f"{function}:{name}")
-    _define_word(tree, meter, sense + ":AVERage:TCONtrol", f"{function}:TCON")
-    _define_switch(tree, meter, sense + ":RANGe:AUTO", f"{function}:RANG:AUTO")
+        define_switch(tree, meter, sense + tail, f"{function}:{name}")
+    define_word(tree, meter, sense + ":AVERage:TCONtrol", f"{function}:TCON")
+    define_switch(tree, meter, sense + ":RANGe:AUTO", f"{function}:RANG:AUTO")
     tree.define(sense + ":REFerence:ACQuire", set=lambda _: None)
     resistance = function in ("RES", "FRES")
 
@@ -185,7 +145,7 @@ def _define_common(tree: CommandTree, meter: Keithley2000) -> None:
         meter.errors.clear()
 
     def next_error(_: Parameters) -> str:
-        return meter.errors.popleft() if meter.errors else '0,"No error"'
+        return meter.next_error()
 
     answers: tuple[tuple[str, Callable[[Parameters], str]], ...] = (
         ("*IDN", lambda _: meter.identity),
@@ -207,13 +167,9 @@ def _define_common(tree: CommandTree, meter: Keithley2000) -> None:
 
 def _define_measuring(tree: CommandTree, meter: Keithley2000) -> None:
     def choose(parameters: Parameters) -> None:
-        if not parameters:
-            raise ScpiError(*MISSING_PARAMETER)
-        name = parameters[0]
-        if len(name) < 2 or name[0] not in "\"'" or name[-1] != name[0]:
-            raise ScpiError(*INVALID_CHARACTER_DATA)
+        name = unquoted(parameters)
         for function, header in FUNCTIONS.items():
-            if tree.spells(name[1:-1], header):
+            if tree.spells(name, header):
                 meter.choose_function(function)
                 return
         raise ScpiError(-224, "Illegal parameter value")

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import cast
+from typing import Any, cast
 
 from sim.instruments.instrument import Instrument, Plant
 
 # driver's name -> module in sim.instruments, class
-CONTROLLERS = {"meerstetter": ("meerstetter", "MeerstetterTec")}
-METERS = {"keithley2000": ("keithley2000", "Keithley2000")}
+CONTROLLERS = {
+    "meerstetter": ("meerstetter", "MeerstetterTec"),
+    "srs_ldc500": ("srs_ldc500", "SrsLdc500"),
+    "te_technology": ("te_technology", "TeTechnology"),
+}
+METERS = {
+    "hp34401a": ("hp34401a", "Hp34401A"),
+    "keithley2000": ("keithley2000", "Keithley2000"),
+    "keithley2400": ("keithley2400", "Keithley2400"),
+}
 
 
-def emulated_controller(name: str, plant: Plant, start_s: float = 0.0) -> Instrument:
-    """The emulator of a temperature controller on a plant. An unknown name is a KeyError."""
-    return _emulated(CONTROLLERS[name], plant, start_s)
+def emulated_controller(name: str, plant: Plant, start_s: float = 0.0, **options: Any) -> Instrument:
+    """The emulator of a temperature controller on a plant; options go to it. An unknown name is a KeyError."""
+    return _emulated(CONTROLLERS[name], plant, start_s, options)
 
 
-def emulated_meter(name: str, plant: Plant, start_s: float = 0.0) -> Instrument:
-    """The emulator of an ohmmeter on a plant. An unknown name is a KeyError."""
-    return _emulated(METERS[name], plant, start_s)
+def emulated_meter(name: str, plant: Plant, start_s: float = 0.0, **options: Any) -> Instrument:
+    """The emulator of an ohmmeter on a plant; options go to it. An unknown name is a KeyError."""
+    return _emulated(METERS[name], plant, start_s, options)
 
 
-def _emulated(where: tuple[str, str], plant: Plant, start_s: float) -> Instrument:
+def _emulated(where: tuple[str, str], plant: Plant, start_s: float, options: dict[str, Any]) -> Instrument:
     module, kind = where
-    return cast(Instrument, getattr(import_module(f"sim.instruments.{module}"), kind)(plant, start_s=start_s))
+    emulator = getattr(import_module(f"sim.instruments.{module}"), kind)
+    return cast(Instrument, emulator(plant, start_s=start_s, **options))

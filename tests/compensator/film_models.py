@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless, Memory
+from compensator.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
 
 MEMORYLESS = ("none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius")
 Rng = np.random.Generator
@@ -104,9 +105,7 @@ def any_envelope(rng: Rng) -> Envelope:
 def damped_path(rng: Rng, samples: int, low: float = 10.0, high: float = 95.0) -> np.ndarray:
     """A path with turning points everywhere: random turning points, random steps between them."""
     turns = rng.uniform(low, high, max(2, samples // 8))
-    pieces = [
-        np.linspace(a, b, int(rng.integers(2, 12)), endpoint=False) for a, b in zip(turns, turns[1:], strict=False)
-    ]
+    pieces = [np.linspace(a, b, int(rng.integers(2, 12)), endpoint=False) for a, b in pairwise(turns)]
     return np.resize(np.concatenate(pieces), samples)
 
 
@@ -175,7 +174,9 @@ def plain_outputs(model: FilmModel, inputs: np.ndarray, memory: Memory) -> np.nd
             elif v < before:
                 plays[j] = min(gamma(falling[j], v) + model.radii[j], plays[j])
         before = v
-        outputs.append(plain_memoryless(model.memoryless, v) + sum(p * w for p, w in zip(model.weights, plays, strict=True)))
+        outputs.append(
+            plain_memoryless(model.memoryless, v) + sum(p * w for p, w in zip(model.weights, plays, strict=True))
+        )
     return np.array(outputs)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -46,7 +48,7 @@ def test_more_operators_lose_less_and_keep_the_order_condition() -> None:
     course = compress(model, 1, 30.0, 90.0).course
     assert [count for count, _ in course] == list(range(30, 0, -1))
     losses = [loss for _, loss in course]
-    assert all(a <= b + 1e-12 for a, b in zip(losses[:-1], losses[1:], strict=True))
+    assert all(a <= b + 1e-12 for a, b in pairwise(losses))
     smaller = compress(model, 4, 30.0, 90.0).model
     assert np.all(smaller.order_margin() >= np.min(model.order_margin()))
     with pytest.raises(ValueError, match="at least 1"):

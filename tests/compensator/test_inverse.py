@@ -1,16 +1,23 @@
-"""model(inverse(u)) = u wherever it is declared reachable, and nothing reachable is declared unreachable."""
+"""model(inverse(u)) = u wherever it is declared reachable, and nothing reachable is declared unreachable.
+
+Each random model is asked for outputs it has reached, outputs between and beyond the extremes of both branches, and
+outputs a hair inside and outside an extreme (double roots); a dense scan of both branches is the second opinion.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.compensator.film_models import any_model, damped_path, monotone_model
 
+from compensator.film import Envelope, FilmModel, Memory, Memoryless
 from compensator.inverse import Inverse
+from tests.compensator.film_models import Rng, any_model, damped_path, monotone_model, table_1, table_2
+
+TENS = 60  # evaluations: what a search near an extremum, over many pieces, may take
 
 
 @pytest.mark.parametrize("block", range(4))
-def test_monotone_models_come_back(block: int) -> None:
+def test_monotone_models_come_back_in_few_evaluations(block: int) -> None:
     rng = np.random.default_rng(block)
     most = 0
     for _ in range(250):
@@ -24,21 +31,166 @@ def test_monotone_models_come_back(block: int) -> None:
             assert solution.reachable
             achieved, memory = model.step(solution.temperature_degC, memory)
             assert abs(achieved - target) <= 1e-9
+            assert abs(solution.memory.plays - memory.plays).max() == 0.0
             most = max(most, solution.evaluations)
     assert most <= 20
 
 
-@pytest.mark.parametrize("block", range(4))
-def test_any_model_comes_back(block: int) -> None:
+@pytest.mark.parametrize("block", range(8))
+def test_any_model_comes_back_and_nothing_reachable_is_missed(block: int) -> None:
     rng = np.random.default_rng(1000 + block)
-    for _ in range(250):
+    for _ in range(150):
         model = any_model(rng)
         inverse = Inverse(model)
-        inputs = damped_path(rng, 6)
-        memory = model.initial_memory(float(inputs[0]))
-        for v in inputs[1:]:
-            target = model.step(float(v), memory)[0]
-            solution = inverse.solve(target, memory)
-            assert solution.reachable
-            achieved, memory = model.step(solution.temperature_degC, memory)
-            assert abs(achieved - target) <= 1e-9 * max(1.0, float(np.abs(target)))
+        memory = somewhere(model, rng)
+        rising, falling, up, down = branches(model, memory)
+        for target in targets_of(up, down, rng):
+            check(inverse, memory, float(target), rising, falling, up, down)
+
+
+def somewhere(model: FilmModel, rng: Rng) -> Memory:
+    path = damped_path(rng, int(rng.integers(2, 20)))
+    return model.simulate(path, model.initial_memory(float(path[0])))[1]
+
+
+def branches(model: FilmModel, memory: Memory) -> tuple[np.ndarray, ...]:
+    """Temperatures above and below the present one, out to the limits, and the outputs there."""
+    rising = np.linspace(memory.input_degC, 200.0, 2000)[1:]
+    falling = np.linspace(memory.input_degC, -50.0, 2000)[1:]
+    return rising, falling, model.simulate(rising, memory)[0], model.simulate(falling, memory)[0]
+
+
+def targets_of(up: np.ndarray, down: np.ndarray, rng: Rng) -> np.ndarray:
+    extremes = np.array([up.max(), up.min(), down.max(), down.min()])
+    span = extremes.max() - extremes.min() + 1e-9
+    anywhere = rng.uniform(extremes.min() - 0.1 * span, extremes.max() + 0.1 * span, 3)
+    hair = span * 10.0 ** rng.uniform(-10.0, -3.0)
+    return np.concatenate(
+        [anywhere, rng.choice(up, 1), rng.choice(extremes, 1) + hair * rng.choice([-1.0, 0.0, 1.0], 1)]
+    )
+
+
+def check(
+    inverse: Inverse,
+    memory: Memory,
+    target: float,
+    rising: np.ndarray,
+    falling: np.ndarray,
+    up: np.ndarray,
+    down: np.ndarray,
+) -> None:
+    model, now = inverse.model, memory.input_degC
+    solution = inverse.solve(target, memory)
+    farthest = np.inf  # a change of temperature that is known to pass the target
+    for temperatures, outputs in ((rising, up), (falling, down)):
+        gap = outputs - target
+        crossings = np.flatnonzero(gap[1:] * gap[:-1] <= 0.0)
+        if crossings.size:  # and beyond, where the output is so flat that it is within the bound of the target
+            passed = np.flatnonzero(np.abs(gap[crossings[0] + 1 :]) > inverse.bound)
+            last = crossings[0] + 1 + passed[0] if passed.size else -1
+            farthest = min(farthest, abs(float(temperatures[last]) - now))
+    assert solution.evaluations <= TENS
+    if solution.reachable:
+        achieved, after = model.step(solution.temperature_degC, memory)
+        assert abs(achieved - target) <= inverse.bound
+        assert np.array_equal(after.plays, solution.memory.plays)
+        assert abs(solution.temperature_degC - now) <= farthest + 1e-6
+    else:
+        assert farthest == np.inf
+        ends = [end for interval in solution.intervals for end in interval]
+        assert solution.nearest in ends
+        assert not any(low < target < high for low, high in solution.intervals)
+        slack = 1e-9 * (1.0 + abs(up).max() + abs(down).max())
+        assert solution.intervals[0][0] <= min(up.min(), down.min()) + slack
+        assert solution.intervals[-1][1] >= max(up.max(), down.max()) - slack
+
+
+def test_the_bound_is_a_billionth_for_outputs_up_to_a_thousand() -> None:
+    assert Inverse(table_2(generalized=False)).bound == 1e-10
+    assert Inverse(table_1(generalized=False)).bound <= 1e-9
+
+
+def test_all_solutions_and_the_choices_of_the_paper_s_non_monotone_model() -> None:
+    model = table_1(generalized=False, weights=np.full(15, 3.0))
+    memory = model.initial_memory(45.0, "heated")
+    target = model.step(60.0, memory)[0]
+    inverse = Inverse(model, 20.0, 80.0)
+    found, _ = inverse.solutions(target, memory)
+    assert found.size >= 3
+    for v in found:
+        assert abs(model.step(float(v), memory)[0] - target) <= inverse.bound
+    above, below = found[found > 45.0].min(), found[found < 45.0].max()
+    nearest = above if above - 45.0 < 45.0 - below else below
+    assert inverse.solve(target, memory).temperature_degC == pytest.approx(nearest, abs=1e-6)
+    cold = Inverse(model, 20.0, 80.0, choice="fastest", heating_K_per_s=0.01, cooling_K_per_s=1.0)
+    hot = Inverse(model, 20.0, 80.0, choice="fastest", heating_K_per_s=1.0, cooling_K_per_s=0.01)
+    assert cold.solve(target, memory).temperature_degC == pytest.approx(below, abs=1e-6)
+    assert hot.solve(target, memory).temperature_degC == pytest.approx(above, abs=1e-6)
+    onward = Inverse(model, 20.0, 80.0, choice="fewest_reversals")
+    assert onward.solve(target, memory, heading=1).temperature_degC == pytest.approx(above, abs=1e-6)
+    assert onward.solve(target, memory, heading=-1).temperature_degC == pytest.approx(below, abs=1e-6)
+
+
+def test_a_model_that_violates_the_order_condition_has_a_gap_and_says_so() -> None:
+    model = FilmModel(np.array([0.05]), np.ones(1), Envelope("tanh", 0.2, -11.6), Envelope("tanh", 0.16, -10.3))
+    memory = model.simulate(np.array([80.0, 62.0]), model.initial_memory(70.0))[1]
+    inverse, here = Inverse(model), model.output_at(memory)
+    jump = model.step(62.0 + 1e-9, memory)[0]
+    assert jump > here + 0.1
+    solution = inverse.solve(0.25 * jump + 0.75 * here, memory)
+    assert not solution.reachable
+    assert len(solution.intervals) == 2
+    assert solution.nearest == pytest.approx(here, abs=1e-9)
+    assert solution.intervals[1][0] == pytest.approx(jump, abs=1e-6)
+    at_the_jump = inverse.solve(model.step(float(np.nextafter(62.0, 99.0)), memory)[0], memory)
+    assert at_the_jump.reachable
+
+
+@pytest.mark.parametrize("initial", ["cooled", "heated"])
+def test_the_first_temperature_is_the_lowest_one(initial: str) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(150):
+        model = any_model(rng)
+        inverse = Inverse(model)
+        grid = np.linspace(-50.0, 200.0, 300)
+        outputs = np.array([model.output_at(model.initial_memory(float(v), initial)) for v in grid])  # type: ignore[arg-type]
+        target = float(rng.choice(outputs))
+        solution = inverse.first(target, initial)  # type: ignore[arg-type]
+        assert solution.reachable
+        assert abs(model.output_at(solution.memory) - target) <= inverse.bound
+        gap = outputs - target
+        passes = int(np.flatnonzero(gap[1:] * gap[:-1] <= 0.0)[0]) + 1
+        clear = np.flatnonzero(np.abs(gap[passes:]) > inverse.bound)  # not so flat that it stays within the bound
+        assert not clear.size or solution.temperature_degC <= grid[passes + clear[0]] + 1e-6
+
+
+def test_a_trajectory_is_the_same_as_single_steps() -> None:
+    rng = np.random.default_rng(9)
+    for model in (table_2(generalized=False), any_model(rng), any_model(rng)):
+        path = damped_path(rng, 60)
+        memory = model.initial_memory(float(path[0]))
+        targets, _ = model.simulate(path, memory)
+        inverse = Inverse(model)
+        together, end = inverse.trajectory(targets, memory)
+        for target, v in zip(targets, together, strict=True):
+            solution = inverse.solve(float(target), memory)
+            assert solution.temperature_degC == pytest.approx(v, abs=1e-7)
+            memory = model.step(float(v), memory)[1]
+        assert np.array_equal(end.plays, memory.plays)
+
+
+def test_limits_and_choices_that_cannot_be_are_refused() -> None:
+    model = table_2(generalized=True)
+    with pytest.raises(ValueError, match="low < high"):
+        Inverse(model, 50.0, 50.0)
+    with pytest.raises(ValueError, match="choice"):
+        Inverse(model, choice="best")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="heating_K_per_s"):
+        Inverse(model, heating_K_per_s=0.0)
+
+
+def test_flat_models_are_at_rest_or_unreachable() -> None:
+    model = FilmModel(np.ones(2), np.zeros(2), Envelope("tanh", 0.2, -12.0), Envelope("tanh", 0.2, -12.0), Memoryless())
+    inverse, memory = Inverse(model), model.initial_memory(30.0)
+    assert inverse.solve(0.0, memory).temperature_degC == 30.0
+    assert not inverse.solve(0.1, memory).reachable

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from tests.compensator.film_models import any_model, damped_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensator.film import IDENTITY, Envelope, FilmModel, Memory
+from tests.compensator.film_models import any_model, damped_path
 
 SEEDS = st.integers(0, 2**32 - 1)
 EXACT = 1e-12
@@ -36,7 +38,7 @@ def test_refining_a_monotone_move_changes_nothing(seed: int) -> None:
     memory = model.initial_memory(float(turns[0]))
     coarse, _ = model.simulate(turns, memory)
     fine = [turns[:1]]
-    for a, b in zip(turns, turns[1:], strict=False):
+    for a, b in pairwise(turns):
         fine.append(np.append(np.sort(rng.uniform(min(a, b), max(a, b), 5))[:: 1 if b > a else -1], b))
     outputs, _ = model.simulate(np.concatenate(fine), memory)
     ends = np.cumsum([len(piece) for piece in fine]) - 1

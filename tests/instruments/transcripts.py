@@ -19,3 +19,16 @@ MECOM = [
     ("target 20.0", b"#000000VS0BB80141A00000551C", b"!000000551C"),
 ]
 OBJECT_TEMPERATURE_DEGC = 25.648026
+
+# TE Technology: TC-36-25 RS232 manual, Appendix C p. 42 to 50, TC-48-20 manual, Appendix B p. 48 to 54; the probe and
+# power on as an independent client sends them. (what, request, reply), with their ends.
+TE_36_25 = [
+    ("setpoint source is the computer", b"*0029000000004b\r", b"*0000000080^"),
+    ("set -1.50", b"*001cffffff6aef\r", b"*ffffff6afb^"),
+    ("read input 1, 2.50", b"*00010000000041\r", b"*000000fae7^"),
+    ("read input 1, 10.00", b"*00010000000041\r", b"*000003e8c0^"),
+    ("alarm status: high and over-current", b"*00050000000045\r", b"*0000000989^"),
+    ("power on", b"*002d0000000177\r", b"*0000000181^"),
+]
+TE_48_20 = [("set 10.0", b"*1c00645e\r", b"*0064ca^")]
+TE_BAD_SUM = {"tc-36-25": b"*XXXXXXXXc0^", "tc-48-20": b"*XXXX60^"}

@@ -1,0 +1,68 @@
+"""What one period of the whole control law costs, from Python, in a closed loop on a simulated plate and film.
+
+    python benchmarks/law_step.py [--json FILE]
+
+Asked of the law "full" with 30 operators and 8 previewed targets: a median of at most 20 us. The speed of the same
+machine's model, a sample in ns, is told beside it to compare runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.forward import best_ns, film, ours, smooth_path
+from compensator.law import NAMES, Law, LawName, LawSettings
+from compensator.pid import PidGains
+from compensator.plate import PlateModel
+
+STEPS = 3000
+
+
+def median_us(name: LawName) -> float:
+    """Median time of `Law.step` over a closed loop of STEPS periods."""
+    model, plate = film(), PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+    gains = PidGains(8.0, 3.0, 0.5, 0.2, 2.0) if name == "pid" else PidGains(1.2, 0.3, 0.05, 0.2, 1.0)
+    law = Law(LawSettings(name, 0.1, 4.0, 10.0, 95.0, gains), plate, None if name == "temperature" else model)
+    memory, temperature, current = model.initial_memory(50.0), 50.0, 0.0
+    state, ahead = law.start(50.0, None), law.preview_times_s()
+    rng, times = np.random.default_rng(0), []
+    for k in range(STEPS):
+        now = 0.1 * k
+        temperature = plate.step(temperature, current, 0.1)
+        output, memory = model.step(temperature, memory)
+        t = now + ahead
+        targets = 60.0 + 8.0 * np.sin(0.3 * t) if name == "temperature" else -3.0 + 0.7 * np.sin(0.25 * t)
+        readings = temperature + 0.01 * rng.normal(), output + 0.002 * rng.normal()
+        start = time.perf_counter()
+        command, state = law.step(state, *readings, float(targets[0]), targets)
+        times.append(time.perf_counter() - start)
+        current = command.current_A
+    return float(np.median(times)) * 1e6
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    figures = {name: median_us(name) for name in NAMES}
+    for name, microseconds in figures.items():
+        asked = "    asked <= 20" if name == "full" else ""
+        print(f"{name:16s} {microseconds:6.1f} us a step{asked}")
+    path = smooth_path(200_000)
+    figures["model_ns"] = best_ns({"ours": ours}, path)["ours"]
+    print(f"the model alone  {figures['model_ns']:6.1f} ns a sample")
+    if options.json is not None:
+        options.json.write_text(json.dumps(figures, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

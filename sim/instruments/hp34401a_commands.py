@@ -1,0 +1,198 @@
+"""The 34401A's commands: which header does what to the emulated meter.
+
+Source: 34401A User's Guide, as far as remote clients of an ohmmeter (PyMeasure's among them) use it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from sim.instruments.scpi import CommandTree, ScpiError, boolean, number
+from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word, unquoted
+
+if TYPE_CHECKING:
+    from sim.instruments.hp34401a import Hp34401A
+
+# name as the instrument answers it -> its header, under [:SENSe], CONFigure and MEASure
+FUNCTIONS = {
+    "VOLT": "VOLTage[:DC]",
+    "VOLT:RAT": "VOLTage[:DC]:RATio",
+    "VOLT:AC": "VOLTage:AC",
+    "CURR": "CURRent[:DC]",
+    "CURR:AC": "CURRent:AC",
+    "RES": "RESistance",
+    "FRES": "FRESistance",
+    "FREQ": "FREQuency",
+    "PER": "PERiod",
+    "CONT": "CONTinuity",
+    "DIOD": "DIODe",
+}
+INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
+NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)
+FREQUENCIES = ("FREQ", "PER")
+NUMBERS: tuple[tuple[str, str, str, float, float, float], ...] = (
+    (":TRIGger:COUNt", "TRIG:COUN", "%+.8E", 1, 1, 50000),
+    (":TRIGger:DELay", "TRIG:DEL", "%+.8E", 0.0, 0.0, 3600.0),
+    (":SAMPle:COUNt", "SAMP:COUN", "%+d", 1, 1, 50000),
+    ("[:SENSe]:DETector:BANDwidth", "DET:BAND", "%+.8E", 20, 3, 200),
+    ("*ESE", "*ESE", "%+d", 0, 0, 255),
+    ("*SRE", "*SRE", "%+d", 0, 0, 255),
+)
+SWITCHES = (
+    (":TRIGger:DELay:AUTO", "TRIG:AUTO", 1),
+    (":SYSTem:BEEPer:STATe", "BEEP", 1),
+    (":DISPlay[:WINDow#][:STATe]", "DISP", 1),
+    (":INPut:IMPedance:AUTO", "IMP", 0),
+)
+WORDS = ((":TRIGger:SOURce", "TRIG:SOUR", "IMM"), (":DISPlay[:WINDow#]:TEXT[:DATA]", "TEXT", '""'))
+SILENT = (":SYSTem:BEEPer[:IMMediate]", ":DISPlay[:WINDow#]:TEXT:CLEar", "*OPC", "*WAI", "*TRG")
+PERSISTENT = ("*ESE", "*SRE")
+
+
+def default_settings() -> dict[str, float | str]:
+    """Every setting at its `*RST` value, by short name."""
+    settings: dict[str, float | str] = {name: default for _, name, _, default, _, _ in NUMBERS}
+    settings |= {name: default for _, name, default in SWITCHES}
+    settings |= {name: default for _, name, default in WORDS}
+    settings |= {"AZER": 1}
+    for function in FUNCTIONS:
+        settings |= {f"{function}:RANG:AUTO": 1, f"{function}:RANG": 1000.0, f"{function}:APER": 0.1}
+        settings |= {f"{function}:RES": 1e-3}
+    settings |= {f"{function}:NPLC": 10.0 for function in INTEGRATING}
+    return settings
+
+
+def define_commands(tree: CommandTree, meter: Hp34401A) -> None:
+    """Fill `tree` with the commands of `meter`."""
+    for header, name, text, default, minimum, maximum in NUMBERS:
+        define_number(tree, meter, header, name, text, default, minimum, maximum)
+    for header, name, _ in SWITCHES:
+        define_switch(tree, meter, header, name)
+    for header, name, _ in WORDS:
+        define_word(tree, meter, header, name)
+    for header in SILENT:
+        tree.define(header, set=lambda _: None)
+    for function, header in FUNCTIONS.items():
+        _define_function(tree, meter, function, header)
+    _define_autozero(tree, meter)
+    _define_measuring(tree, meter)
+    _define_system(tree, meter)
+
+
+def _define_function(tree: CommandTree, meter: Hp34401A, function: str, header: str) -> None:
+    sense = "[:SENSe]:" + header + (":VOLTage" if function in FREQUENCIES else "")
+    define_switch(tree, meter, sense + ":RANGe:AUTO", f"{function}:RANG:AUTO")
+    define_number(tree, meter, sense + ":RESolution", f"{function}:RES", "%+.8E", 1e-3, 0.0, 1e9)
+    define_number(tree, meter, "[:SENSe]:" + header + ":APERture", f"{function}:APER", "%+.8E", 0.1, 0.01, 1.0)
+    resistance = function in ("RES", "FRES")
+
+    def change_range(parameters: Parameters) -> None:
+        value = number(parameters, 0.0, 120e6, 1000.0)
+        meter.settings[f"{function}:RANG:AUTO"] = 0
+        meter.settings[f"{function}:RANG"] = value
+        if resistance:
+            meter.choose_range(value)
+
+    def range_text(_: Parameters) -> str:
+        value = meter.full_scale_ohm if resistance else float(meter.settings[f"{function}:RANG"])
+        return f"{value:+.8E}"
+
+    def change_nplc(parameters: Parameters) -> None:
+        value = number(parameters, NPLCS[0], NPLCS[-1], 10.0)
+        meter.settings[f"{function}:NPLC"] = next(nplc for nplc in NPLCS if value <= nplc)
+
+    tree.define(sense + ":RANGe[:UPPer]", set=change_range, ask=range_text)
+    if function in INTEGRATING:
+        tree.define(
+            sense + ":NPLCycles", set=change_nplc, ask=lambda _: f"{float(meter.settings[function + ':NPLC']):+.8E}"
+        )
+
+
+def _define_autozero(tree: CommandTree, meter: Hp34401A) -> None:
+    def change(parameters: Parameters) -> None:
+        once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
+        meter.settings["AZER"] = 0 if once else int(boolean(parameters))
+
+    tree.define("[:SENSe]:ZERO:AUTO", set=change, ask=lambda _: str(meter.settings["AZER"]))
+
+
+def _define_measuring(tree: CommandTree, meter: Hp34401A) -> None:
+    def count() -> int:
+        return int(meter.settings["TRIG:COUN"]) * int(meter.settings["SAMP:COUN"])
+
+    def choose(parameters: Parameters) -> None:
+        name = unquoted(parameters)
+        for function, header in FUNCTIONS.items():
+            if tree.spells(name, header):
+                meter.choose_function(function)
+                return
+        raise ScpiError(-224, "Illegal parameter value")
+
+    def read(_: Parameters) -> None:
+        meter.read(count())
+
+    def initiate(_: Parameters) -> None:
+        meter.store(count())
+
+    def configured(function: str, then_read: bool) -> Callable[[Parameters], None]:
+        """CONFigure and MEASure: the first parameter is a range, the second a resolution, which is not kept."""
+
+        def act(parameters: Parameters) -> None:
+            meter.configure(function)
+            if parameters and parameters[0].upper() not in ("DEF", "DEFAULT", "AUTO") and function in ("RES", "FRES"):
+                value = number(parameters[:1], 0.0, 120e6, 1000.0)
+                meter.settings[f"{function}:RANG:AUTO"] = 0
+                meter.choose_range(value)
+            if then_read:
+                meter.read(1)
+
+        return act
+
+    tree.define("[:SENSe]:FUNCtion", set=choose, ask=lambda _: f'"{meter.function}"')
+    tree.define(":CONFigure", ask=lambda _: f'"{meter.function} {meter.full_scale_ohm:+.6E},+1.000000E-03"')
+    for function, header in FUNCTIONS.items():
+        tree.define(":CONFigure:" + header, set=configured(function, False))
+        tree.define(":MEASure:" + header, ask=configured(function, True))
+    tree.define(":READ", ask=read)
+    tree.define(":FETCh", ask=lambda _: meter.fetch(fresh=False))
+    tree.define(":INITiate[:IMMediate]", set=initiate)
+    tree.define(":ABORt", set=lambda _: meter.abort())
+    tree.define(":DATA:POINts", ask=lambda _: "+0" if meter.stored is None else f"{meter.stored.count(',') + 1:+d}")
+    tree.define(":ROUTe:TERMinals", ask=lambda _: "FRON")
+
+
+def _define_system(tree: CommandTree, meter: Hp34401A) -> None:
+    def remote(_: Parameters) -> None:
+        meter.remote = True
+
+    def local(_: Parameters) -> None:
+        meter.remote = False
+
+    def reset(_: Parameters) -> None:
+        kept = {name: meter.settings[name] for name in PERSISTENT}
+        meter.reset()
+        meter.settings.update(kept)
+
+    def clear(_: Parameters) -> None:
+        meter.errors.clear()
+
+    def identity(_: Parameters) -> str:
+        return meter.identity
+
+    def next_error(_: Parameters) -> str:
+        return meter.next_error()
+
+    tree.define(":SYSTem:REMote", set=remote)
+    tree.define(":SYSTem:RWLock", set=remote)
+    tree.define(":SYSTem:LOCal", set=local)
+    tree.define(":SYSTem:ERRor", ask=next_error)
+    tree.define(":SYSTem:VERSion", ask=lambda _: "1991.0")
+    tree.define("*IDN", ask=identity)
+    tree.define("*CLS", set=clear)
+    tree.define("*RST", set=reset)
+    tree.define("*OPC", ask=lambda _: "1")
+    tree.define("*ESR", ask=lambda _: "+0")
+    tree.define("*TST", ask=lambda _: "+0")
+    tree.define("*STB", ask=lambda _: "+4" if meter.errors else "+0")
+    meter.local_handlers = frozenset({remote, local, identity, next_error, clear})

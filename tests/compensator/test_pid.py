@@ -1,0 +1,89 @@
+"""PID: python-control's response without saturation, gains without a bump, and no wind-up."""
+
+from __future__ import annotations
+
+import control
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from compensator.pid import PidGains, PidState, bumpless, pid_integrate, pid_output
+
+H = 0.1
+GAINS = st.builds(
+    PidGains,
+    kp=st.floats(0.1, 5.0),
+    ki=st.floats(0.0, 3.0),
+    kd=st.floats(0.0, 1.0),
+    filter_time_s=st.floats(0.01, 1.0),
+    b=st.just(1.0),
+    c=st.just(1.0),
+)
+
+
+def response(gains: PidGains, errors: np.ndarray) -> np.ndarray:
+    """Output for a sequence of errors (setpoint, with the process variable at 0); nothing saturates."""
+    state, outputs = PidState(weighted_error=0.0), []
+    for error in errors:
+        u, state = pid_output(gains, state, float(error), 0.0, H)
+        state = pid_integrate(gains, state, float(error), 0.0, 0.0, H)
+        outputs.append(u)
+    return np.array(outputs)
+
+
+@settings(deadline=None, max_examples=40)
+@given(GAINS, st.integers(0, 2**32 - 1))
+def test_it_is_the_same_discrete_transfer_function(gains: PidGains, seed: int) -> None:
+    errors = np.random.default_rng(seed).normal(size=60)
+    z = control.tf([1.0, 0.0], [1.0], H)
+    tf = gains.filter_time_s
+    c = gains.kp + gains.ki * H / (z - 1.0) + gains.kd * (z - 1.0) / ((tf + H) * z - tf)
+    num, den = np.atleast_1d(c.num[0][0]), np.atleast_1d(c.den[0][0])
+    expected = control.forced_response(control.tf(num, den, H), np.arange(errors.size) * H, errors).outputs
+    mine = response(gains, errors)
+    assert np.abs(mine - expected).max() <= 1e-9 * (1.0 + np.abs(mine).max())
+    direct = recursion(num / den[0], den / den[0], errors)
+    assert np.abs(mine - direct).max() <= 1e-12 * (1.0 + np.abs(mine).max()) * errors.size
+
+
+def recursion(num: np.ndarray, den: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    """The difference equation of a discrete transfer function, without python-control's state space."""
+    num = np.concatenate([np.zeros(den.size - num.size), num])
+    outputs = np.zeros(inputs.size)
+    for k in range(inputs.size):
+        for j in range(min(k + 1, den.size)):
+            outputs[k] += num[j] * inputs[k - j] - (den[j] * outputs[k - j] if j else 0.0)
+    return outputs
+
+
+@given(GAINS, GAINS, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0), st.floats(-3.0, 3.0))
+def test_a_change_of_gains_makes_no_bump(old: PidGains, new: PidGains, r: float, y: float, integral: float) -> None:
+    state = PidState(integral, 0.0, old.c * r - y)
+    before, _ = pid_output(old, state, r, y, H)
+    after, _ = pid_output(new, bumpless(old, new, state, r, y), r, y, H)
+    assert after == pytest.approx(before, abs=1e-12)
+
+
+def test_the_integrator_leaves_saturation_at_once() -> None:
+    gains, limit, state, y = PidGains(2.0, 1.0, tracking_time_s=0.1), 1.0, PidState(), 0.0
+    for _ in range(500):  # far below the setpoint: saturated
+        v, state = pid_output(gains, state, 10.0, y, H)
+        u = min(max(v, -limit), limit)
+        state = pid_integrate(gains, state, 10.0, y, u - v, H)
+    v, _ = pid_output(gains, state, -0.5, 0.0, H)
+    assert v < limit  # the error changes its sign, and so does the direction, in the same sample
+    assert abs(state.integral) < 25.0
+
+
+def test_without_tracking_it_winds_up() -> None:
+    gains, state = PidGains(2.0, 1.0), PidState()
+    for _ in range(500):
+        v, state = pid_output(gains, state, 10.0, 0.0, H)
+        state = pid_integrate(gains, state, 10.0, 0.0, min(v, 1.0) - v, H)
+    assert state.integral > 400.0
+
+
+def test_the_first_sample_makes_no_derivative_kick() -> None:
+    u, _ = pid_output(PidGains(0.0, 0.0, 1.0, 0.1, c=1.0), PidState(), 5.0, 0.0, H)
+    assert u == 0.0

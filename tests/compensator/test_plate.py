@@ -1,0 +1,89 @@
+"""The plate's physics: Peltier's laws, energy balance, and a step that is exact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from compensator.plate import PlateModel
+
+C, S, R, G, AMBIENT = 20.0, 0.05, 2.0, 0.5, 25.0  # J/K, V/K, ohm, W/K, degC
+PLATE = PlateModel(S / C, R / C, G / C, AMBIENT)
+TEMPERATURES, CURRENTS = st.floats(-20.0, 120.0), st.floats(-6.0, 6.0)
+
+
+def heat_into_plate_W(temperature_degC: float, current_A: float) -> float:
+    return PLATE.rate_K_per_s(temperature_degC, current_A) * C
+
+
+@given(TEMPERATURES, CURRENTS)
+def test_heat_out_minus_heat_in_is_the_electrical_power(t: float, i: float) -> None:
+    """Q_h - Q_c = P: the far side, at T_a, gives Q_c, and the plate gets Q_h."""
+    drawn_from_far_side = S * i * (AMBIENT + 273.15) - 0.5 * R * i * i - G * (t - AMBIENT)
+    power = i * (S * (t - AMBIENT) + R * i)  # voltage times current
+    assert heat_into_plate_W(t, i) - drawn_from_far_side == pytest.approx(power, abs=1e-9)
+
+
+@given(TEMPERATURES)
+def test_the_largest_heat_is_pumped_at_s_t_over_r(t: float) -> None:
+    best = -S * (t + 273.15) / R
+    low, high = PLATE.current_range_A(t, 1e6)
+    assert low == pytest.approx(best, rel=1e-12)
+    assert high == 1e6
+    coldest = heat_into_plate_W(t, best)
+    assert coldest <= min(heat_into_plate_W(t, best * 1.001), heat_into_plate_W(t, best * 0.999))
+    assert coldest + G * (t - AMBIENT) == pytest.approx(-0.5 * (S * (t + 273.15)) ** 2 / R, rel=1e-9)
+
+
+def test_the_largest_difference_is_z_t_squared_over_two() -> None:
+    """The coldest steady plate T_c: T_a - T_c = Z T_c^2 / 2 with Z = S^2 / (R G)."""
+    t = 0.0
+    for _ in range(200):
+        low, _ = PLATE.current_range_A(t, 1e6)
+        t = PLATE.step(t, low, 50.0)
+    kelvin = t + 273.15
+    assert AMBIENT - t == pytest.approx(0.5 * S * S / (R * G) * kelvin * kelvin, rel=1e-9)
+
+
+@given(TEMPERATURES, CURRENTS, st.floats(1e-6, 30.0))
+def test_halving_the_step_changes_nothing(t: float, i: float, dt: float) -> None:
+    whole, half = PLATE.step(t, i, dt), PLATE.step(PLATE.step(t, i, 0.5 * dt), i, 0.5 * dt)
+    assert half == pytest.approx(whole, rel=1e-12, abs=1e-10)
+    if dt < 1e-3:
+        assert (whole - t) / dt == pytest.approx(PLATE.rate_K_per_s(t, i), rel=1e-3, abs=1e-3)
+
+
+@given(TEMPERATURES, CURRENTS)
+def test_energy_balance_over_a_step(t: float, i: float) -> None:
+    """The stored heat is the integral of what flows in, at every step."""
+    times = np.linspace(0.0, 2.0, 2001)
+    path = PLATE.simulate(t, times, np.full(times.size, i))
+    flow = np.array([heat_into_plate_W(float(x), i) for x in path])
+    stored = C * (path[-1] - path[0])
+    simpson = 0.001 / 3.0 * float(flow[0] + flow[-1] + 4.0 * flow[1::2].sum() + 2.0 * flow[2:-1:2].sum())
+    assert stored == pytest.approx(simpson, rel=1e-9, abs=1e-9)
+
+
+@given(TEMPERATURES, st.floats(-2.0, 2.0))
+def test_the_inverse_gives_the_rate_or_the_limit(t: float, rate: float) -> None:
+    current = PLATE.current_for_rate_A(t, rate, 5.0)
+    slowest, fastest = PLATE.rate_range_K_per_s(t, 5.0)
+    assert PLATE.rate_K_per_s(t, current) == pytest.approx(min(max(rate, slowest), fastest), abs=1e-10)
+
+
+def test_a_heater_only_heats() -> None:
+    heater = PlateModel(0.0, 0.0, 0.02, 25.0, 0.8, "heater")
+    assert heater.current_range_A(60.0, 1.0) == (0.0, 1.0)
+    assert heater.current_for_rate_A(60.0, -5.0, 1.0) == 0.0
+    assert heater.rate_K_per_s(60.0, heater.current_for_rate_A(60.0, 0.05, 1.0)) == pytest.approx(0.05)
+
+
+def test_parameters_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match="conductance"):
+        PlateModel(1e-3, 0.06, -0.1, 25.0)
+    with pytest.raises(ValueError, match="Seebeck"):
+        PlateModel(0.0, 0.06, 0.1, 25.0)
+    with pytest.raises(ValueError, match="heating rate"):
+        PlateModel(0.0, 0.0, 0.1, 25.0, kind="heater")
