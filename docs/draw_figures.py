@@ -1,12 +1,13 @@
 """Draws docs/figures/*.svg, the figures of docs/model.md, docs/paper.md and docs/calibrate_a_film.md.
 
-    .venv/bin/python docs/draw_figures.py
+.venv/bin/python docs/draw_figures.py
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless, Memory
+from compensator.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
+from compensator.identify_film import identify_film
 from compensator.inverse import Inverse
 from rig.report.figures import COLOURS, SETTINGS
 
@@ -47,7 +49,7 @@ def panels(rows: int, columns: int, height: float, **more: Any) -> tuple[Figure,
 def through(turning: list[float], step: float = 0.05) -> Array:
     """Values through turning points."""
     parts = [np.array(turning[:1], dtype=np.float64)]
-    for a, b in zip(turning[:-1], turning[1:], strict=True):
+    for a, b in pairwise(turning):
         parts.append(np.linspace(a, b, max(2, round(abs(b - a) / step) + 1))[1:])
     return np.concatenate(parts)
 
@@ -90,9 +92,9 @@ def play() -> Figure:
     time.set(xlabel="time", xticks=[], title="w stays within r of v")
     time.legend(loc="lower right", fontsize=9)
     line = np.array([-2.6, 3.6])
-    for shift, name in ((-r, "v - r"), (r, "v + r")):
+    for shift, name, at in ((-r, "v - r", (3.5, 2.0)), (r, "v + r", (0.9, 3.3))):
         loop.plot(line, line + shift, color=GREY, lw=0.8, ls=(0, (4, 3)))
-        note(loop, name, (3.1, 3.1 + shift), ha="right" if shift > 0 else "left", va="bottom", color=GREY)
+        note(loop, name, at, color=GREY)
     loop.plot(v, w, color=BLUE, lw=1.8)
     arrow(loop, v, w, 0.17, BLUE)
     arrow(loop, v, w, 0.28, BLUE)
@@ -101,8 +103,8 @@ def play() -> Figure:
     rising, falling, radius = Envelope("tanh", 0.16, -9.6), Envelope("tanh", 0.16, -9.4), 0.3
     grid = np.linspace(30.0, 90.0, 400)
     for gamma, name, at in (
-        (np.tanh(rising.a * grid + rising.b) - radius, "γ_R(v) - r", (66.0, -0.45)),
-        (np.tanh(falling.a * grid + falling.b) + radius, "γ_L(v) + r", (33.0, 0.55)),
+        (np.tanh(rising.a * grid + rising.b) - radius, "γR(v) - r", (66.0, -0.45)),
+        (np.tanh(falling.a * grid + falling.b) + radius, "γL(v) + r", (38.0, 0.85)),
     ):
         general.plot(grid, gamma, color=GREY, lw=0.8, ls=(0, (4, 3)))
         note(general, name, at, color=GREY)
@@ -126,13 +128,13 @@ def weighted_sum() -> Figure:
     colours = ["#1f5fbf", "#4d7fcc", "#7b9fd9", "#a3bce4", "#c2d2ec"]
     for k, colour in enumerate(colours):
         parts.plot(v, plays[:, k] * FILM.weights[k], color=colour, label=f"r = {FILM.radii[k]:g}")
-    parts.set(xlabel=DEGC, title="p_j w_j: small radii, thin loops")
+    parts.set(xlabel=DEGC, title="each operator: weight × w")
     parts.legend(loc="lower right", fontsize=8.5)
     slow = 0.35 * np.tanh(0.03 * v - 1.65) - 3.6
     d.plot(v, slow, color=GOLD, lw=1.8)
-    d.set(xlabel=DEGC, title="D(v): no loop, no saturation", ylim=(-4.6, -2.6))
+    d.set(xlabel=DEGC, title="D(v): no loop, no saturation", ylim=(-4.7, -2.45))
     whole.plot(v, FILM.simulate(v, start)[0], color=INK, lw=1.8)
-    whole.set(xlabel=DEGC, ylabel=OUTPUT, title="u = D(v) + Σ p_j w_j")
+    whole.set(xlabel=DEGC, ylabel=OUTPUT, title="the film: D(v) + their sum", ylim=(-4.7, -2.45))
     return figure
 
 
@@ -148,10 +150,16 @@ def memory() -> Figure:
         point = over(FILM, turning[: k + 1], after)[1][-1]
         loop.plot(place, point, "o", color=BLUE, ms=5.0)
         left = k == 2
-        note(loop, "ABC"[k - 1], (place + (-1.0 if left else 0.8), point), fontweight="bold", ha="right" if left else "left")
+        note(
+            loop,
+            "ABC"[k - 1],
+            (place + (-1.0 if left else 0.8), point),
+            fontweight="bold",
+            ha="right" if left else "left",
+        )
     v, u, _ = over(FILM, [62.5, 64.0, 74.0], deep)
     loop.plot(v, u, color=RED, lw=1.8, ls=(0, (5, 2)))
-    note(loop, "on past A: as if B and C had never been", (65.2, -3.95), (65.5, u[v > 65.5][0]), color=RED)
+    note(loop, "on past A: as if B\nand C had never been", (67.2, -3.75), (65.7, u[v > 65.7][0]), color=RED)
     loop.set(xlabel=DEGC, ylabel=OUTPUT, title="a loop that closes is wiped out", xlim=(50.0, 78.0))
     states = [
         ("at A", over(FILM, [30.0, 64.0], after)[2], BLUE),
@@ -171,26 +179,45 @@ def memory() -> Figure:
             mew=1.8,
             zorder=3 if again else 2,
         )
-    plays.set(xlabel="radius r_j", ylabel="w_j", title="all of the memory: one number an operator")
+    plays.set(
+        xlabel="radius r of the operator", ylabel="its output w", title="all of the memory: one number an operator"
+    )
     plays.legend(loc="upper right", fontsize=9)
     return figure
 
 
-def relays(v: Array, spread_K: float, seed: int = 4) -> Array:
-    """Output of a film of 3,000 relays, first all down, whose width grows with its mean temperature."""
-    rng = np.random.default_rng(seed)
-    mean = rng.normal(61.0, 3.2, 3000)
-    half = 2.6 * np.exp(0.3 * rng.normal(size=3000)) * np.exp(spread_K * (mean - 61.0))
-    state, out = np.zeros(3000, dtype=bool), np.empty(v.size)
-    for k, x in enumerate(v):
-        state |= x > mean + half
-        state &= x >= mean - half
-        out[k] = state.mean()
-    return 2.0 * out - 4.2
+class Relays:
+    """A film of 3,000 relays, first all down; relays are wider the hotter their mean temperature is."""
+
+    def __init__(self, seed: int = 4) -> None:
+        rng = np.random.default_rng(seed)
+        mean = rng.normal(61.0, 3.2, 3000)
+        half = 2.6 * np.exp(0.3 * rng.normal(size=3000) + 0.12 * (mean - 61.0))
+        self.up, self.down = mean + half, mean - half
+        self.state = np.zeros(3000, dtype=bool)
+
+    def __call__(self, v: Array) -> Array:
+        out = np.empty(v.size)
+        for k, x in enumerate(v):
+            self.state |= x > self.up
+            self.state &= x >= self.down
+            out[k] = self.state.mean()
+        return 2.0 * out - 4.2
+
+
+def openings(film: Callable[[Array], Array], centres: Array) -> Array:
+    """How far minor loops of 8 K, entered from the cold end, are open in their middle (decades)."""
+    found = []
+    for centre in centres:
+        v = through([30.0, centre + 4.0, centre - 4.0, centre + 4.0], 0.1)
+        u = film(v)
+        last = u[-161:]  # 80 steps down, 80 up
+        found.append(float(last[40] - last[120]))
+    return np.array(found)
 
 
 def congruency() -> Figure:
-    """Two loops between the same temperatures; and a loop's width along the transition, common and mixed envelopes."""
+    """Two loops between the same temperatures; and how open minor loops are, with common and with mixed envelopes."""
     figure, (same, wide) = panels(1, 2, 4.2)
     low, high = 59.0, 65.0
     v, u, cold = over(FILM, [30.0, 90.0, 30.0], FILM.initial_memory(30.0, "heated"))
@@ -203,27 +230,21 @@ def congruency() -> Figure:
         same.plot(v, u, color=colour, lw=1.8, label=name)
     same.set(xlabel=DEGC, ylabel=OUTPUT, title="same end temperatures, same loop", xlim=(50.0, 76.0))
     same.legend(loc="upper left", fontsize=9)
-    v = through([30.0, 90.0, 30.0], 0.1)
-    half = v.size // 2
-    grid = np.linspace(-4.0, -2.4, 60)
-    for growth, colour, name in ((0.0, BLUE, "one width everywhere"), (0.12, GOLD, "wider where it is hotter")):
-        u = relays(v, growth)
-        width = np.interp(grid, u[: half + 1], v[: half + 1]) - np.interp(grid, u[half:][::-1], v[half:][::-1])
-        wide.plot(width, grid, color=colour, lw=1.8, label=name)
-    grid_film = np.linspace(-4.2, -2.9, 60)
-    mixed = FilmModel(
-        radii=[0.3, 0.3],
-        weights=[0.5, 0.5],
-        rising=(Envelope("tanh", 0.30, -17.6), Envelope("tanh", 0.30, -20.6)),
-        falling=(Envelope("tanh", 0.30, -17.2), Envelope("tanh", 0.30, -18.6)),
-        memoryless=Memoryless("linear", amplitude=0.004, offset=-3.75),
-        kind="mixed_envelopes",
-    )
-    u, _ = mixed.simulate(v, mixed.initial_memory(30.0, "heated"))
-    width = np.interp(grid_film, u[: half + 1], v[: half + 1]) - np.interp(grid_film, u[half:][::-1], v[half:][::-1])
-    wide.plot(width, grid_film, color=RED, lw=1.4, ls=(0, (5, 2)), label="two operators, own envelopes")
-    wide.set(xlabel="width of the major loop / K", ylabel=OUTPUT, title="why mixed envelopes", xlim=(0.0, 12.0))
-    wide.legend(loc="lower right", fontsize=9)
+    turns = list(np.random.default_rng(2).uniform(48.0, 74.0, 24))
+    v = through([30.0, 85.0, 30.0, 75.0, 50.0, 70.0, 54.0, 66.0, 58.0, *turns, 30.0], 0.25)
+    u, centres = Relays()(v), np.linspace(48.0, 74.0, 53)
+    wide.plot(centres, openings(lambda x: Relays()(x), centres), color=BLUE, lw=3.0, label="film of relays")
+    for kind, colour, name in (
+        ("extended_generalized_pi", GOLD, "common envelopes"),
+        ("mixed_envelopes", RED, "mixed envelopes"),
+    ):
+        time_s = np.arange(v.size, dtype=np.float64)
+        film = identify_film(time_s, v, u, kind=kind, initial="heated", temperature_noise_K=0.0).model  # type: ignore[arg-type]
+        shown = openings(lambda x, film=film: film.simulate(x, film.initial_memory(float(x[0]), "heated"))[0], centres)
+        wide.plot(centres, shown, color=colour, lw=1.6, ls=(0, (5, 2)), label=name)
+    wide.set(xlabel="middle of a minor loop of 8 K / °C", ylabel="how far it is open / dec")
+    wide.set_title("how open minor loops are along the transition")
+    wide.legend(loc="upper right", fontsize=9)
     return figure
 
 
@@ -245,11 +266,11 @@ def inverse() -> Figure:
     target = -3.25
     solution = Inverse(FILM, low, high).solve(target, state)
     both.plot([49.0, solution.temperature_degC], [target, target], color=INK, lw=0.9, ls=(0, (4, 3)))
-    both.plot(2 * [solution.temperature_degC], [-4.4, target], color=INK, lw=0.9, ls=(0, (4, 3)))
+    both.plot(2 * [solution.temperature_degC], [-4.5, target], color=INK, lw=0.9, ls=(0, (4, 3)))
     note(both, "wanted", (49.2, target + 0.07), va="bottom")
-    note(both, "reachable\nwithout turning", (80.5, 0.5 * (float(down[-1]) + float(up[-1]))), color=GREY)
-    both.set(xlabel=DEGC, ylabel=OUTPUT, title="from here, one curve each way", xlim=(49.0, 90.0), ylim=(-4.4, -2.7))
-    both.legend(loc="upper left", fontsize=9, bbox_to_anchor=(0.0, 0.97))
+    note(both, "reachable\nwithout turning", (88.0, 0.5 * (float(down[-1]) + float(up[-1]))), color=GREY, ha="right")
+    both.set(xlabel=DEGC, ylabel=OUTPUT, title="from here, one curve each way", xlim=(49.0, 90.0), ylim=(-4.5, -2.2))
+    both.legend(loc="upper left", fontsize=9)
     x = np.linspace(60.0, 70.0, 400)
     y = np.array([FILM.step(float(each), state)[0] for each in x])
     solve.plot(x, y - target, color=RED, lw=2.0)
@@ -257,7 +278,7 @@ def inverse() -> Figure:
     a, b = 60.0, 70.0
     for k, trial in enumerate(bracket(state, target, a, b)):
         solve.plot(trial, FILM.step(trial, state)[0] - target, "o", color=INK, ms=5.0)
-        if k < 3:
+        if k < 2:
             solve.text(trial + 0.2, FILM.step(trial, state)[0] - target - 0.07, f"{k + 1}", fontsize=9.5)
     solve.plot(solution.temperature_degC, 0.0, "o", mfc="white", mec=BLUE, ms=9.0, mew=1.8)
     solve.set(xlabel=DEGC, ylabel="model - wanted", title="one unknown, one bracket: solved", xlim=(59.5, 70.5))
@@ -315,7 +336,9 @@ def order() -> Figure:
         course.append(branch(film, state, play_part))
     bounce.plot(range(len(course)), course, "o-", color=RED, lw=1.4, ms=5.0, label="fixed point, eq (20)")
     bounce.axhline(62.5, color=BLUE, lw=1.6, label="the solution")
-    bounce.set(xlabel="iteration", ylabel=DEGC, title="a target inside a dead band: it never converges", ylim=(58.0, 66.5))
+    bounce.set(
+        xlabel="iteration", ylabel=DEGC, title="a target inside a dead band: it never converges", ylim=(58.0, 66.5)
+    )
     bounce.legend(loc="upper right", fontsize=9, ncols=2)
     return figure
 
@@ -327,44 +350,42 @@ def branch(film: FilmModel, state: Memory, y: float) -> float:
     return Inverse(plain, 0.0, 150.0).solve(y, edge).temperature_degC
 
 
+def lagged(values: Array, steps: float) -> Array:
+    """A first-order lag with a time constant of so many rows."""
+    out = values.copy()
+    for k in range(1, values.size):
+        out[k] = out[k - 1] + (values[k] - out[k - 1]) / steps
+    return out
+
+
+def heated_by(plate: Array, current_A: float, start: Memory, K_per_W: float = 400.0) -> Array:
+    """Temperatures of a film that the meter's test current heats."""
+    film, state, now = np.empty(plate.size), start, FILM.output_at(start)
+    for k, each in enumerate(plate):
+        film[k] = each + K_per_W * current_A**2 * 10.0**-now
+        now, state = FILM.step(float(film[k]), state)
+    return film
+
+
 def faults() -> Figure:
-    """The major loop at two rates, with a lagging thermometer and with self-heating, as a calibration would see it."""
-    figure, axes = panels(1, 3, 4.0, sharey=True)
-    start = FILM.initial_memory(30.0, "heated")
-    for axis, title in zip(
-        axes,
-        ("as it should be", "thermometer lags by 4 s", "test current heats the film"),
-        strict=True,
-    ):
-        for rate, colour in ((0.1, BLUE), (0.6, RED)):
-            plate = through([30.0, 90.0, 30.0], 0.25 * rate)
-            film = plate.copy()
-            shown = plate.copy()
+    """The major loop at two rates or test currents: sound, and with three things that go wrong."""
+    figure, axes = panels(1, 4, 3.7, sharey=True)
+    start, tau_s, row_s = FILM.initial_memory(30.0, "heated"), 3.0, 0.25
+    titles = ("sound", "thermometer lags 3 s", "film lags 3 s", "test current heats")
+    for axis, title in zip(axes, titles, strict=True):
+        for fast, colour in ((False, BLUE), (True, RED)):
+            rate = 0.6 if fast else 0.1
+            plate = through([30.0, 90.0, 30.0], row_s * rate)
+            film, shown, label = plate, plate, f"{rate:g} K/s"
             if title.startswith("thermometer"):
-                for k in range(1, plate.size):
-                    shown[k] = shown[k - 1] + (plate[k] - shown[k - 1]) * 0.25 / 4.0
-            if title.startswith("test"):
-                heated, state = np.empty(plate.size), start
-                now = -4.2
-                for k, each in enumerate(plate):
-                    heated[k] = each + 400.0 * (5e-4) ** 2 * 10.0**-now
-                    now, state = FILM.step(float(heated[k]), state)
-                film = heated
-            u, _ = FILM.simulate(film, start)
-            if rate > 0.1 or not title.startswith("test"):
-                axis.semilogy(shown, 10.0**-u / 1e3, color=colour, lw=1.5, label=f"{rate:g} K/s")
-        if title.startswith("test"):
-            u, _ = FILM.simulate(through([30.0, 90.0, 30.0], 0.05), start)
-            axis.clear()
-            plate = through([30.0, 90.0, 30.0], 0.05)
-            for current, colour in ((1e-4, BLUE), (5e-4, RED)):
-                heated, state, now = np.empty(plate.size), start, -4.2
-                for k, each in enumerate(plate):
-                    heated[k] = each + 400.0 * current**2 * 10.0**-now
-                    now, state = FILM.step(float(heated[k]), state)
-                axis.semilogy(plate, 10.0 ** -FILM.simulate(heated, start)[0] / 1e3, color=colour, lw=1.5)
-                axis.lines[-1].set_label(f"{1e3 * current:g} mA")
-        axis.set(xlabel="temperature shown / °C", xlim=(48.0, 78.0), title=title)
+                shown = lagged(plate, tau_s / row_s)
+            elif title.startswith("film"):
+                film = lagged(plate, tau_s / row_s)
+            elif title.startswith("test"):
+                current_A = 5e-4 if fast else 1e-4
+                film, label = heated_by(plate, current_A, start), f"{1e3 * current_A:g} mA"
+            axis.semilogy(shown, 10.0 ** -FILM.simulate(film, start)[0] / 1e3, color=colour, lw=1.5, label=label)
+        axis.set(xlabel="shown / °C", xlim=(50.0, 76.0), title=title)
         axis.set_yticks([1, 3, 10], ["1", "3", "10"])
         axis.minorticks_off()
         axis.legend(loc="upper right", fontsize=9)
