@@ -56,6 +56,12 @@ def inversion(
         ("fig 7: mean iterations, sigma 1e-2", "5.31", f"{counts[1e-2]:.2f}", CLASSICAL),
         ("fig 7: the same at 1e-4, input steps 0.02 to 2", "-", spread, "the count hangs on the input's steps"),
         ("fig 7: failures, both sigmas", "none told", f"{failures[1e-4]}, {failures[1e-2]} of {n}", "q = 5/6 < 1"),
+        (
+            "fig 7: largest error left, in sigma",
+            "1 (implied)",
+            f"{max(classical.worst_over_sigma.values()):.2f}",
+            "bound 5",
+        ),
         ("fig 7: direct inverse, mean evaluations", "-", f"{classical.evaluations:.2f}", "solved to 1e-10 of u"),
         ("fig 7: direct inverse, not found", "-", f"{classical.unreached} of {n}", ""),
         ("compensator.iteration against this one, K", "-", f"{classical.package_off_K:.0e}", "a second opinion"),

@@ -64,6 +64,8 @@ def simulate_with_slopes(par: Array, first: float, steps: Array, current: Array,
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
+    """Rows between two gaps: of which record, first row, steps (s), current (A), temperature (degC), which are used."""
+
     record: int
     first: int
     steps: Array

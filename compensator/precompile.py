@@ -27,7 +27,7 @@ def precompile() -> None:
     inverse = Inverse(film)
     inverse.solve(-4.0, inverse.first(-4.2).memory)
     for name in ("full", "temperature"):
-        settings = LawSettings(name, 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))  # type: ignore[arg-type]
+        settings = LawSettings(name, 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))
         law = Law(settings, plate, film)
         wanted = np.full(settings.preview, 60.0 if name == "temperature" else -4.2)
         law.step(law.start(58.0, None), 58.0, -4.3, float(wanted[0]), wanted)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from rig.clock import Clock, RealClock, VirtualClock
 from rig.drivers.controller import TemperatureController
@@ -13,14 +14,15 @@ from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import open_controller, open_meter
 from rig.faults import fault
-from rig.files.configuration import ConfigurationFile
+from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
 from rig.simulation import simulated_world
 from sim.instruments.instrument import Instrument
-from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter
+from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
 from sim.plant import SimulatedPlant
 
+T = TypeVar("T")
 OFF_CONFIRMED = "output off, confirmed by the controller"
 _numbers = itertools.count(1)
 
@@ -50,14 +52,14 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
         if c.simulated:
             ports = _simulated(file, clock, stack)
         _known(file)
-        controller = open_controller(c.bench.controller.driver, ports[0], clock, **_controller_options(file))
+        controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock)
         stack.callback(controller.close)
         stack.enter_context(_output_off(controller, c.bench.controller.port))
         identities = {"controller": controller.identify()}
         controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         meter = None
         if c.bench.meter is not None:
-            meter = open_meter(c.bench.meter.driver, ports[1], clock)
+            meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock)
             stack.callback(meter.close)
             identities["meter"] = meter.identify()
             try:
@@ -103,24 +105,44 @@ def _known(file: ConfigurationFile) -> None:
             raise fault(file.path, f"bench.{role}.driver", f"{name!r} is none of {', '.join(sorted(known))}")
 
 
-def _controller_options(file: ConfigurationFile) -> dict[str, int]:
-    """What the configuration says beyond the port."""
-    address = file.content.bench.controller.address
-    return {"address": address} if address else {}
+def _opened(
+    opener: Callable[..., T],
+    file: ConfigurationFile,
+    role: str,
+    table: ControllerTable | MeterTable,
+    port: str,
+    clock: Clock,
+) -> T:
+    """The instrument with the configuration's options. Raises Faults for an option that its driver does not have."""
+    options: dict[str, Any] = dict(table.options)
+    if table.baud is not None:
+        options["baud"] = table.baud
+    try:
+        return opener(table.driver, port, clock, **options)
+    except ValueError as error:
+        raise fault(file.path, f"bench.{role}.options", str(error)) from None
 
 
 def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[str, str, Instrument]]:
     """(role, driver's name, emulator) of the configured instruments; they share one plant. Raises Faults."""
     c = file.content
-    roles = [("controller", c.bench.controller.driver, CONTROLLERS)]
+    roles: list[tuple[str, ControllerTable | MeterTable]] = [("controller", c.bench.controller)]
     if c.bench.meter is not None:
-        roles.append(("meter", c.bench.meter.driver, METERS))
-    for role, name, known in roles:
-        if name not in known:
-            raise fault(file.path, f"bench.{role}.driver", f"{name!r} has no emulator; there are {', '.join(known)}")
+        roles.append(("meter", c.bench.meter))
+    for role, table in roles:
+        known = CONTROLLERS if role == "controller" else METERS
+        if table.driver not in known:
+            expected = f"{table.driver!r} has no emulator; there are {', '.join(known)}"
+            raise fault(file.path, f"bench.{role}.driver", expected)
     plant = SimulatedPlant(simulated_world(file), start_s)
     make = {"controller": emulated_controller, "meter": emulated_meter}
-    return [(role, name, make[role](name, plant, start_s)) for role, name, _ in roles]
+    return [(role, t.driver, make[role](t.driver, plant, start_s, **_shared(role, t))) for role, t in roles]
+
+
+def _shared(role: str, table: ControllerTable | MeterTable) -> dict[str, Any]:
+    """The driver's options that its emulator has too, such as a model or an address."""
+    known = emulator_options(role, table.driver)
+    return {name: value for name, value in table.options.items() if name in known}
 
 
 def _simulated(file: ConfigurationFile, clock: Clock, stack: ExitStack) -> list[str]:

@@ -38,7 +38,10 @@ FLUSH_S = 1.0
 
 @dataclass(frozen=True)
 class Decision:
-    """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record."""
+    """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
+
+    done: the phase ends here. wait: nothing is sent, whatever is on stays on.
+    """
 
     current_A: float = math.nan
     setpoint_degC: float = math.nan
@@ -47,6 +50,7 @@ class Decision:
     target_ohm: float = math.nan
     predicted_ohm: float = math.nan
     done: bool = False
+    wait: bool = False
 
 
 class Policy(Protocol):
@@ -122,7 +126,7 @@ class Loop:
         decision = policy.decide(
             time_s, temperature.value if known else math.nan, -math.log10(value) if good else math.nan
         )
-        if not decision.done:
+        if not (decision.done or decision.wait):
             self._apply(decision, now)
         meter = self.bench.meter
         self.folder.row(

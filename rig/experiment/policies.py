@@ -29,7 +29,8 @@ class CurrentProfile:
 class Follow:
     """A law following a target; holds the law's state between ticks, and gives it to the next phase.
 
-    The target's quantity says what it is: a temperature for the law "temperature", else a resistance.
+    The target's quantity says what it is: a temperature for the law "temperature", else a resistance. setpoints: the
+    reference goes to the controller's own PID instead of a current to its output.
     """
 
     def __init__(
@@ -38,11 +39,13 @@ class Follow:
         target: Target,
         memory: Memory | None = None,
         state: LawState | None = None,
+        setpoints: bool = False,
     ) -> None:
         self.law = law
         self.target = target
         self.state = state
         self.unreachable = 0
+        self.setpoints = setpoints
         self._memory = memory
         self._ahead = law.preview_times_s()
 
@@ -50,7 +53,7 @@ class Follow:
         law = self.law
         if self.state is None:
             if math.isnan(temperature_degC):
-                return Decision(0.0)  # nothing is known yet
+                return Decision(0.0, wait=True)  # nothing is known yet
             self.state = law.start(temperature_degC, self._memory)
         now = float(self.target.at(time_s))
         coming = np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
@@ -60,7 +63,7 @@ class Follow:
         return Decision(
             current_A=command.current_A,
             setpoint_degC=command.setpoint_degC,
-            use_setpoint=law.settings.name == "instrument_pid",
+            use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
             target_ohm=10.0**-now if resistance else math.nan,
             predicted_ohm=10.0**-command.output_model if math.isfinite(command.output_model) else math.nan,

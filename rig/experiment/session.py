@@ -109,6 +109,7 @@ def calibrate(session: Session, path: Path) -> Calibration:
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
+    _needs_current(session)
     with one_run(session, path, "calibration") as (loop, folder):
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
@@ -162,6 +163,8 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         check_target(target, model.film, file.content, f"{file.path}: experiment.target")
     assert model.film is not None
     assert model.plate is not None
+    if e.law != "instrument_pid":
+        _needs_current(session)
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
     folders: dict[str, RunFolder] = {}
     for name in names:
@@ -193,6 +196,8 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     plate = result.model.plate if result.model is not None else None
     film = result.model.film if result.model is not None else None
     policy: CurrentProfile | Follow | Setpoints
+    if e.law != "instrument_pid" or e.kind == "current_profile":
+        _needs_current(session)
     if e.kind == "current_profile":
         policy = CurrentProfile(target)
     elif e.law == "instrument_pid":
@@ -212,6 +217,17 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     if np.any(np.isfinite(wanted)):
         error = float(np.sqrt(np.nanmean((temperature - wanted) ** 2)))
         say(f"temperature: RMS error {error:.4f} K over {len(folder.rows)} rows")
+
+
+def _needs_current(session: Session) -> None:
+    """Refuse where the controller cannot be told a current. Raises Faults."""
+    if not session.bench.controller.commands_current:
+        table = session.file.content.bench.controller
+        raise fault(
+            session.file.path,
+            "bench.controller.driver",
+            f"{table.driver!r} takes no current; expected experiment.law = 'instrument_pid' with a model",
+        )
 
 
 def design_table(design: Design) -> dict[str, Any]:

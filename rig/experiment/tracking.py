@@ -99,9 +99,12 @@ def track(
     """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
     e = configuration.experiment
     law, design = law_and_design(name, configuration, film, plate)
+    setpoints = name == "instrument_pid"
     helper, _ = law_and_design("temperature", configuration, film, plate)
+    if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
+        helper = Law(replace(helper.settings, observer_gain=1.0), plate, film)
     hot = calibration_range(configuration)[1]
-    state = _to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition")
+    state = _to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition", setpoints)
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     assert state.state is not None
     first = inverse.solve(float(target.values[0]), state.state.memory)
@@ -113,9 +116,9 @@ def track(
             f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
             f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
         )
-    approach = _to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach")
+    approach = _to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     assert approach.state is not None
-    follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]))
+    follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, law)
     if e.settle_s > 0.0:
         loop.phase("settle", follow, e.settle_s, e.period_s)
@@ -125,7 +128,7 @@ def track(
 
 
 def _to_temperature(
-    loop: Loop, law: Law, before: Follow | None, temperature_degC: float, dwell_s: float, name: str
+    loop: Loop, law: Law, before: Follow | None, temperature_degC: float, dwell_s: float, name: str, setpoints: bool
 ) -> Follow:
     """Ramp to a temperature as fast as the plate can, and dwell there."""
     period = law.settings.period_s
@@ -144,13 +147,13 @@ def _to_temperature(
     ramp_s = abs(temperature_degC - start) / max(rate, 0.01) + period
     times = np.array([0.0, ramp_s, ramp_s + max(dwell_s, period)])
     target = Target("temperature", times, np.array([start, temperature_degC, temperature_degC]))
-    follow = Follow(law, target, memory, state)
+    follow = Follow(law, target, memory, state, setpoints)
     loop.phase(name, follow, target.duration_s, period)
     return follow
 
 
 class _Look:
-    """Current 0, to see where the temperature is."""
+    """Nothing is sent: to see where the temperature is."""
 
     def __init__(self) -> None:
         self.temperature_degC = math.nan
@@ -158,7 +161,7 @@ class _Look:
     def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
         if not math.isnan(temperature_degC):
             self.temperature_degC = temperature_degC
-        return Decision(0.0)
+        return Decision(0.0, wait=True)
 
 
 def score(folder: RunFolder, law: str, duration_s: float) -> Score:

@@ -30,21 +30,25 @@ Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 
 
 class ControllerTable(Table):
-    """[bench.controller]: driver by name, port as pyserial opens it; address and channel on a shared line."""
+    """[bench.controller]: driver by name, port as pyserial opens it.
+
+    options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
+    """
 
     driver: str
     port: str
     baud: int | None = Field(default=None, gt=0)
-    address: int = Field(default=0, ge=0, le=255)
+    options: dict[str, bool | int | float | str] = {}
     dead_man_s: Positive = 5.0
 
 
 class MeterTable(Table):
-    """[bench.meter]: four_wire, integration time in power-line cycles (nplc)."""
+    """[bench.meter]: four_wire, integration time in power-line cycles (nplc); options are the driver's own."""
 
     driver: str
     port: str
     baud: int | None = Field(default=None, gt=0)
+    options: dict[str, bool | int | float | str] = {}
     four_wire: bool = True
     nplc: Positive = 1.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from inspect import signature
 from typing import Any, cast
 
 from sim.instruments.instrument import Instrument, Plant
@@ -28,6 +29,13 @@ def emulated_controller(name: str, plant: Plant, start_s: float = 0.0, **options
 def emulated_meter(name: str, plant: Plant, start_s: float = 0.0, **options: Any) -> Instrument:
     """The emulator of an ohmmeter on a plant; options go to it. An unknown name is a KeyError."""
     return _emulated(METERS[name], plant, start_s, options)
+
+
+def emulator_options(role: str, name: str) -> set[str]:
+    """Names of the options that an emulator has; role "controller" or "meter"."""
+    module, kind = (CONTROLLERS if role == "controller" else METERS)[name]
+    emulator = getattr(import_module(f"sim.instruments.{module}"), kind)
+    return set(signature(emulator).parameters) - {"plant", "start_s"}
 
 
 def _emulated(where: tuple[str, str], plant: Plant, start_s: float, options: dict[str, Any]) -> Instrument:

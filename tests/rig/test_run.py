@@ -134,3 +134,43 @@ def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: sig
     assert document["stop"]["output_off_confirmed"] is True
     rows = record.read_text().splitlines()
     assert document["stop"]["rows"] == len(rows) - 1
+
+
+@pytest.mark.parametrize(
+    ("controller", "meter", "law"),
+    [
+        ("meerstetter", "keithley2400", "full"),
+        ("meerstetter", "hp34401a", "full"),
+        ("srs_ldc500", "keithley2000", "full"),
+        ("te_technology", "keithley2000", "instrument_pid"),
+    ],
+)
+def test_every_instrument_tracks(peltier: Peltier, tmp_path: Path, controller: str, meter: str, law: str) -> None:
+    path = write_bench(tmp_path, target='["start 20 kohm", "hold 10 s", "ramp to 8 kohm at 0.02 dec/s", "hold 5 s"]')
+    text = path.read_text().replace('driver = "meerstetter"', f'driver = "{controller}"')
+    text = text.replace('driver = "keithley2000"', f'driver = "{meter}"')
+    text = text.replace("period_s = 0.1", f'period_s = 0.5\nlaw = "{law}"')
+    path.write_text(text)
+    status, _, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
+    assert (status, err) == (0, "")
+    score = json.loads((tmp_path / "result.json").read_text())["scores"][law]
+    assert score["rms_dec"] < (0.02 if law == "full" else 0.6)
+    assert score["missing"] == 0
+
+
+def test_a_controller_without_currents_says_so(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "te_technology"'))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "takes no current" in err
+
+
+def test_an_option_that_the_driver_does_not_have(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("[bench.meter]", "[bench.controller.options]\nadress = 3\n[bench.meter]"))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "bench.controller.options" in err
+    assert "adress" in err
+    assert "address" in err

@@ -1,0 +1,80 @@
+"""README and docs: pages made from docstrings are up to date, links lead somewhere, and Python in them runs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+CODE = re.compile(r"^```.*?^```|^ {4}[^\n]*|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as code hosts make them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    heads = re.findall(r"^#+\s+(.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads}
+
+
+def dead_links(page: Path) -> list[str]:
+    dead = []
+    for target in LINK.findall(CODE.sub("", page.read_text(encoding="utf-8"))):
+        file, _, anchor = target.partition("#")
+        if re.match(r"[a-z]+:", target):
+            continue
+        path = (page.parent / file).resolve() if file else page
+        if not path.exists() or (anchor and path.suffix == ".md" and anchor not in anchors(path)):
+            dead.append(target)
+    return dead
+
+
+def test_pages_of_the_programming_interface_are_up_to_date() -> None:
+    run = subprocess.run(
+        [sys.executable, str(ROOT / "docs" / "api.py"), "--check"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, f"run `python docs/api.py`; stale: {run.stdout}{run.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_links_lead_somewhere(page: Path) -> None:
+    assert dead_links(page) == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if PYTHON.search(page.read_text(encoding="utf-8"))], ids=name)
+def test_python_in_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks of one page run in order, each sees what those above it made."""
+    monkeypatch.chdir(tmp_path)
+    text, names = page.read_text(encoding="utf-8"), {"__name__": "page"}
+    for block in PYTHON.finditer(text):
+        lines_above = text[: block.start(1)].count("\n")
+        exec(compile("\n" * lines_above + block.group(1), name(page), "exec"), names)
+
+
+def test_every_figure_is_shown_and_drawn() -> None:
+    figures = {path.name for path in (ROOT / "docs" / "figures").glob("*.svg")}
+    shown = {
+        Path(target).name
+        for page in PAGES
+        for target in LINK.findall(page.read_text(encoding="utf-8"))
+        if target.startswith("figures/")
+    }
+    source = (ROOT / "docs" / "draw_figures.py").read_text(encoding="utf-8")
+    drawn = {f"{key}.svg" for key in re.findall(r'^    "(\w+)": \w+,$', source, re.MULTILINE)}
+    assert figures == shown == drawn
+
+
+def test_a_dead_link_would_be_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A word\n[here](#a-word) [gone](#another) [file](missing.md) [far](https://example.org)\n")
+    assert dead_links(page) == ["#another", "missing.md"]
