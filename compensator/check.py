@@ -13,8 +13,8 @@ Each finding says what, where, and what to do about it. Behind the kinds:
     iteration           eqs (21), (26), (27) with |dD/dv|, which they need: the paper's fixed point contracts by
                         q = max |dD/dv| / (p(r_0) min(gamma_R', gamma_L')) where q < 1. What is left when
                         |v_n - v_(n-1)| < sigma is at most sigma q / (1 - q), not sigma.
-    iteration_undefined p(r_0) is the weight of radius 0 and divides: without it there is no eq (15), and with
-                        gamma_R != gamma_L eq (14) is not the inverse of eq (6).
+    iteration_undefined p(r_0) is the weight of radius 0 and divides: without it there is no eq (15). With
+                        gamma_R != gamma_L eq (14) needs the memory of eq (6), not one of its own.
 
 None of these limits `compensator.inverse`, except that outputs inside a jump cannot be reached.
 """
@@ -208,7 +208,7 @@ def _iteration(model: FilmModel, contraction: Contraction, excess: Array) -> lis
         what = "operators have different envelopes: eqs (12), (14) need one pair for all"
         findings.append(Finding("iteration_undefined", what, None, (), advice))
     elif not np.array_equal(model.envelopes[0, :3], model.envelopes[0, 3:]):
-        what = f"the envelopes differ (by up to {float(excess.max()):.3g}): eq (14) is not the inverse of eq (6)"
+        what = f"the envelopes differ (by up to {float(excess.max()):.3g}): eq (12) fails, eq (14) needs the memory of eq (6)"
         findings.append(Finding("iteration_undefined", what, None, (), advice))
     if contraction.q >= 1.0:
         where = contraction.converges_degC
