@@ -208,7 +208,8 @@ def _iteration(model: FilmModel, contraction: Contraction, excess: Array) -> lis
         what = "operators have different envelopes: eqs (12), (14) need one pair for all"
         findings.append(Finding("iteration_undefined", what, None, (), advice))
     elif not np.array_equal(model.envelopes[0, :3], model.envelopes[0, 3:]):
-        what = f"the envelopes differ (by up to {float(excess.max()):.3g}): eq (12) fails, eq (14) needs the memory of eq (6)"
+        size = float(excess.max())
+        what = f"the envelopes differ (by up to {size:.3g}): eq (12) fails, and eq (14) needs the memory of eq (6)"
         findings.append(Finding("iteration_undefined", what, None, (), advice))
     if contraction.q >= 1.0:
         where = contraction.converges_degC
