@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
 
         near = difflib.get_close_matches(verb, VERBS, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
+        print(f"peltier: {verb!r} is no verb{hint}. There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
     module = importlib.import_module(f"rig.command.{verb}")

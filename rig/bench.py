@@ -51,7 +51,6 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
         ports = [c.bench.controller.port, c.bench.meter.port if c.bench.meter else ""]
         if c.simulated:
             ports = _simulated(file, clock, stack)
-        _known(file)
         controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock)
         stack.callback(controller.close)
         stack.enter_context(_output_off(controller, c.bench.controller.port))
@@ -90,19 +89,6 @@ def _output_off(controller: TemperatureController, port: str) -> Iterator[None]:
         raise
     if not controller.off():
         raise NotConfirmedOff(text)
-
-
-def _known(file: ConfigurationFile) -> None:
-    """Refuse a driver that does not exist. Raises Faults."""
-    from rig.drivers import registry
-
-    bench = file.content.bench
-    roles = [("controller", bench.controller.driver, registry.CONTROLLERS)]
-    if bench.meter is not None:
-        roles.append(("meter", bench.meter.driver, registry.METERS))
-    for role, name, known in roles:
-        if name not in known:
-            raise fault(file.path, f"bench.{role}.driver", f"{name!r} is none of {', '.join(sorted(known))}")
 
 
 def _opened(

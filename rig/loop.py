@@ -29,6 +29,7 @@ COLUMNS = [
     "meter_current_A",
     "resistance_time_s",
     "setpoint_degC",
+    "reference_degC",
     "target_ohm",
     "predicted_ohm",
     "phase",
@@ -39,6 +40,9 @@ FLUSH_S = 1.0
 @dataclass(frozen=True)
 class Decision:
     """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
+
+    setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
+    that the plate can follow.
 
     done: the phase ends here. wait: nothing is sent, whatever is on stays on.
     """
@@ -137,7 +141,8 @@ class Loop:
                 math.nan if self._mode == "setpoint" else decision.current_A if not decision.done else 0.0,
                 meter.test_current_A if meter is not None else math.nan,
                 resistance.time_s - self._start_s if good and resistance is not None else math.nan,
-                decision.setpoint_degC if decision.use_setpoint else decision.reference_degC,
+                decision.setpoint_degC,
+                decision.reference_degC,
                 decision.target_ohm,
                 decision.predicted_ohm,
                 name,

@@ -18,7 +18,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.files.configuration import read_configuration
-    from rig.files.run_folder import default_folder, prepare_folder
+    from rig.files.run_folder import default_folder, prepared_folder
 
     voice = Voice(options.json)
     file = read_configuration(options.config)
@@ -27,8 +27,12 @@ def main(options: argparse.Namespace) -> int:
     from rig.signals import SignalStop
 
     path = options.out if options.out is not None else default_folder("calibration")
-    prepare_folder(path)
-    with voice.progress() as progress, SignalStop() as signals, open_bench(file) as bench:
+    with (
+        prepared_folder(path),
+        voice.progress(file.content.virtual_time) as progress,
+        SignalStop() as signals,
+        open_bench(file) as bench,
+    ):
         result = calibrate(Session(bench, file, signals, voice.say, progress), path)
     voice.say("output off, confirmed by the controller")
     voice.say(f"model: {result.model_path}")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from compensator.identify_film import FilmFit, FilmRecord
     from compensator.identify_plate import PlateFit
 
+MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
 HELP = "fit film and plate models to records"
 
 
@@ -78,11 +79,22 @@ def main(options: argparse.Namespace) -> int:
         result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
     if options.out is not None:
         model = Model(film_model, plate.model if plate else None)
-        write_model(options.out, model, "identified from " + ", ".join(path.name for path in options.records))
+        write_model(options.out, model, _comment(options, records, result))
         voice.say(f"model: {options.out}")
         result["model"] = options.out
     voice.report(result)
     return 0
+
+
+def _comment(options: argparse.Namespace, records: list[Record], result: dict[str, Any]) -> str:
+    """What a reader of the model file has to know of where it came from."""
+    low = min(float(np.nanmin(r["temperature_degC"])) for r in records)
+    high = max(float(np.nanmax(r["temperature_degC"])) for r in records)
+    lines = ["identified from " + ", ".join(path.name for path in options.records)]
+    lines.append(f"temperatures seen: {low:.1f} to {high:.1f} degC; outside them the model is a guess")
+    for name in ("film", "plate"):
+        lines += [f"{name}: {note}" for note in result.get(name, {}).get("identifiability", [])]
+    return "\n".join(lines)
 
 
 def _nothing_to_fit(records: list[Record], output: str) -> Faults:
@@ -197,7 +209,14 @@ def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any
     voice.say(f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         voice.say(f"  {name} = {value:.6g} +- {1.96 * error:.2g} (95 %)")
-    for note in fit.identifiability:
+    notes = list(fit.identifiability)
+    if fit.rmse_K > MISFIT * fit.noise_K:
+        notes.insert(
+            0,
+            f"The model leaves {fit.rmse_K / fit.noise_K:.0f} times the thermometer's noise: something is missing, "
+            "such as a heat sink that warms up or a thermometer that lags, and the intervals above are too narrow.",
+        )
+    for note in notes:
         voice.say(f"plate: {note}")
     return {
         "kind": fit.model.kind,
@@ -209,5 +228,5 @@ def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any
         "rmse_K": fit.rmse_K,
         "max_abs_K": fit.max_abs_K,
         "noise_K": fit.noise_K,
-        "identifiability": list(fit.identifiability),
+        "identifiability": notes,
     }

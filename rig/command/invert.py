@@ -44,7 +44,7 @@ def main(options: argparse.Namespace) -> int:
     record = read_record(options.target, needs=("target_ohm",))
     target = record["target_ohm"]
     bad = [
-        f"{options.target}: row {k + 1}: target_ohm: {target[k]!r}: expected a finite number > 0"
+        f"{options.target}: row {k + 1}: target_ohm: {float(target[k])!r}: expected a finite number > 0"
         for k in np.flatnonzero(~(np.isfinite(target) & (target > 0.0)))[:10]
     ]
     if bad:

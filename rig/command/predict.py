@@ -32,6 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.experiment.feasible import order_warning
     from rig.files.model_file import read_model
 
     if options.out is not None:
@@ -45,7 +46,9 @@ def main(options: argparse.Namespace) -> int:
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
     if model.film is not None:
-        _warn_of_order(model.film, options.model)
+        warning = order_warning(model.film, options.model)
+        if warning is not None:
+            print(warning, file=sys.stderr)
         predicted = _film(model.film, record, options.initial, options.record)
         name = model.film.output
         if name == "minus_log10_ohm":
@@ -59,6 +62,8 @@ def main(options: argparse.Namespace) -> int:
         simulated = _plate(model.plate, record)
         columns["predicted_degC"] = simulated
         _report(result, simulated - record["temperature_degC"], "K", "temperature", voice)
+    if not any(key.startswith("rmse") for key in result):
+        voice.say(f"{record.source}: nothing to compare: neither readings of the film nor temperature with current")
     if options.out is not None:
         write_columns(options.out, columns)
         voice.say(f"predictions: {options.out}")
@@ -73,16 +78,6 @@ def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voi
     rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
     result |= {f"rmse_{unit}": rmse, f"max_abs_{unit}": largest, f"rows_{unit}": int(error.size)}
     voice.say(f"{what}: RMSE {rmse:.4f} {unit}, largest {largest:.4f} {unit}, {error.size} rows")
-
-
-def _warn_of_order(film: Any, path: Path) -> None:
-    violating = int(np.sum((film.order_margin() < -1e-12) & (film.weights > 0.0)))
-    if violating:
-        print(
-            f"{path}: film.radii: {violating} operators of positive weight violate gamma_R - r <= gamma_L + r; "
-            "the output jumps at reversals",
-            file=sys.stderr,
-        )
 
 
 def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndarray:

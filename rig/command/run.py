@@ -23,13 +23,13 @@ def main(options: argparse.Namespace) -> int:
     file = read_configuration(options.config)
     from rig.experiment.session import design_table, run
 
-    with voice.progress() as progress:
+    with voice.progress(file.content.virtual_time) as progress:
         result = run(file, options.out, voice.say, progress)
-    voice.say("output off, confirmed by the controller")
-    voice.say(f"report: {result.folder / 'report.html'}")
     calibration = result.calibration
     if calibration is not None:
         voice.say(f"model: {calibration.model_path}")
+    voice.say("output off, confirmed by the controller")
+    voice.say(f"report: {result.folder / 'report.html'}")
     voice.report(
         {
             "format": "peltier-run-result/1",

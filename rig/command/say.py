@@ -30,10 +30,21 @@ class Voice:
             Path(self._json).write_text(plain_json(value) + "\n", encoding="utf-8")
 
     @contextmanager
-    def progress(self) -> Iterator[Callable[[str, float, float], None] | None]:
-        """A progress bar a phase on a terminal; nothing elsewhere."""
-        if not sys.stderr.isatty():
+    def progress(self, virtual: bool = False) -> Iterator[Callable[[str, float, float], None] | None]:
+        """A progress bar a phase on a terminal; elsewhere a line for each phase of a minute or more,
+        unless time is virtual."""
+        if not sys.stderr.isatty() and virtual:
             yield None
+            return
+        if not sys.stderr.isatty():
+            told: list[tuple[str, float]] = []
+
+            def line(phase: str, done_s: float, of_s: float) -> None:
+                if of_s >= 60.0 and (phase, of_s) not in told:
+                    told.append((phase, of_s))
+                    print(f"{phase}: {of_s / 60.0:.1f} min", file=sys.stderr, flush=True)
+
+            yield line
             return
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn

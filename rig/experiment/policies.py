@@ -62,7 +62,7 @@ class Follow:
         resistance = self.target.quantity == "resistance"
         return Decision(
             current_A=command.current_A,
-            setpoint_degC=command.setpoint_degC,
+            setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
             use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
             target_ohm=10.0**-now if resistance else math.nan,

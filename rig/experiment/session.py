@@ -11,25 +11,27 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from compensator.design import Design
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.errors import PortHeld
-from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
+from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
+from rig.experiment.feasible import check_plate, check_target, order_warning
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
-from rig.experiment.tracking import Score, check_target, law_and_design, track
+from rig.experiment.tracking import Score, law_and_design, to_temperature, track
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile
-from rig.files.model_file import Model, read_model
-from rig.files.run_folder import RunFolder, default_folder, part_of, prepare_folder
+from rig.files.model_file import Model, read_model, write_model
+from rig.files.record_file import write_columns
+from rig.files.run_folder import RunFolder, default_folder, part_of, prepared_folder
+from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
 from rig.interlock import Limits
 from rig.loop import COLUMNS, Loop, OutputOff, Progress
-from rig.outcome import NotConfirmedOff, Outcome
+from rig.outcome import NotConfirmedOff, Outcome, Stopped
 from rig.signals import SignalStop
 
+REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 QUANTITY = {
     "track_resistance": "resistance",
     "temperature_profile": "temperature",
@@ -96,7 +98,7 @@ def one_run(session: Session, path: Path, what: str) -> Iterator[tuple[Loop, Run
         with output:
             yield loop, folder
     except BaseException as error:
-        reason = getattr(error, "cause", None) or type(error).__name__
+        reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
         folder.event(loop.elapsed_s(), "stop", str(error), cause=reason)
         folder.stop(reason, text=str(error), output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
         folder.abandon()
@@ -114,7 +116,7 @@ def calibrate(session: Session, path: Path) -> Calibration:
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
-    folder.note(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
+    folder.result(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
     from rig.report.calibration import write_calibration_report
 
     write_calibration_report(folder, result)
@@ -133,13 +135,12 @@ def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], p
     if e.kind != "current_profile" and e.model is not None:
         needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)
         model = read_model(file.beside(e.model), needs=cast(Any, needs))
-    if e.kind == "track_resistance" and model is not None:
-        assert model.film is not None
-        check_target(target, model.film, file.content, f"{file.path}: experiment.target")
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
-        raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} needs a model with [plate]")
-    prepare_folder(path)
-    with SignalStop() as signals, open_bench(file) as bench:
+        expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
+        raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
+    if model is not None and e.kind != "current_profile":
+        _check_feasible(file, target, model, say)
+    with prepared_folder(path), SignalStop() as signals, open_bench(file) as bench:
         result = Result(path, model=model, target=target)
         session = Session(bench, file, signals, say, progress)
         if e.kind == "track_resistance":
@@ -147,6 +148,23 @@ def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], p
         else:
             _profile(session, path, result)
     return result
+
+
+def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: Callable[[str], None]) -> None:
+    """Refuse what film or plate cannot do, before anything is switched on. Raises Faults."""
+    c, where = file.content, f"{file.path}: experiment.target"
+    hot = calibration_range(c)[1]
+    temperatures = target.values
+    if c.experiment.kind == "track_resistance":
+        assert model.film is not None
+        warning = order_warning(model.film, c.experiment.model)
+        if warning is not None:
+            say(warning)
+        temperatures = check_target(target, model.film, c, hot, where)
+        if model.plate is not None and c.experiment.law != "instrument_pid":
+            check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
+    if model.plate is not None and c.experiment.law != "instrument_pid":
+        check_plate(model.plate, [float(temperatures.min()), float(temperatures.max())], c, where, "its range")
 
 
 def _track_all(session: Session, path: Path, result: Result) -> None:
@@ -159,8 +177,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     if model is None:
         result.calibration = calibrate(session, inner / "calibration")
         model = result.model = result.calibration.model
-        assert model.film is not None
-        check_target(target, model.film, file.content, f"{file.path}: experiment.target")
+        _check_feasible(file, target, model, say)
     assert model.film is not None
     assert model.plate is not None
     if e.law != "instrument_pid":
@@ -171,7 +188,8 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         where = path if name == e.law else inner / name
         with one_run(session, where, f"law {name}") as (loop, folder):
             score, design = track(loop, file.content, target, model.film, model.plate, name)
-        folder.note(law=name, score=score.table(), design=design_table(design))
+        folder.result(law=name, score=score.table(), design=design_table(design))
+        _keep(folder, target, model)
         result.scores.append(score)
         result.designs[name] = design
         folders[name] = folder
@@ -207,16 +225,26 @@ def _profile(session: Session, path: Path, result: Result) -> None:
         law, result.designs["temperature"] = law_and_design("temperature", file.content, cast(Any, film), plate)
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):
+        if isinstance(policy, Follow):
+            start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)
+            policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
-    from rig.report.profile import write_profile_report
+    _keep(folder, target, result.model)
+    from rig.report.profile import temperature_error_K, write_profile_report
 
     write_profile_report(folder, e.kind)
     result.folder = folder.finish()
-    temperature = folder.column("temperature_degC")
-    wanted = folder.column("setpoint_degC")
-    if np.any(np.isfinite(wanted)):
-        error = float(np.sqrt(np.nanmean((temperature - wanted) ** 2)))
-        say(f"temperature: RMS error {error:.4f} K over {len(folder.rows)} rows")
+    error = temperature_error_K(folder)
+    if error is not None:
+        say(f"temperature: RMS error {error:.4f} K against the profile")
+
+
+def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
+    """Target and model beside the rows, so that the folder stands alone."""
+    values = 10.0**-target.values if target.quantity == "resistance" else target.values
+    write_columns(folder.part / "target.csv", {"time_s": target.times_s, COLUMN_OF[target.quantity]: values})
+    if model is not None:
+        write_model(folder.part / "model.toml", model, "the model that the law used")
 
 
 def _needs_current(session: Session) -> None:

@@ -34,13 +34,18 @@ DEFAULT_BAND_DEC = 0.002
 
 @dataclass(frozen=True)
 class Score:
-    """How well a law tracked, after the first tenth of the target: errors in decades."""
+    """How well a law tracked, after the first tenth of the target and from its start: errors in decades.
+
+    current_at_limit: share of the time that the current was at its limit.
+    """
 
     law: str
     rms_dec: float
     max_dec: float
     p95_dec: float
     rms_from_start_dec: float
+    max_from_start_dec: float
+    current_at_limit: float
     samples: int
     missing: int
 
@@ -77,22 +82,6 @@ def law_and_design(
     return Law(settings, plate, film), design
 
 
-def check_target(target: Target, film: FilmModel, configuration: Configuration, where: str) -> None:
-    """Refuse a target outside what the film can reach within the temperature limits. Raises Faults."""
-    low, high = configuration.limits.temperature_degC
-    inverse = Inverse(film, low, high)
-    hot = film.initial_memory(high, "cooled")
-    least, most = inverse.reachable_interval(hot)
-    for k, value in enumerate(target.values):
-        if not least <= value <= most:
-            raise fault(
-                where,
-                f"at {target.times_s[k]:g} s",
-                f"{10.0**-value:.6g} ohm is outside the film's range within {low:g} to {high:g} degC; "
-                f"expected {10.0**-most:.6g} to {10.0**-least:.6g} ohm",
-            )
-
-
 def track(
     loop: Loop, configuration: Configuration, target: Target, film: FilmModel, plate: PlateModel, name: LawName
 ) -> tuple[Score, Design]:
@@ -104,7 +93,7 @@ def track(
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
         helper = Law(replace(helper.settings, observer_gain=1.0), plate, film)
     hot = calibration_range(configuration)[1]
-    state = _to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition", setpoints)
+    state = to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition", setpoints)
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     assert state.state is not None
     first = inverse.solve(float(target.values[0]), state.state.memory)
@@ -116,7 +105,7 @@ def track(
             f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
             f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
         )
-    approach = _to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach", setpoints)
+    approach = to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     assert approach.state is not None
     follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, law)
@@ -124,10 +113,10 @@ def track(
         loop.phase("settle", follow, e.settle_s, e.period_s)
     follow.target = target
     loop.phase("track", follow, target.duration_s, e.period_s)
-    return score(loop.folder, name, target.duration_s), design
+    return score(loop.folder, name, target.duration_s, configuration.limits.current_A), design
 
 
-def _to_temperature(
+def to_temperature(
     loop: Loop, law: Law, before: Follow | None, temperature_degC: float, dwell_s: float, name: str, setpoints: bool
 ) -> Follow:
     """Ramp to a temperature as fast as the plate can, and dwell there."""
@@ -164,11 +153,12 @@ class _Look:
         return Decision(0.0, wait=True)
 
 
-def score(folder: RunFolder, law: str, duration_s: float) -> Score:
+def score(folder: RunFolder, law: str, duration_s: float, limit_A: float) -> Score:
     """Tracking errors of the rows of phase "track"."""
     inside = folder.column("phase") == "track"
     time = folder.column("time_s")[inside]
     resistance, target = folder.column("resistance_ohm")[inside], folder.column("target_ohm")[inside]
+    current = folder.column("current_A")[inside]
     good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(target)
     error = np.log10(resistance[good]) - np.log10(target[good])
     late = (time[good] - time[0]) >= FIRST_SHARE_LEFT_OUT * duration_s
@@ -179,6 +169,10 @@ def score(folder: RunFolder, law: str, duration_s: float) -> Score:
         max_dec=float(np.max(np.abs(counted))),
         p95_dec=float(np.quantile(np.abs(counted), 0.95)),
         rms_from_start_dec=float(np.sqrt(np.mean(error**2))),
+        max_from_start_dec=float(np.max(np.abs(error))),
+        current_at_limit=float(np.mean(np.abs(current) >= 0.999 * limit_A))
+        if np.all(np.isfinite(current))
+        else math.nan,
         samples=int(counted.size),
         missing=int(good.size - good.sum()),
     )

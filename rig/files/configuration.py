@@ -5,6 +5,7 @@ Every key has its unit in its name and its default here; `peltier init` writes c
 
 from __future__ import annotations
 
+import difflib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -224,6 +225,24 @@ def read_configuration(path: Path) -> ConfigurationFile:
         )
     if not math.isfinite(low + high):
         lines.append(f"{path}: limits.temperature_degC: expected finite numbers")
+    lines += _unknown_drivers(path, content)
     if lines:
         raise Faults(lines)
     return file
+
+
+def _unknown_drivers(path: Path, content: Configuration) -> list[str]:
+    """A line for each driver that does not exist."""
+    from rig.drivers.registry import CONTROLLERS, METERS
+
+    bench = content.bench
+    roles = [("controller", bench.controller.driver, CONTROLLERS)]
+    if bench.meter is not None:
+        roles.append(("meter", bench.meter.driver, METERS))
+    lines = []
+    for role, name, known in roles:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            lines.append(f"{path}: bench.{role}.driver: {name!r}: {hint}expected one of {', '.join(sorted(known))}")
+    return lines

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -128,7 +129,8 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise fault(path, "", f"cannot be read as text: {error}") from None
+        why = error.strerror if isinstance(error, OSError) else f"byte {error.start}: expected UTF-8"
+        raise fault(path, "", f"cannot be read as text: {why}") from None
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise fault(path, "line 1", "expected a header line with column names, the file is empty")
@@ -165,8 +167,12 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
         except ValueError:
             if our_name in KNOWN:
                 for k, text in enumerate(fields):
-                    if not _is_number(text) and len(faults) < 20:
-                        faults.append(f"{path}: line {lines[k + 1][0]}: {our_name}: {text!r}: expected a number")
+                    if not _is_number(text) and len(faults) < 5:
+                        hint = " with a point" if re.fullmatch(r"[-+]?\d+,\d+", text) else ""
+                        faults.append(f"{path}: line {lines[k + 1][0]}: {our_name}: {text!r}: expected a number{hint}")
+                more = sum(not _is_number(text) for text in fields) - len(faults)
+                if more > 0:
+                    faults.append(f"{path}: {our_name}: and {more} more fields that are no numbers")
             texts[our_name] = fields
             continue
         unit = mapping[their_name].unit if their_name in mapping else None
@@ -202,13 +208,12 @@ def _faults_in(values: dict[str, Array], path: Path, lines: list[tuple[int, str]
     for k in np.flatnonzero(~np.isfinite(time))[:5]:
         faults.append(f"{path}: line {lines[k + 1][0]}: time_s: expected a finite number")
     for k in np.flatnonzero(np.diff(time) <= 0.0)[:5]:
-        faults.append(
-            f"{path}: line {lines[k + 2][0]}: time_s: {time[k + 1]!r} after {time[k]!r}: expected increasing times"
-        )
+        after = f"{float(time[k + 1])!r} after {float(time[k])!r}"
+        faults.append(f"{path}: line {lines[k + 2][0]}: time_s: {after}: expected increasing times")
     resistance = values.get("resistance_ohm")
     if resistance is not None:
         for k in np.flatnonzero(resistance <= 0.0)[:5]:
-            faults.append(f"{path}: line {lines[k + 1][0]}: resistance_ohm: {resistance[k]!r}: expected > 0")
+            faults.append(f"{path}: line {lines[k + 1][0]}: resistance_ohm: {float(resistance[k])!r}: expected > 0")
     return faults
 
 

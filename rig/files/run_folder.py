@@ -18,7 +18,8 @@ import math
 import os
 import platform
 import secrets
-import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
@@ -45,12 +46,24 @@ def prepare_folder(path: Path) -> None:
     """Make room for a run folder and those inside it. Raises Faults where the folder is taken or cannot be made."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise fault(path, "--out", "exists and is not empty; expected a new folder")
+    part = part_of(path)
+    if part.exists():
+        raise fault(part, "--out", "is of a run that did not finish, its rows are in it; move or delete it first")
     try:
-        if part_of(path).exists():
-            shutil.rmtree(part_of(path))
-        part_of(path).mkdir(parents=True)
+        part.mkdir(parents=True)
     except OSError as error:
         raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
+
+
+@contextmanager
+def prepared_folder(path: Path) -> Iterator[None]:
+    """`prepare_folder`, and the room given back where nothing was written into it."""
+    prepare_folder(path)
+    try:
+        yield
+    finally:
+        if part_of(path).is_dir() and not any(part_of(path).iterdir()):
+            part_of(path).rmdir()
 
 
 def versions() -> dict[str, str]:
@@ -77,7 +90,7 @@ class RunFolder:
         self._record.write(",".join(columns) + "\n")
         self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
         (self.part / "config.toml").write_text(configuration_text, encoding="utf-8")
-        self._document: dict[str, Any] = {
+        self.document: dict[str, Any] = {
             "format": "peltier-run/1",
             "start": {
                 "at": datetime.datetime.now(datetime.UTC).isoformat(),
@@ -107,12 +120,21 @@ class RunFolder:
 
     def note(self, **more: Any) -> None:
         """Add to the start of the document what is known only later (instruments, models, design)."""
-        self._document["start"].update(more)
+        self.document["start"].update(more)
         self._write_document()
+
+    def result(self, **more: Any) -> None:
+        """What came out of the run: scores, designs."""
+        self.document.setdefault("result", {}).update(more)
+        self._write_document()
+
+    def keep(self, name: str, text: str) -> None:
+        """A file that the run depends on, so that the folder stands alone."""
+        (self.part / name).write_text(text, encoding="utf-8")
 
     def stop(self, reason: str, **more: Any) -> None:
         """Why the run ended, and its results; all rows and the document are on disk after this."""
-        self._document["stop"] = {
+        self.document["stop"] = {
             "at": datetime.datetime.now(datetime.UTC).isoformat(),
             "reason": reason,
             "rows": len(self.rows),
@@ -139,7 +161,7 @@ class RunFolder:
     def _write_document(self) -> None:
         path = self.part / "run.json"
         temporary = path.with_suffix(".json.new")
-        temporary.write_text(json.dumps(_plain(self._document), indent=2) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(_plain(self.document), indent=2) + "\n", encoding="utf-8")
         os.replace(temporary, path)
 
 
@@ -166,15 +188,24 @@ def plain_json(value: Any) -> str:
 
 
 def write_netcdf(path: Path, columns: list[str], rows: list[tuple[Any, ...]]) -> None:
-    """The numeric columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the name's ending."""
+    """The columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the name's ending.
+
+    A column of words becomes numbers with the CF attributes flag_values and flag_meanings.
+    """
     from scipy.io import netcdf_file
 
     with netcdf_file(path, "w") as file:
         setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
-        file.createDimension("row", len(rows))
+        axis = columns[0]  # the time: its own coordinate
+        file.createDimension(axis, len(rows))
         for k, name in enumerate(columns):
             if rows and isinstance(rows[0][k], str):
+                words = list(dict.fromkeys(row[k] for row in rows))
+                flags = file.createVariable(name, "i4", (axis,))
+                flags[:] = np.array([words.index(row[k]) for row in rows], dtype=np.int32)
+                setattr(flags, "flag_values", np.arange(len(words), dtype=np.int32))  # noqa: B010
+                setattr(flags, "flag_meanings", " ".join(words).encode())  # noqa: B010
                 continue
-            variable = file.createVariable(name, "f8", ("row",))
+            variable = file.createVariable(name, "f8", (axis,))
             variable[:] = np.array([row[k] for row in rows], dtype=np.float64)
             setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010

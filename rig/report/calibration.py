@@ -8,7 +8,7 @@ import numpy as np
 
 from rig.files.run_folder import RunFolder
 from rig.report.figures import COLOURS, new_figure, saved, thinned
-from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
+from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
     from rig.experiment.calibration import Calibration
@@ -45,6 +45,7 @@ def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
     ]
     open_questions = [*film.identifiability, *plate.identifiability]
     parts = [
+        facts(folder),
         tiles(numbers),
         section("The film", _loops(folder, result), _residual(folder, result)),
         section(
@@ -53,7 +54,7 @@ def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
         ),
         section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _profile(folder)),
     ]
-    write_page(folder.part / "report.html", "Calibration of film and plate", lead, parts)
+    write_page(folder.part / "report.html", f"{folder.path.name}: film and plate", lead, parts)
 
 
 def _loops(folder: RunFolder, result: Calibration) -> str:
@@ -64,7 +65,7 @@ def _loops(folder: RunFolder, result: Calibration) -> str:
         t, r = thinned(temperature[inside], resistance[inside])
         axes[0].semilogy(t, r, color=colour, linewidth=1.2, label=name)
     t, predicted = thinned(temperature[checked], 10.0 ** -result.predicted_output[checked])
-    axes[0].semilogy(t, predicted, color=COLOURS["model"], linewidth=0.9, linestyle=(0, (3, 2)), label="model")
+    axes[0].semilogy(t, predicted, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel("resistance / ohm")
     axes[0].legend(loc="upper right")

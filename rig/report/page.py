@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.files.run_folder import RunFolder
 
 STYLE = """
 :root { --ink: #1c2330; --soft: #5b6577; --line: #dfe3ea; --paper: #ffffff; --tile: #f5f7fa; --accent: #1f5fbf; }
@@ -23,6 +27,23 @@ th, td { text-align: right; padding: 6px 10px; border-bottom: 1px solid var(--li
 th:first-child, td:first-child { text-align: left; } tr.best td { font-weight: 600; }
 ul { padding-left: 1.2rem; } code { background: var(--tile); padding: 1px 5px; border-radius: 5px; }
 """
+
+
+def facts(folder: RunFolder) -> str:
+    """When, on what, with what, and how it ended: the line under a report's headline."""
+    start, stop = folder.document["start"], folder.document.get("stop", {})
+    instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
+    simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
+    off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
+    where = "SIMULATED rig" if simulated else "real rig"
+    text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. Ended: {stop.get('reason', '?')}, {off}."
+    return paragraph(text, "note")
+
+
+def links(items: Iterable[tuple[str, str]]) -> str:
+    """Links to other reports: (text, address)."""
+    inner = ", ".join(f'<a href="{escape(address)}">{escape(text)}</a>' for text, address in items)
+    return f"<p>{inner}</p>"
 
 
 def tiles(items: Iterable[tuple[str, str]]) -> str:

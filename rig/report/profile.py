@@ -6,7 +6,15 @@ import numpy as np
 
 from rig.files.run_folder import RunFolder
 from rig.report.figures import COLOURS, new_figure, saved, thinned
-from rig.report.page import figure, tiles, write_page
+from rig.report.page import facts, figure, tiles, write_page
+
+
+def temperature_error_K(folder: RunFolder) -> float | None:
+    """RMS of measured minus wanted temperature over the profile; None where no temperature was wanted."""
+    inside = folder.column("phase") == "profile"
+    error = (folder.column("temperature_degC") - folder.column("setpoint_degC"))[inside]
+    error = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(error**2))) if error.size else None
 
 
 def write_profile_report(folder: RunFolder, kind: str) -> None:
@@ -30,14 +38,14 @@ def write_profile_report(folder: RunFolder, kind: str) -> None:
         axes[2].set_ylabel("resistance / ohm")
     axes[-1].set_xlabel("time / s")
     numbers = [(str(len(folder.rows)), "rows"), (f"{float(time[-1]):.0f} s", "duration")]
-    if np.any(np.isfinite(wanted)):
-        error = float(np.sqrt(np.nanmean((temperature - wanted) ** 2)))
-        numbers.append((f"{error * 1e3:.1f} mK", "RMS temperature error"))
+    error = temperature_error_K(folder)
+    if error is not None:
+        numbers.append((f"{error * 1e3:.0f} mK" if error < 1.0 else f"{error:.2f} K", "RMS error against the profile"))
     title = {"temperature_profile": "Temperature profile", "current_profile": "Current profile", "hold": "Hold"}[kind]
     caption = "Temperature, current" + (" and resistance." if measured else ".")
     write_page(
         folder.part / "report.html",
         title,
         f"{len(folder.rows)} rows over {float(time[-1]):.0f} s were recorded.",
-        [tiles(numbers), figure(saved(fig, folder.part, "courses"), caption)],
+        [facts(folder), tiles(numbers), figure(saved(fig, folder.part, "courses"), caption)],
     )

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from rig.files.run_folder import RunFolder
 from rig.report.figures import COLOURS, new_figure, saved, thinned
-from rig.report.page import figure, paragraph, section, table, tiles, write_page
+from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
     from rig.experiment.session import Result
@@ -22,7 +22,7 @@ def write_tracking_report(folder: RunFolder, result: Result, folders: dict[str, 
     design = result.designs[own]
     lead = (
         f"The law '{own}' kept the film within {score.rms_dec:.4f} decades RMS of the wanted resistance "
-        f"(95 % of the time within {score.p95_dec:.3f}, at worst {score.max_dec:.3f})."
+        f"(95 % of the time within {score.p95_dec:.3f}; at worst {score.max_from_start_dec:.3f}, the start included)."
     )
     others = [s for s in result.scores if s.law != own and s.law in folders]
     if others:
@@ -30,26 +30,37 @@ def write_tracking_report(folder: RunFolder, result: Result, folders: dict[str, 
     margins = design.margins
     numbers = [
         (f"{score.rms_dec:.4f} dec", "RMS tracking error"),
-        (f"{100 * (10**score.rms_dec - 1):.1f} %", "the same, of the resistance"),
-        (f"{margins.ms:.2f}", "maximum sensitivity Ms"),
-        (f"{margins.phase_margin_deg:.0f}\N{DEGREE SIGN}", "phase margin"),
-        (f"{20 * np.log10(margins.gain_margin):.1f} dB", "gain margin"),
+        (f"{score.max_from_start_dec:.3f} dec", "largest error, the start included"),
     ]
+    if np.isfinite(score.current_at_limit):
+        numbers.append((f"{100 * score.current_at_limit:.0f} %", "of the time the current was at its limit"))
+    if own in ("full", "pid"):
+        loop = "temperature loop" if own == "full" else "log R loop"
+        numbers += [
+            (f"{margins.ms:.2f}", f"maximum sensitivity Ms of the {loop}"),
+            (f"{margins.phase_margin_deg:.0f}\N{DEGREE SIGN}", "phase margin"),
+            (f"{20 * np.log10(margins.gain_margin):.1f} dB", "gain margin"),
+        ]
     if result.calibration is not None:
         numbers.append((f"{result.calibration.check_rmse_dec:.4f} dec", "calibration, held-out RMSE"))
-    parts = [tiles(numbers), section("Wanted and measured resistance", _courses(folder, folders))]
+    parts = [facts(folder), tiles(numbers), section("Wanted and measured resistance", _courses(folder, folders))]
     parts.append(section("The loop", _loop(folder, own)))
     if len(folders) > 1:
         parts.append(section("The laws on the same target", _laws(result, own), _errors(folder, folders)))
+    more = [(f"law {name}", f"{name}/report.html") for name in folders if name != own]
+    if result.calibration is not None and len(folders) == len(result.scores):
+        more.insert(0, ("calibration", "calibration/report.html"))
+    if more:
+        parts.append(section("Further reports", links(more)))
     parts.append(section("What the numbers mean", *_meanings(result, own)))
-    write_page(folder.part / "report.html", "Tracking a wanted resistance", lead, parts)
+    write_page(folder.part / "report.html", f"{folder.path.name}: tracking a wanted resistance", lead, parts)
 
 
 def _track(folder: RunFolder) -> dict[str, np.ndarray]:
     inside = folder.column("phase") == "track"
     columns = {
         name: folder.column(name)[inside]
-        for name in ("time_s", "temperature_degC", "resistance_ohm", "target_ohm", "current_A", "setpoint_degC")
+        for name in ("time_s", "temperature_degC", "resistance_ohm", "target_ohm", "current_A", "reference_degC")
     }
     columns["time_s"] = columns["time_s"] - columns["time_s"][0]
     return columns
@@ -63,7 +74,7 @@ def _courses(folder: RunFolder, folders: dict[str, RunFolder]) -> str:
         track["resistance_ohm"],
         track["target_ohm"],
         track["temperature_degC"],
-        track["setpoint_degC"],
+        track["reference_degC"],
         track["current_A"],
     )
     axes[0].semilogy(time, measured, color=COLOURS["measured"], label="measured", linewidth=1.8)
@@ -151,6 +162,10 @@ def _meanings(result: Result, own: str) -> list[str]:
         "first tenth is left to settle. All laws began from the same temperature on the same branch of the loop.",
     ]
     design = result.designs[own]
+    if own in ("feedforward", "instrument_pid"):
+        loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
+        texts.append(f"{loops[own]} under this law, so that there are no margins to tell.")
+        return [paragraph(text, "note") for text in texts]
     texts.append(
         f"The temperature PID was designed for a largest sensitivity of {design.margins.ms:.2f} with a dead time of "
         f"{design.dead_time_s:g} s at a period of {design.period_s:g} s."
@@ -160,7 +175,7 @@ def _meanings(result: Result, own: str) -> list[str]:
     )
     if result.calibration is not None:
         texts.append(
-            "The controller knows only what the calibration gave: see calibration/report.html. "
+            "The controller knows only what the calibration gave: see its report. "
             + "; ".join(result.calibration.film.identifiability[:2])
         )
     return [paragraph(text, "note") for text in texts]

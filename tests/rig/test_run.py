@@ -130,7 +130,7 @@ def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: sig
     assert process.returncode == 128 + number, err
     assert "output off, confirmed" in err
     document = json.loads((tmp_path / "run.part" / "run.json").read_text())
-    assert document["stop"]["reason"] == "Stopped"
+    assert document["stop"]["reason"] == "signal"
     assert document["stop"]["output_off_confirmed"] is True
     rows = record.read_text().splitlines()
     assert document["stop"]["rows"] == len(rows) - 1

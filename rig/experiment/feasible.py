@@ -1,0 +1,68 @@
+"""What can be known before anything is switched on: can the film reach the target, can the plate reach the film."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from compensator.film import FilmModel
+from compensator.functions import Array
+from compensator.inverse import Inverse
+from compensator.plate import PlateModel
+from rig.faults import fault
+from rig.files.configuration import Configuration
+from rig.files.target import Target
+
+LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
+
+
+def check_plate(
+    plate: PlateModel, temperatures_degC: list[float], configuration: Configuration, where: str, what: str
+) -> None:
+    """Refuse temperatures that the plate cannot hold within the current limit. Raises Faults: the current needed."""
+    limit = configuration.limits.current_A
+    for temperature in temperatures_degC:
+        cooling, heating = plate.rate_range_K_per_s(temperature, limit)
+        if heating < LEAST_RATE_K_PER_S or (plate.kind == "peltier" and cooling > -LEAST_RATE_K_PER_S):
+            needed = plate.current_for_rate_A(temperature, math.copysign(LEAST_RATE_K_PER_S, heating), 1e3)
+            raise fault(
+                where,
+                what,
+                f"the plate does not reach {temperature:.1f} degC within limits.current_A = {limit:g} A; "
+                f"by its model it takes {abs(needed):.2g} A",
+            )
+
+
+def check_target(target: Target, film: FilmModel, configuration: Configuration, hot_degC: float, where: str) -> Array:
+    """Temperatures at the target's points, down from hot_degC as the experiment comes. Raises Faults.
+
+    A point that the film cannot have there, from where the points before have left it, is a fault with its time.
+    """
+    inverse = Inverse(film, *configuration.limits.temperature_degC)
+    memory = film.initial_memory(hot_degC, "cooled")
+    course = np.unique(np.concatenate((target.times_s, np.linspace(0.0, target.duration_s, 400))))
+    temperatures = []
+    for time in course:
+        value = float(target.at(time))
+        solution = inverse.solve(value, memory)
+        if not solution.reachable:
+            low, high = solution.interval or (math.nan, math.nan)
+            limits = "{:g} to {:g} degC".format(*configuration.limits.temperature_degC)
+            text = f"{10.0**-value:.6g} ohm is outside the film's range within limits.temperature_degC ({limits}), "
+            text += f"coming from {memory.input_degC:.1f} degC; expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm"
+            raise fault(where, f"at {time:g} s", text)
+        memory = solution.memory
+        temperatures.append(solution.temperature_degC)
+    return np.array(temperatures)
+
+
+def order_warning(film: FilmModel, where: object) -> str | None:
+    """A line where the model violates the order condition: the output jumps at reversals."""
+    violating = int(np.sum((film.order_margin() < -1e-12) & (film.weights > 0.0)))
+    if not violating:
+        return None
+    return (
+        f"{where}: film.radii: {violating} operators of positive weight violate gamma_R - r <= gamma_L + r; "
+        "the output jumps at reversals"
+    )
