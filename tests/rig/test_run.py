@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from scipy.io import netcdf_file
 
+from rig.files.model_file import read_model
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -174,3 +175,63 @@ def test_an_option_that_the_driver_does_not_have(peltier: Peltier, tmp_path: Pat
     assert "bench.controller.options" in err
     assert "adress" in err
     assert "address" in err
+
+
+def test_an_unfinished_run_is_never_overwritten(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    left = tmp_path / "run.part"
+    left.mkdir()
+    (left / "record.csv").write_text("time_s\n0\n")
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "did not finish" in err
+    assert (left / "record.csv").read_text() == "time_s\n0\n"
+
+
+def test_a_run_that_never_began_leaves_no_folder(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, time="real", controller="/dev/ttyNOPE7", meter="/dev/ttyNOPE8")
+    assert peltier("run", path, "--out", tmp_path / "run")[0] == 1
+    assert not (tmp_path / "run.part").exists()
+
+
+def test_a_plate_that_is_too_weak_is_refused_before_it_heats(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("current_A = 4.0", "current_A = 0.5", 1))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "does not reach" in err
+    assert "0.5 A" in err
+    assert not (tmp_path / "run.part").exists()
+
+
+def test_the_folder_stands_alone(peltier: Peltier, tmp_path: Path) -> None:
+    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
+    folder = tmp_path / "run"
+    with (folder / "target.csv").open() as file:
+        target = list(csv.DictReader(file))
+    assert float(target[0]["target_ohm"]) == pytest.approx(20e3)
+    assert float(target[-1]["target_ohm"]) == pytest.approx(5e3)
+    assert read_model(folder / "model.toml", needs=("film", "plate")).plate is not None
+    document = json.loads((folder / "run.json").read_text())
+    assert document["result"]["score"]["rms_dec"] < 0.01
+    with netcdf_file(folder / "record.nc", mmap=False) as nc:
+        phase = nc.variables["phase"]
+        words = phase.flag_meanings.decode().split()
+        assert words == ["condition", "approach", "settle", "track"]
+        assert phase[-1] == 3
+
+
+def test_a_temperature_profile_is_scored_against_what_was_asked(peltier: Peltier, tmp_path: Path) -> None:
+    """A step of 20 K, which no plate follows at once, counts in full."""
+    target = '["start 40 degC", "hold 5 s", "step to 60 degC", "hold 15 s"]'
+    path = write_bench(tmp_path, target=target)
+    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "temperature_profile"'))
+    status, out, _ = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 0
+    with (tmp_path / "run" / "record.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["phase"] == "profile"]
+    errors = [float(row["temperature_degC"]) - float(row["setpoint_degC"]) for row in rows]
+    rms = (sum(e * e for e in errors) / len(errors)) ** 0.5
+    assert rms > 3.0
+    assert f"RMS error {rms:.4f} K" in out
+    assert {float(row["setpoint_degC"]) for row in rows} <= {40.0, 60.0}
