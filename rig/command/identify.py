@@ -74,6 +74,7 @@ def main(options: argparse.Namespace) -> int:
     result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in records]}
     if film is not None:
         result["film"] = _tell_film(film, unit_of(options.output), voice)
+        result["film"]["check"] = _checked(film.model, with_film, voice)
         film_model = _compressed(film.model, with_film, options, result["film"], voice)
     if plate is not None:
         result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
@@ -88,8 +89,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _comment(options: argparse.Namespace, records: list[Record], result: dict[str, Any]) -> str:
     """What a reader of the model file has to know of where it came from."""
-    low = min(float(np.nanmin(r["temperature_degC"])) for r in records)
-    high = max(float(np.nanmax(r["temperature_degC"])) for r in records)
+    low, high = _temperatures(records)
     lines = ["identified from " + ", ".join(path.name for path in options.records)]
     lines.append(f"temperatures seen: {low:.1f} to {high:.1f} degC; outside them the model is a guess")
     for name in ("film", "plate"):
@@ -176,6 +176,33 @@ def _tell_film(fit: FilmFit, unit: str, voice: Voice) -> dict[str, Any]:
     }
 
 
+def _checked(model: FilmModel, records: list[Record], voice: Voice) -> list[dict[str, Any]]:
+    """What to know of the model before it is used, between the temperatures seen; all of it is in the JSON."""
+    from compensator.check import check_model
+
+    low, high = _temperatures(records)
+    findings = check_model(model, low, high).findings
+    for finding in findings:
+        if not finding.kind.startswith("iteration"):  # the paper's method, which nothing here relies on
+            voice.say(f"film: {finding.what}: {finding.advice}")
+    return [
+        {
+            "kind": finding.kind,
+            "what": finding.what,
+            "where_degC": list(finding.where_degC) if finding.where_degC else None,
+            "operators": list(finding.operators),
+            "advice": finding.advice,
+        }
+        for finding in findings
+    ]
+
+
+def _temperatures(records: list[Record]) -> tuple[float, float]:
+    """The least and the largest temperature seen, degC."""
+    finite = [r["temperature_degC"][np.isfinite(r["temperature_degC"])] for r in records]
+    return min(float(t.min()) for t in finite), max(float(t.max()) for t in finite)
+
+
 def _compressed(
     model: FilmModel, records: list[Record], options: argparse.Namespace, result: dict[str, Any], voice: Voice
 ) -> FilmModel:
@@ -184,8 +211,7 @@ def _compressed(
         return model
     from compensator.compress import compress
 
-    low = min(float(np.nanmin(r["temperature_degC"])) for r in records)
-    high = max(float(np.nanmax(r["temperature_degC"])) for r in records)
+    low, high = _temperatures(records)
     try:
         small = compress(model, options.compress, low, high)
     except ValueError as error:
