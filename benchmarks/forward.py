@@ -3,9 +3,9 @@
     python benchmarks/forward.py [--json FILE]
 
 Asked, with 30 operators on one core: at least 0.7 of the speed of the same recursion in C++ (g++ -O3, with and
-without -march=native), and at least 40 times that of a numpy loop over the samples. g++ is needed for the first. No installable
-package runs a Preisach or Prandtl-Ishlinskii model that could stand beside them (November 2026: there is no `preisach`
-or `pyhysteresis`, and `hysteresis` processes measured curves).
+without -march=native), and at least 40 times that of a numpy loop over the samples. g++ is needed for the first.
+No installable package runs a Preisach or Prandtl-Ishlinskii model that could stand beside them (November 2026: there
+is no `preisach` or `pyhysteresis`, and `hysteresis` processes measured curves).
 """
 
 from __future__ import annotations
