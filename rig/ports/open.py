@@ -61,7 +61,7 @@ def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
         if _is_lock(error):
             raise PortHeld(port, *holder(port)) from error
         number = getattr(error, "errno", None)
-        why = os.strerror(number) if number else str(error)
+        why = os.strerror(number) if number and not port.startswith("sim://") else str(error)
         raise Disconnected(f"{port}: cannot be opened: {why} (`peltier ports` lists what is there)") from error
     except ValueError as error:  # an unknown scheme, a setting that the handler does not know
         raise Disconnected(f"{port}: {error}") from error
