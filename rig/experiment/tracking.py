@@ -89,11 +89,11 @@ def track(
     e = configuration.experiment
     law, design = law_and_design(name, configuration, film, plate)
     setpoints = name == "instrument_pid"
-    helper, _ = law_and_design("temperature", configuration, film, plate)
+    mover, _ = law_and_design("temperature", configuration, film, plate)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
-        helper = Law(replace(helper.settings, observer_gain=1.0), plate, film)
+        mover = Law(replace(mover.settings, observer_gain=1.0), plate, film)
     hot = calibration_range(configuration)[1]
-    state = to_temperature(loop, helper, None, hot, HOT_DWELL_S, "condition", setpoints)
+    state = to_temperature(loop, mover, None, hot, HOT_DWELL_S, "condition", setpoints)
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     assert state.state is not None
     first = inverse.solve(float(target.values[0]), state.state.memory)
@@ -105,7 +105,7 @@ def track(
             f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
             f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
         )
-    approach = to_temperature(loop, helper, state, first.temperature_degC, e.settle_s, "approach", setpoints)
+    approach = to_temperature(loop, mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     assert approach.state is not None
     follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, law)
