@@ -83,11 +83,11 @@ def ended(action: object, verb: str) -> int:
         notes = "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
         print(f"peltier {verb}: {error}{notes}", file=sys.stderr)
         return int(getattr(error, "exit_status", 1))
+    except BrokenPipeError:  # whoever read our output has gone; nothing is left to tell them
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except OSError as error:
         print(f"peltier {verb}: {error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
 
 

@@ -18,7 +18,7 @@ from rig.errors import Disconnected, InstrumentError, RigError
 from rig.files.run_folder import RunFolder
 from rig.interlock import Limits, Watch, check_current, check_readings, check_test_current
 from rig.outcome import NotConfirmedOff
-from rig.reading import Quality, Reading
+from rig.reading import Quality, Reading, missing
 from rig.signals import SignalStop
 
 COLUMNS = [
@@ -193,7 +193,7 @@ class Loop:
     def _no_reading(self, name: str, error: RigError) -> Reading:
         now = self.bench.clock.now_s()
         self.folder.event(now - self._start_s, "no_reading", f"{name}: {error}")
-        return Reading(math.nan, now, Quality.MISSING)
+        return missing(now)
 
 
 class OutputOff:

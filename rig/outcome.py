@@ -1,4 +1,4 @@
-"""How an experiment can end, and the exit status that says so (the list in docs/exits is kept by a test).
+"""How an experiment can end, and the exit status that says so.
 
 Outcome (Exception)
 +-- Tripped          10   an interlock tripped

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from rig.command.say import Voice
 
-HELP = "measure a film and its plate, and write their model"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and calibration (TOML)")

@@ -13,7 +13,6 @@ from pathlib import Path
 from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 
-HELP = "does what is attached answer"
 STOPS = 5  # times that switching off is measured
 
 

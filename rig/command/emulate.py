@@ -12,8 +12,6 @@ from pathlib import Path
 
 from rig.faults import fault
 
-HELP = "simulated instruments on pseudo-terminals"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from compensator.identify_plate import PlateFit
 
 MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
-HELP = "fit film and plate models to records"
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from rig.faults import Faults
 
-HELP = "write commented configurations to start from"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("dir", type=Path, nargs="?", default=Path(), metavar="DIR")

@@ -19,8 +19,6 @@ from rig.command.say import Voice
 from rig.faults import Faults
 from rig.files.record_file import print_columns, read_record, write_columns
 
-HELP = "temperatures for a desired resistance"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")

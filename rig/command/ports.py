@@ -7,8 +7,6 @@ import argparse
 from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 
-HELP = "what is attached"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     add_json_argument(parser)

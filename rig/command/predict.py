@@ -19,8 +19,6 @@ from rig.command.say import Voice
 from rig.faults import fault
 from rig.files.record_file import ColumnMapping, Record, read_record, unit_of, write_columns
 
-HELP = "compare a model with a record that it was not fitted to"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")

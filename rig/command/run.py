@@ -7,8 +7,6 @@ from pathlib import Path
 
 from rig.command.say import Voice
 
-HELP = "run an experiment"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and experiment (TOML)")

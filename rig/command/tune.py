@@ -9,8 +9,6 @@ from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 from rig.faults import fault
 
-HELP = "PID gains from the plate model, with margins"
-
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)

@@ -44,7 +44,6 @@ class Follow:
         self.law = law
         self.target = target
         self.state = state
-        self.unreachable = 0
         self.setpoints = setpoints
         self._memory = memory
         self._ahead = law.preview_times_s()
@@ -58,7 +57,6 @@ class Follow:
         now = float(self.target.at(time_s))
         coming = np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
         command, self.state = law.step(self.state, temperature_degC, output, now, coming)
-        self.unreachable += not command.reachable
         resistance = self.target.quantity == "resistance"
         return Decision(
             current_A=command.current_A,

@@ -14,7 +14,6 @@ from typing import Any, cast
 from compensator.design import Design
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
-from rig.errors import PortHeld
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.feasible import check_plate, check_target, order_warning
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
@@ -28,7 +27,7 @@ from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
 from rig.interlock import Limits
 from rig.loop import COLUMNS, Loop, OutputOff, Progress
-from rig.outcome import NotConfirmedOff, Outcome, Stopped
+from rig.outcome import NotConfirmedOff, Stopped
 from rig.signals import SignalStop
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
@@ -269,16 +268,3 @@ def design_table(design: Design) -> dict[str, Any]:
         "dead_time_s": design.dead_time_s,
         "period_s": design.period_s,
     }
-
-
-def exit_status(error: BaseException) -> int:
-    """The exit status that an error stands for: interfaces, section names and exits."""
-    if isinstance(error, NotConfirmedOff):
-        return 11
-    if isinstance(error, Outcome):
-        return error.exit_status
-    if isinstance(error, Faults):
-        return 2
-    if isinstance(error, PortHeld):
-        return 75
-    return 1

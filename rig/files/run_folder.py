@@ -42,8 +42,12 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
-def prepare_folder(path: Path) -> None:
-    """Make room for a run folder and those inside it. Raises Faults where the folder is taken or cannot be made."""
+@contextmanager
+def prepared_folder(path: Path) -> Iterator[None]:
+    """Room for a run folder and those inside it, given back at the end where nothing was written into it.
+
+    Raises Faults where the folder is taken or cannot be made.
+    """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise fault(path, "--out", "exists and is not empty; expected a new folder")
     part = part_of(path)
@@ -53,17 +57,11 @@ def prepare_folder(path: Path) -> None:
         part.mkdir(parents=True)
     except OSError as error:
         raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
-
-
-@contextmanager
-def prepared_folder(path: Path) -> Iterator[None]:
-    """`prepare_folder`, and the room given back where nothing was written into it."""
-    prepare_folder(path)
     try:
         yield
     finally:
-        if part_of(path).is_dir() and not any(part_of(path).iterdir()):
-            part_of(path).rmdir()
+        if part.is_dir() and not any(part.iterdir()):
+            part.rmdir()
 
 
 def versions() -> dict[str, str]:
