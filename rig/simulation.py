@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
 from rig.files.model_file import read_model
-from sim.effects.heat_sink_warmup import HeatSinkWarmup
+from sim.effects.effect import switched
+from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.films.preisach import PreisachFilm
 from sim.plant import Film, World
 
@@ -43,5 +44,5 @@ def simulated_world(file: ConfigurationFile) -> World:
         thermometer_noise_K=table.thermometer_noise_K,
         ohmmeter_noise_dec=table.ohmmeter_noise_dec,
         seed=table.seed,
-        heat_sink=HeatSinkWarmup(**sink.model_dump()) if sink is not None else None,
+        effects=(switched(HEAT_SINK_WARMUP, sink.model_dump()),) if sink is not None else (),
     )

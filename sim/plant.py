@@ -16,8 +16,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from compensator.plate import PlateModel
-from sim.effects import heat_sink_warmup
-from sim.effects.heat_sink_warmup import HeatSinkWarmup
+from sim.effects.effect import Switched
+from sim.plate_balance import heat_flows, run
 
 
 class Film(Protocol):
@@ -34,7 +34,7 @@ class Film(Protocol):
 class World:
     """What is true of the simulated rig.
 
-    heat_sink: the far side as a node of its own; None keeps it at the ambient. current_limit_A: of the driver.
+    effects: what is switched on. current_limit_A: of the driver.
     thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
     """
 
@@ -46,7 +46,7 @@ class World:
     ohmmeter_noise_dec: float = 0.001
     current_limit_A: float = 16.0
     seed: int = 0
-    heat_sink: HeatSinkWarmup | None = None
+    effects: tuple[Switched, ...] = ()
 
 
 @dataclass
@@ -69,8 +69,10 @@ class SimulatedPlant:
         self.world = world
         self.time_s = start_s
         self.temperature_degC = world.first_degC
-        self.sink_degC = world.plate.ambient_degC
+        self._heat = heat_flows(world.effects)
+        self._own_degC = np.full(self._heat.count, world.plate.ambient_degC)
         self._plate_array = world.plate.array()
+        self._start_s = start_s
         self.current_A = 0.0
         self.test_current_A = 0.0
         self._film_memory = world.film.initial_memory(world.first_degC, world.film_initial)
@@ -110,7 +112,7 @@ class SimulatedPlant:
 
     def sink_temperature_degC(self) -> float:
         """The far side's temperature: in the base model the ambient."""
-        return self.sink_degC
+        return float(self._own_degC[0]) if self._own_degC.size else self.world.plate.ambient_degC
 
     def read_resistance_ohm(self, test_current_A: float) -> float:
         """The ohmmeter's reading of the film now."""
@@ -128,17 +130,12 @@ class SimulatedPlant:
         dt = time_s - self.time_s
         if dt <= 0.0:
             return
-        sink = self.world.heat_sink
-        if sink is None:
+        if not self._heat.count:
             self.temperature_degC = self.world.plate.step(self.temperature_degC, self.current_A, dt)
         else:
-            self.temperature_degC, self.sink_degC = heat_sink_warmup.step(
-                self._plate_array,
-                sink.sink_capacity_ratio,
-                sink.sink_conductance_ratio_per_s,
-                self.temperature_degC,
-                self.sink_degC,
-                self.current_A,
-                dt,
-            )
+            time = np.array([self.time_s, time_s]) - self._start_s
+            plate, slopes = np.empty(2), np.empty((2, 2))
+            current, reset = np.full(2, self.current_A), np.array([self.temperature_degC, math.nan])
+            run(self._plate_array, self._heat.terms, self._heat.values, time, current, reset, self._own_degC, plate, slopes)
+            self.temperature_degC = float(plate[1])
         self.time_s = time_s

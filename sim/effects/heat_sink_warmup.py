@@ -9,52 +9,36 @@ Source: the heat balance of both faces, H. J. Goldsmid, Introduction to Thermoel
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from sim.effects.effect import Effect, HeatFlow, Parameter
+from sim.effects.heat_term import heat_term
 
-from numba import njit
-
-from compensator.functions import KELVIN, Array
-
-NAME = "heat_sink_warmup"
-LONGEST_STEP_S = 0.25  # of the fourth-order Runge-Kutta method; its error is below 1e-9 K at the rates met
+KELVIN = 273.15
 
 
-@dataclass(frozen=True)
-class HeatSinkWarmup:
-    """sink_capacity_ratio = C_s/C; sink_conductance_ratio_per_s = G_s/C (1/s)."""
-
-    sink_capacity_ratio: float
-    sink_conductance_ratio_per_s: float
-
-    def __post_init__(self) -> None:
-        if not self.sink_capacity_ratio > 0.0:
-            raise ValueError(f"sink_capacity_ratio: {self.sink_capacity_ratio!r}: expected a number > 0")
-        if not self.sink_conductance_ratio_per_s >= 0.0:
-            raise ValueError(f"sink_conductance_ratio_per_s: {self.sink_conductance_ratio_per_s!r}: expected >= 0")
+@heat_term
+def plate_rate(
+    ratio: float, loss: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, sink: float,
+    current: float,
+) -> float:  # fmt: skip
+    """The plate loses its heat to the sink, not to the ambient."""
+    return g * (sink - ambient)
 
 
-@njit(cache=True)
-def _rates(par: Array, ratio: float, loss: float, plate: float, sink: float, current: float) -> tuple[float, float]:
-    s, r, g, ambient = par[0], par[1], par[2], par[4]
-    joule = 0.5 * r * current * current
-    through = g * (plate - sink)
-    plate_rate = s * current * (plate + KELVIN) + joule - through
-    sink_rate = (-s * current * (sink + KELVIN) + joule + through - loss * (sink - ambient)) / ratio
-    return plate_rate, sink_rate
+@heat_term
+def own_rate(
+    ratio: float, loss: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, sink: float,
+    current: float,
+) -> float:  # fmt: skip
+    """The sink's balance."""
+    heat = -s * current * (sink + KELVIN) + 0.5 * r * current * current + g * (plate - sink) - loss * (sink - ambient)
+    return heat / ratio
 
 
-@njit(cache=True)
-def step(
-    par: Array, ratio: float, loss: float, plate: float, sink: float, current: float, dt: float
-) -> tuple[float, float]:
-    """Plate and sink temperature (degC) after dt with the current held; par = (s, r, g, q, T_a)."""
-    count = max(1, int(dt / LONGEST_STEP_S) + 1)
-    h = dt / count
-    for _ in range(count):
-        a, b = _rates(par, ratio, loss, plate, sink, current)
-        c, d = _rates(par, ratio, loss, plate + 0.5 * h * a, sink + 0.5 * h * b, current)
-        e, f = _rates(par, ratio, loss, plate + 0.5 * h * c, sink + 0.5 * h * d, current)
-        x, y = _rates(par, ratio, loss, plate + h * e, sink + h * f, current)
-        plate += h * (a + 2.0 * c + 2.0 * e + x) / 6.0
-        sink += h * (b + 2.0 * d + 2.0 * f + y) / 6.0
-    return plate, sink
+EFFECT = Effect(
+    "heat_sink_warmup",
+    "plate",
+    (Parameter("sink_capacity_ratio", 3.0, 30.0), Parameter("sink_conductance_ratio_per_s", 0.02, 0.5)),
+    HeatFlow(plate_rate, own_rate),
+    "the far side of the element is no fixed temperature: its heat sink warms up",
+    "log the sink's temperature; a larger sink, a fan or water",
+)

@@ -11,13 +11,12 @@ keeping them; `INITiate` keeps them for `FETCh?`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import isinf, isnan
+from collections.abc import Collection, Sequence
 from typing import ClassVar
 
 from sim.instruments.hp34401a_commands import FUNCTIONS, default_settings, define_commands
-from sim.instruments.instrument import Plant
-from sim.instruments.ohmmeter import RESISTANCES, Ohmmeter, Range
+from sim.instruments.multimeter import OVERFLOW_TEXT, Multimeter
+from sim.instruments.ohmmeter import Range
 from sim.instruments.scpi import Call, Handler, ScpiError
 
 # test currents: not verified on an instrument
@@ -30,49 +29,32 @@ RANGES = (
     Range(1e7, 5e-7),
     Range(1e8, 5e-7),
 )
-OVERLOAD_TEXT = "+9.90000000E+37"
-BITS_PER_CHARACTER = 11.0  # start, 7 and parity or 8, and two stop bits
 HOLD_OFF, TOLERANCE = 100, 10  # characters
 OVERRUN = (512, "RS-232 overrun error")
 ONLY_IN_REMOTE = (550, "Command not allowed in local")
 STALE = (-230, "Data corrupt or stale")
 
 
-class Hp34401A(Ohmmeter):
-    """The meter.
+class Hp34401A(Multimeter):
+    """The meter; its options are those of `Ohmmeter`."""
 
-    baudrate: of the line, 1/s; inf takes no time. line_frequency_Hz: NPLC counts its periods.
-    """
-
+    RANGES: ClassVar[Sequence[Range]] = RANGES
+    IDENTITY: ClassVar[str] = "HEWLETT-PACKARD,34401A,{},{}"
+    SERIAL_NUMBER: ClassVar[str] = "0"
+    REVISION: ClassVar[str] = "11-5-2"
+    BAUDRATE: ClassVar[float] = 9600.0
+    BITS_PER_CHARACTER: ClassVar[float] = 11.0  # start, 7 and parity or 8, and two stop bits
+    TERMINATOR: ClassVar[bytes] = b"\r\n"
+    FUNCTIONS: ClassVar[Collection[str]] = FUNCTIONS
+    FIRST_FUNCTION: ClassVar[str] = "VOLT"
+    TRIGGER: ClassVar[tuple[str, ...]] = ("TRIG:", "SAMP:")
+    NAN_TEXT: ClassVar[str] = OVERFLOW_TEXT
     ABORTS: ClassVar[tuple[bytes, ...]] = (b"\x03",)
     QUEUE_LENGTH: ClassVar[int] = 20
     QUEUE_OVERFLOW: ClassVar[str] = '-350,"Too many errors"'
     NO_ERROR: ClassVar[str] = '+0,"No error"'
 
-    def __init__(
-        self,
-        plant: Plant,
-        *,
-        ranges: Sequence[Range] = RANGES,
-        revision: str = "11-5-2",
-        baudrate: float = 9600.0,
-        terminator: bytes = b"\r\n",
-        command_s: float = 0.002,
-        overhead_s: float = 0.004,
-        line_frequency_Hz: float = 50.0,
-        start_s: float = 0.0,
-    ) -> None:
-        super().__init__(
-            plant,
-            ranges=ranges,
-            byte_s=BITS_PER_CHARACTER / baudrate,
-            terminator=terminator,
-            command_s=command_s,
-            overhead_s=overhead_s,
-            line_frequency_Hz=line_frequency_Hz,
-            start_s=start_s,
-        )
-        self.identity = f"HEWLETT-PACKARD,34401A,0,{revision}"
+    def _prepare(self) -> None:
         self.remote = False
         self.local_handlers: frozenset[Handler] = frozenset()  # what it does before it is in remote mode
         self.stored: str | None = None
@@ -121,13 +103,6 @@ class Hp34401A(Ohmmeter):
 
     # ---- measuring ------------------------------------------------------------------------------
 
-    def choose_function(self, function: str) -> None:
-        """Measure something else; the test current flows in the resistance functions only."""
-        if function not in FUNCTIONS:
-            raise ScpiError(-224, "Illegal parameter value")
-        self.function = function
-        self.tell_test_current()
-
     def store(self, count: int) -> None:
         """`INITiate`: begin `count` readings, which are kept for `FETCh?`."""
         self.stored = None
@@ -156,35 +131,18 @@ class Hp34401A(Ohmmeter):
         """NPLC line periods; one in the functions that have none."""
         return float(self.settings.get(self.function + ":NPLC", 1.0)) * self._line_period_s
 
-    def digitize(self) -> str:
-        """The film's resistance as text; empty where autorange has changed the range."""
-        if not self.measures_resistance:
-            return "+0.00000000E+00"
-        value_ohm = self.sample_ohm()
-        if value_ohm is None:
-            return ""
-        if isnan(value_ohm) or isinf(value_ohm):
-            return "-" + OVERLOAD_TEXT[1:] if value_ohm < 0.0 else OVERLOAD_TEXT
-        return "%+.8E" % value_ohm  # noqa: UP031 - half the time of an f-string
-
     # ---- settings -------------------------------------------------------------------------------
 
+    def default_settings(self) -> dict[str, float | str]:
+        """Every setting at its `*RST` value, NPLC 10 among them."""
+        return default_settings()
+
     def reset(self) -> None:
-        """`*RST`: DC volts, autorange, NPLC 10, one reading a trigger; remote mode and the error queue stay."""
-        self.abort()
+        """`*RST`; remote mode stays."""
         self.stored = None
-        self.settings = default_settings()
-        self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function("VOLT")
+        super().reset()
 
     def configure(self, function: str) -> None:
-        """`CONFigure`: that function's settings at their defaults, and one reading a trigger."""
-        self.abort()
+        """`CONFigure`; what was kept is forgotten."""
         self.stored = None
-        defaults: Mapping[str, float | str] = default_settings()
-        for name, value in defaults.items():
-            if name.startswith((function + ":", "TRIG:", "SAMP:")):
-                self.settings[name] = value
-        if function in RESISTANCES:
-            self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function(function)
+        super().configure(function)

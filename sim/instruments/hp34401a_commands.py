@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim.instruments.scpi import CommandTree, ScpiError, boolean, number
-from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word, unquoted
+from sim.instruments.meter_commands import Settings, define_choice, define_range, define_system
+from sim.instruments.ohmmeter import RESISTANCES
+from sim.instruments.scpi import CommandTree, boolean, number
+from sim.instruments.scpi_settings import Parameters, define_number, define_switch
 
 if TYPE_CHECKING:
     from sim.instruments.hp34401a import Hp34401A
@@ -47,14 +49,12 @@ SWITCHES = (
 )
 WORDS = ((":TRIGger:SOURce", "TRIG:SOUR", "IMM"), (":DISPlay[:WINDow#]:TEXT[:DATA]", "TEXT", '""'))
 SILENT = (":SYSTem:BEEPer[:IMMediate]", ":DISPlay[:WINDow#]:TEXT:CLEar", "*OPC", "*WAI", "*TRG")
-PERSISTENT = ("*ESE", "*SRE")
+SETTINGS = Settings(NUMBERS, SWITCHES, WORDS, SILENT, ("*ESE", "*SRE"))
 
 
 def default_settings() -> dict[str, float | str]:
     """Every setting at its `*RST` value, by short name."""
-    settings: dict[str, float | str] = {name: default for _, name, _, default, _, _ in NUMBERS}
-    settings |= {name: default for _, name, default in SWITCHES}
-    settings |= {name: default for _, name, default in WORDS}
+    settings = SETTINGS.defaults()
     settings |= {"AZER": 1}
     for function in FUNCTIONS:
         settings |= {f"{function}:RANG:AUTO": 1, f"{function}:RANG": 1000.0, f"{function}:APER": 0.1}
@@ -65,17 +65,11 @@ def default_settings() -> dict[str, float | str]:
 
 def define_commands(tree: CommandTree, meter: Hp34401A) -> None:
     """Fill `tree` with the commands of `meter`."""
-    for header, name, text, default, minimum, maximum in NUMBERS:
-        define_number(tree, meter, header, name, text, default, minimum, maximum)
-    for header, name, _ in SWITCHES:
-        define_switch(tree, meter, header, name)
-    for header, name, _ in WORDS:
-        define_word(tree, meter, header, name)
-    for header in SILENT:
-        tree.define(header, set=lambda _: None)
+    SETTINGS.define(tree, meter)
     for function, header in FUNCTIONS.items():
         _define_function(tree, meter, function, header)
     _define_autozero(tree, meter)
+    define_choice(tree, meter, FUNCTIONS)
     _define_measuring(tree, meter)
     _define_system(tree, meter)
 
@@ -85,24 +79,12 @@ def _define_function(tree: CommandTree, meter: Hp34401A, function: str, header: 
     define_switch(tree, meter, sense + ":RANGe:AUTO", f"{function}:RANG:AUTO")
     define_number(tree, meter, sense + ":RESolution", f"{function}:RES", "%+.8E", 1e-3, 0.0, 1e9)
     define_number(tree, meter, "[:SENSe]:" + header + ":APERture", f"{function}:APER", "%+.8E", 0.1, 0.01, 1.0)
-    resistance = function in ("RES", "FRES")
-
-    def change_range(parameters: Parameters) -> None:
-        value = number(parameters, 0.0, 120e6, 1000.0)
-        meter.settings[f"{function}:RANG:AUTO"] = 0
-        meter.settings[f"{function}:RANG"] = value
-        if resistance:
-            meter.choose_range(value)
-
-    def range_text(_: Parameters) -> str:
-        value = meter.full_scale_ohm if resistance else float(meter.settings[f"{function}:RANG"])
-        return f"{value:+.8E}"
+    define_range(tree, meter, function, sense, 1000.0)
 
     def change_nplc(parameters: Parameters) -> None:
         value = number(parameters, NPLCS[0], NPLCS[-1], 10.0)
         meter.settings[f"{function}:NPLC"] = next(nplc for nplc in NPLCS if value <= nplc)
 
-    tree.define(sense + ":RANGe[:UPPer]", set=change_range, ask=range_text)
     if function in INTEGRATING:
         tree.define(
             sense + ":NPLCycles", set=change_nplc, ask=lambda _: f"{float(meter.settings[function + ':NPLC']):+.8E}"
@@ -121,14 +103,6 @@ def _define_measuring(tree: CommandTree, meter: Hp34401A) -> None:
     def count() -> int:
         return int(meter.settings["TRIG:COUN"]) * int(meter.settings["SAMP:COUN"])
 
-    def choose(parameters: Parameters) -> None:
-        name = unquoted(parameters)
-        for function, header in FUNCTIONS.items():
-            if tree.spells(name, header):
-                meter.choose_function(function)
-                return
-        raise ScpiError(-224, "Illegal parameter value")
-
     def read(_: Parameters) -> None:
         meter.read(count())
 
@@ -140,7 +114,7 @@ def _define_measuring(tree: CommandTree, meter: Hp34401A) -> None:
 
         def act(parameters: Parameters) -> None:
             meter.configure(function)
-            if parameters and parameters[0].upper() not in ("DEF", "DEFAULT", "AUTO") and function in ("RES", "FRES"):
+            if parameters and parameters[0].upper() not in ("DEF", "DEFAULT", "AUTO") and function in RESISTANCES:
                 value = number(parameters[:1], 0.0, 120e6, 1000.0)
                 meter.settings[f"{function}:RANG:AUTO"] = 0
                 meter.choose_range(value)
@@ -149,7 +123,6 @@ def _define_measuring(tree: CommandTree, meter: Hp34401A) -> None:
 
         return act
 
-    tree.define("[:SENSe]:FUNCtion", set=choose, ask=lambda _: f'"{meter.function}"')
     tree.define(":CONFigure", ask=lambda _: f'"{meter.function} {meter.full_scale_ohm:+.6E},+1.000000E-03"')
     for function, header in FUNCTIONS.items():
         tree.define(":CONFigure:" + header, set=configured(function, False))
@@ -169,30 +142,8 @@ def _define_system(tree: CommandTree, meter: Hp34401A) -> None:
     def local(_: Parameters) -> None:
         meter.remote = False
 
-    def reset(_: Parameters) -> None:
-        kept = {name: meter.settings[name] for name in PERSISTENT}
-        meter.reset()
-        meter.settings.update(kept)
-
-    def clear(_: Parameters) -> None:
-        meter.errors.clear()
-
-    def identity(_: Parameters) -> str:
-        return meter.identity
-
-    def next_error(_: Parameters) -> str:
-        return meter.next_error()
-
     tree.define(":SYSTem:REMote", set=remote)
     tree.define(":SYSTem:RWLock", set=remote)
     tree.define(":SYSTem:LOCal", set=local)
-    tree.define(":SYSTem:ERRor", ask=next_error)
-    tree.define(":SYSTem:VERSion", ask=lambda _: "1991.0")
-    tree.define("*IDN", ask=identity)
-    tree.define("*CLS", set=clear)
-    tree.define("*RST", set=reset)
-    tree.define("*OPC", ask=lambda _: "1")
-    tree.define("*ESR", ask=lambda _: "+0")
-    tree.define("*TST", ask=lambda _: "+0")
-    tree.define("*STB", ask=lambda _: "+4" if meter.errors else "+0")
-    meter.local_handlers = frozenset({remote, local, identity, next_error, clear})
+    everywhere = define_system(tree, meter, SETTINGS, version="1991.0", sign="+")
+    meter.local_handlers = everywhere | {remote, local}

@@ -40,6 +40,9 @@ class Plant(Protocol):
     def read_resistance_ohm(self, test_current_A: float, /) -> float:
         """Film's resistance now as the ohmmeter's input sees it, with noise, ohm; inf where it is open."""
 
+    def read_voltage_V(self) -> float:
+        """Voltage at the meter's input now, of a detector, with its noise, V; 0 where there is none."""
+
     def set_test_current_A(self, test_current_A: float, /) -> None:
         """Ohmmeter's test current through the film from now on, A."""
 

@@ -7,18 +7,17 @@ A command acts `command_s` after its terminator (CR, LF or both) has arrived. A 
 periods and samples the film in the middle; `overhead_s` later it is there. Commands wait while a query
 waits for its reading. With autorange a reading beyond 120 % or below 10 % of the range is thrown away, and
 the next range measures again. The test current flows as long as a resistance function is chosen. ^C and ^X
-abort, and discard what is pending. Other functions than resistance can be chosen and set, and read 0.
+abort, and discard what is pending. Functions other than resistance and DC voltage can be chosen and set, and read 0.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import isinf, isnan
+from collections.abc import Collection, Sequence
+from typing import ClassVar
 
-from sim.instruments.instrument import Plant
 from sim.instruments.keithley2000_commands import FUNCTIONS, default_settings, define_commands
-from sim.instruments.ohmmeter import RESISTANCES, Ohmmeter, Range
-from sim.instruments.scpi import ScpiError
+from sim.instruments.multimeter import Multimeter
+from sim.instruments.ohmmeter import Range
 
 # not verified on an instrument
 RANGES = (
@@ -30,78 +29,24 @@ RANGES = (
     Range(1e7, 0.7e-6),
     Range(1e8, 0.7e-6),
 )
-OVERFLOW_TEXT = "+9.90000000E+37"
-NAN_TEXT = "+9.91000000E+37"
 
 
-class Keithley2000(Ohmmeter):
-    """The meter.
+class Keithley2000(Multimeter):
+    """The meter; its options are those of `Ohmmeter`."""
 
-    baudrate: of the line, 1/s; inf takes no time. line_frequency_Hz: NPLC counts its periods.
-    """
+    RANGES: ClassVar[Sequence[Range]] = RANGES
+    IDENTITY: ClassVar[str] = "KEITHLEY INSTRUMENTS INC.,MODEL 2000,{},{}"
+    REVISION: ClassVar[str] = "A20  /A02"
+    BAUDRATE: ClassVar[float] = 19200.0
+    FUNCTIONS: ClassVar[Collection[str]] = FUNCTIONS
+    FIRST_FUNCTION: ClassVar[str] = "VOLT:DC"
+    TRIGGER: ClassVar[tuple[str, ...]] = ("TRIG:",)
+    NAN_TEXT: ClassVar[str] = "+9.91000000E+37"
 
-    def __init__(
-        self,
-        plant: Plant,
-        *,
-        ranges: Sequence[Range] = RANGES,
-        serial_number: str = "1234567",
-        revision: str = "A20  /A02",
-        baudrate: float = 19200.0,
-        terminator: bytes = b"\n",
-        command_s: float = 0.002,
-        overhead_s: float = 0.004,
-        line_frequency_Hz: float = 50.0,
-        start_s: float = 0.0,
-    ) -> None:
-        super().__init__(
-            plant,
-            ranges=ranges,
-            byte_s=10.0 / baudrate,
-            terminator=terminator,
-            command_s=command_s,
-            overhead_s=overhead_s,
-            line_frequency_Hz=line_frequency_Hz,
-            start_s=start_s,
-        )
-        self.identity = f"KEITHLEY INSTRUMENTS INC.,MODEL 2000,{serial_number},{revision}"
+    def _prepare(self) -> None:
         define_commands(self._tree, self)
         self.reset()
 
-    def choose_function(self, function: str) -> None:
-        """Measure something else; the test current flows in the resistance functions only."""
-        if function not in FUNCTIONS:
-            raise ScpiError(-224, "Illegal parameter value")
-        self.function = function
-        self.tell_test_current()
-
-    def digitize(self) -> str:
-        """The film's resistance as text; empty where autorange has changed the range."""
-        if not self.measures_resistance:
-            return "+0.00000000E+00"
-        value_ohm = self.sample_ohm()
-        if value_ohm is None:
-            return ""
-        if isnan(value_ohm):
-            return NAN_TEXT
-        if isinf(value_ohm):
-            return OVERFLOW_TEXT if value_ohm > 0 else "-" + OVERFLOW_TEXT[1:]
-        return "%+.8E" % value_ohm  # noqa: UP031 - half the time of an f-string
-
-    def reset(self) -> None:
-        """`*RST`: DC volts, autorange, NPLC 1, one reading a trigger; the error queue stays."""
-        self.abort()
-        self.settings = default_settings()
-        self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function("VOLT:DC")
-
-    def configure(self, function: str) -> None:
-        """`CONFigure`: that function's settings at their defaults, and one reading a trigger."""
-        self.abort()
-        defaults: Mapping[str, float | str] = default_settings()
-        for name, value in defaults.items():
-            if name.startswith((function + ":", "TRIG:")):
-                self.settings[name] = value
-        if function in RESISTANCES:
-            self._range_index = min(1, len(self._ranges) - 1)
-        self.choose_function(function)
+    def default_settings(self) -> dict[str, float | str]:
+        """Every setting at its `*RST` value, NPLC 1 among them."""
+        return default_settings()

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim.instruments.scpi import CommandTree, ScpiError, number
-from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word, unquoted
+from sim.instruments.meter_commands import Settings, define_choice, define_range, define_system
+from sim.instruments.scpi import CommandTree
+from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word
 
 if TYPE_CHECKING:
     from sim.instruments.keithley2000 import Keithley2000
@@ -75,14 +76,12 @@ SILENT = (
     "*OPC",
     "*WAI",
 )
-PERSISTENT = ("*ESE", "*SRE", "STAT:MEAS", "STAT:QUES", "STAT:OPER")
+SETTINGS = Settings(NUMBERS, SWITCHES, WORDS, SILENT, ("*ESE", "*SRE", "STAT:MEAS", "STAT:QUES", "STAT:OPER"))
 
 
 def default_settings() -> dict[str, float | str]:
     """Every setting at its `*RST` value, by short name."""
-    settings: dict[str, float | str] = {name: default for _, name, _, default, _, _ in NUMBERS}
-    settings |= {name: default for _, name, default in SWITCHES}
-    settings |= {name: default for _, name, default in WORDS}
+    settings = SETTINGS.defaults()
     for function in FUNCTIONS:
         settings |= {f"{function}:{name}": default for _, name, _, default, _, _ in FUNCTION_NUMBERS}
         settings |= {f"{function}:{name}": default for _, name, default in FUNCTION_SWITCHES}
@@ -92,17 +91,11 @@ def default_settings() -> dict[str, float | str]:
 
 def define_commands(tree: CommandTree, meter: Keithley2000) -> None:
     """Fill `tree` with the commands of `meter`."""
-    for header, name, text, default, minimum, maximum in NUMBERS:
-        define_number(tree, meter, header, name, text, default, minimum, maximum)
-    for header, name, _ in SWITCHES:
-        define_switch(tree, meter, header, name)
-    for header, name, _ in WORDS:
-        define_word(tree, meter, header, name)
-    for header in SILENT:
-        tree.define(header, set=lambda _: None)
+    SETTINGS.define(tree, meter)
     for function, header in FUNCTIONS.items():
         _define_function(tree, meter, function, header)
-    _define_common(tree, meter)
+    define_choice(tree, meter, FUNCTIONS)
+    define_system(tree, meter, SETTINGS, version="1991.0", more_errors=":STATus:QUEue")
     _define_measuring(tree, meter)
 
 
@@ -115,65 +108,15 @@ def _define_function(tree: CommandTree, meter: Keithley2000, function: str, head
     define_word(tree, meter, sense + ":AVERage:TCONtrol", f"{function}:TCON")
     define_switch(tree, meter, sense + ":RANGe:AUTO", f"{function}:RANG:AUTO")
     tree.define(sense + ":REFerence:ACQuire", set=lambda _: None)
-    resistance = function in ("RES", "FRES")
-
-    def change_range(parameters: Parameters) -> None:
-        value = number(parameters, 0.0, 120e6, 120e6)
-        meter.settings[f"{function}:RANG:AUTO"] = 0
-        meter.settings[f"{function}:RANG"] = value
-        if resistance:
-            meter.choose_range(value)
-
-    def range_text(_: Parameters) -> str:
-        value = meter.full_scale_ohm if resistance else float(meter.settings[f"{function}:RANG"])
-        return f"{value:+.8E}"
 
     def configure(_: Parameters) -> None:
         meter.configure(function)
 
-    tree.define(sense + ":RANGe[:UPPer]", set=change_range, ask=range_text)
+    define_range(tree, meter, function, sense, 120e6)
     tree.define(":CONFigure:" + header, set=configure)
 
 
-def _define_common(tree: CommandTree, meter: Keithley2000) -> None:
-    def reset(_: Parameters) -> None:
-        kept = {name: meter.settings[name] for name in PERSISTENT}
-        meter.reset()
-        meter.settings.update(kept)
-
-    def clear(_: Parameters) -> None:
-        meter.errors.clear()
-
-    def next_error(_: Parameters) -> str:
-        return meter.next_error()
-
-    answers: tuple[tuple[str, Callable[[Parameters], str]], ...] = (
-        ("*IDN", lambda _: meter.identity),
-        ("*OPC", lambda _: "1"),
-        ("*ESR", lambda _: "0"),
-        ("*STB", lambda _: "4" if meter.errors else "0"),
-        ("*TST", lambda _: "0"),
-        (":SYSTem:VERSion", lambda _: "1991.0"),
-        (":SYSTem:ERRor", next_error),
-        (":STATus:QUEue[:NEXT]", next_error),
-    )
-    for header, answer in answers:
-        tree.define(header, ask=answer)
-    tree.define("*RST", set=reset)
-    tree.define("*CLS", set=clear)
-    tree.define(":STATus:QUEue:CLEar", set=clear)
-    tree.define(":SYSTem:CLEar", set=clear)
-
-
 def _define_measuring(tree: CommandTree, meter: Keithley2000) -> None:
-    def choose(parameters: Parameters) -> None:
-        name = unquoted(parameters)
-        for function, header in FUNCTIONS.items():
-            if tree.spells(name, header):
-                meter.choose_function(function)
-                return
-        raise ScpiError(-224, "Illegal parameter value")
-
     def count() -> int:
         return int(meter.settings["TRIG:COUN"]) * int(meter.settings["TRIG:SAMP"])
 
@@ -193,7 +136,6 @@ def _define_measuring(tree: CommandTree, meter: Keithley2000) -> None:
     def abort(_: Parameters) -> None:
         meter.abort()
 
-    tree.define("[:SENSe#]:FUNCtion", set=choose, ask=lambda _: f'"{meter.function}"')
     tree.define(":CONFigure", ask=lambda _: f'"{meter.function}"')
     tree.define(":READ", ask=read)
     for function, header in FUNCTIONS.items():

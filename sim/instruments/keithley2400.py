@@ -12,13 +12,12 @@ elements of FORMat:ELEMents in their fixed order; what is neither measured nor s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isinf, isnan, nan
+from math import copysign, inf, isinf, isnan, nan
 from typing import ClassVar
 
-from sim.instruments.instrument import Plant
 from sim.instruments.keithley2400_commands import FUNCTIONS, default_settings, define_commands
 from sim.instruments.ohmmeter import Ohmmeter, Range
-from sim.instruments.scpi import ScpiError
+from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, ScpiError
 
 RANGES = (
     Range(20.0, 100e-3),
@@ -38,38 +37,16 @@ OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096
 
 
 class Keithley2400(Ohmmeter):
-    """The meter.
+    """The meter; its options are those of `Ohmmeter`."""
 
-    baudrate: of the line, 1/s; inf takes no time. line_frequency_Hz: NPLC counts its periods.
-    """
-
+    RANGES: ClassVar[Sequence[Range]] = RANGES
+    VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)
+    IDENTITY: ClassVar[str] = "KEITHLEY INSTRUMENTS INC.,MODEL 2400,{},{}"
+    REVISION: ClassVar[str] = "C30   Mar 17 2006 09:29:29/A02  /K/J"
+    BAUDRATE: ClassVar[float] = 57600.0
     OVERRANGE: ClassVar[float] = 1.05
 
-    def __init__(
-        self,
-        plant: Plant,
-        *,
-        ranges: Sequence[Range] = RANGES,
-        serial_number: str = "1234567",
-        revision: str = "C30   Mar 17 2006 09:29:29/A02  /K/J",
-        baudrate: float = 57600.0,
-        terminator: bytes = b"\n",
-        command_s: float = 0.002,
-        overhead_s: float = 0.004,
-        line_frequency_Hz: float = 50.0,
-        start_s: float = 0.0,
-    ) -> None:
-        super().__init__(
-            plant,
-            ranges=ranges,
-            byte_s=10.0 / baudrate,
-            terminator=terminator,
-            command_s=command_s,
-            overhead_s=overhead_s,
-            line_frequency_Hz=line_frequency_Hz,
-            start_s=start_s,
-        )
-        self.identity = f"KEITHLEY INSTRUMENTS INC.,MODEL 2400,{serial_number},{revision}"
+    def _prepare(self) -> None:
         self.output_is_on = False
         self.enabled: set[str] = set()
         self.elements: tuple[str, ...] = ELEMENTS
@@ -111,7 +88,7 @@ class Keithley2400(Ohmmeter):
     def choose_functions(self, names: set[str], on: bool) -> None:
         """Measure these too, or no longer; without concurrency the last one only."""
         if not names <= FUNCTIONS.keys():
-            raise ScpiError(-224, "Illegal parameter value")
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
         if on:
             self.enabled = names if not self.settings["CONC"] else self.enabled | names
         else:
@@ -146,7 +123,7 @@ class Keithley2400(Ohmmeter):
         if resistance_ohm is None:
             return ""
         status = OUTPUT_ON if self.output_is_on else 0
-        status |= OVERFLOWED if isinf(resistance_ohm) else 0
+        status |= OVERFLOWED if isinf(resistance_ohm if self.measures_resistance else voltage_V) else 0
         status |= IN_COMPLIANCE if not self._auto_ohms and voltage_V == self.settings["VOLT:PROT"] else 0
         volts = "VOLT" in self.enabled or not self._sources_current
         amps = "CURR" in self.enabled or self._sources_current
@@ -169,12 +146,21 @@ class Keithley2400(Ohmmeter):
         ohm = self._plant.read_resistance_ohm(current_A)
         if self._sources_current:
             limit_V = float(self.settings["VOLT:PROT"])
-            voltage_V = min(limit_V, max(-limit_V, ohm * current_A)) if current_A else 0.0
-            return voltage_V, voltage_V / ohm if abs(voltage_V) == limit_V else current_A, ohm if current_A else inf
+            if not current_A:  # what is at the input, and not of our making
+                return self._voltage_V(), 0.0, inf
+            voltage_V = min(limit_V, max(-limit_V, ohm * current_A))
+            return voltage_V, voltage_V / ohm if abs(voltage_V) == limit_V else current_A, ohm
         limit_A, voltage_V = float(self.settings["CURR:PROT"]), float(self.settings["SOUR:VOLT"])
         self._driven_A = min(limit_A, max(-limit_A, voltage_V / ohm)) if ohm else limit_A
         self.tell_test_current()
         return self._driven_A * ohm, self._driven_A, ohm if self._driven_A else inf
+
+    def _voltage_V(self) -> float:
+        """At the input with no current; +-inf beyond the range that is set."""
+        voltage_V = self._plant.read_voltage_V()
+        full_V = self.voltage_range_V(abs(float(self.settings["VOLT:RANG"])))
+        over = not self.settings["VOLT:RANG:AUTO"] and abs(voltage_V) > self.OVERRANGE * full_V
+        return copysign(inf, voltage_V) if over else voltage_V
 
     # ---- settings -------------------------------------------------------------------------------
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sim.instruments.scpi import MISSING_PARAMETER, CommandTree, ScpiError, boolean, number
-from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word
+from sim.instruments.meter_commands import Settings, define_system
+from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, MISSING_PARAMETER, CommandTree, ScpiError, boolean, number
+from sim.instruments.scpi_settings import Parameters, define_number
 
 if TYPE_CHECKING:
     from sim.instruments.keithley2400 import Keithley2400
@@ -94,14 +95,12 @@ SILENT = (
     "*WAI",
     "*TRG",
 )
-PERSISTENT = ("*ESE", "*SRE", "STAT:MEAS")
+SETTINGS = Settings(NUMBERS, SWITCHES, WORDS, SILENT, ("*ESE", "*SRE", "STAT:MEAS"))
 
 
 def default_settings() -> dict[str, float | str]:
     """Every setting at its `*RST` value, by short name."""
-    settings: dict[str, float | str] = {name: default for _, name, _, default, _, _ in NUMBERS}
-    settings |= {name: default for _, name, default in SWITCHES}
-    settings |= {name: default for _, name, default in WORDS}
+    settings = SETTINGS.defaults()
     settings |= {name: 0.0 for _, name, _ in SOURCE_LEVELS}
     settings |= {"NPLC": 1.0, "RES:MODE": "MAN", "SOUR:FUNC": "VOLT"}
     return settings
@@ -109,14 +108,7 @@ def default_settings() -> dict[str, float | str]:
 
 def define_commands(tree: CommandTree, meter: Keithley2400) -> None:
     """Fill `tree` with the commands of `meter`."""
-    for header, name, text, default, minimum, maximum in NUMBERS:
-        define_number(tree, meter, header, name, text, default, minimum, maximum)
-    for header, name, _ in SWITCHES:
-        define_switch(tree, meter, header, name)
-    for header, name, _ in WORDS:
-        define_word(tree, meter, header, name)
-    for header in SILENT:
-        tree.define(header, set=lambda _: None)
+    SETTINGS.define(tree, meter)
     for function, (_, header) in FUNCTIONS.items():
         define_number(tree, meter, f"[:SENSe#]:{header}:NPLCycles", "NPLC", "%.2f", 1.0, 0.01, 10.0)
         _define_measuring_of(tree, meter, function, header)
@@ -134,7 +126,7 @@ def _define_source(tree: CommandTree, meter: Keithley2400) -> None:
     def source(parameters: Parameters) -> None:
         word = parameters[0].upper() if parameters else ""
         if word not in ("CURR", "CURRENT", "VOLT", "VOLTAGE"):
-            raise ScpiError(-224, "Illegal parameter value")
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
         meter.settings["SOUR:FUNC"] = word[:4]
         meter.tell_test_current()
 
@@ -184,7 +176,7 @@ def _define_resistance(tree: CommandTree, meter: Keithley2400) -> None:
     def mode(parameters: Parameters) -> None:
         word = parameters[0].upper() if parameters else ""
         if word not in ("AUTO", "MAN", "MANUAL"):
-            raise ScpiError(-224, "Illegal parameter value")
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE)
         meter.settings["RES:MODE"] = word if word == "AUTO" else "MAN"
         meter.tell_test_current()
 
@@ -219,7 +211,7 @@ def _define_readings(tree: CommandTree, meter: Keithley2400) -> None:
         try:
             wanted = {ELEMENT_WORDS[word.upper()] for word in parameters}
         except KeyError:
-            raise ScpiError(-224, "Illegal parameter value") from None
+            raise ScpiError(*ILLEGAL_PARAMETER_VALUE) from None
         meter.elements = tuple(word for word in ("VOLT", "CURR", "RES", "TIME", "STAT") if word in wanted)
 
     tree.define(":FORMat:ELEMents[:SENSe#]", set=elements, ask=lambda _: ",".join(meter.elements))
@@ -233,24 +225,9 @@ def _define_readings(tree: CommandTree, meter: Keithley2400) -> None:
 
 
 def _define_common(tree: CommandTree, meter: Keithley2400) -> None:
-    def reset(_: Parameters) -> None:
-        kept = {name: meter.settings[name] for name in PERSISTENT}
-        meter.reset()
-        meter.settings.update(kept)
-
     def azero(parameters: Parameters) -> None:
         once = len(parameters) == 1 and parameters[0].upper() == "ONCE"
         meter.settings["AZER"] = 0 if once else int(boolean(parameters))
 
     tree.define(":SYSTem:AZERo[:STATe]", set=azero)
-    tree.define("*RST", set=reset)
-    for header in ("*CLS", ":STATus:QUEue:CLEar", ":SYSTem:CLEar"):
-        tree.define(header, set=lambda _: meter.errors.clear())
-    for header in (":SYSTem:ERRor[:NEXT]", ":STATus:QUEue[:NEXT]"):
-        tree.define(header, ask=lambda _: meter.next_error())
-    tree.define("*IDN", ask=lambda _: meter.identity)
-    tree.define("*OPC", ask=lambda _: "1")
-    tree.define("*ESR", ask=lambda _: "0")
-    tree.define("*TST", ask=lambda _: "0")
-    tree.define("*STB", ask=lambda _: "4" if meter.errors else "0")
-    tree.define(":SYSTem:VERSion", ask=lambda _: "1996.0")
+    define_system(tree, meter, SETTINGS, version="1996.0", more_errors=":STATus:QUEue")

@@ -25,6 +25,7 @@ from sim.instruments import mecom
 from sim.instruments.instrument import Plant
 from sim.instruments.meerstetter_parameters import Parameter, table
 from sim.instruments.regulator import Regulator
+from sim.instruments.serial_line import SerialLine
 
 INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)
 TICK_S = 0.1
@@ -34,7 +35,7 @@ MOVES_OUTPUT = frozenset({2000, 2010, 2020, 2021, 2030, 2031, 3034, 50000, 50001
 READ, SET = b"?VR", b"VS"
 
 
-class MeerstetterTec:
+class MeerstetterTec(SerialLine):
     """One-channel TEC controller of the 1089 to 1161 family.
 
     address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the
@@ -59,7 +60,7 @@ class MeerstetterTec:
         stable_for_s: float = 10.0,
         start_s: float = 0.0,
     ) -> None:
-        self._plant = plant
+        super().__init__(plant)
         self._parameters = table(device_type)
         self._values: dict[int, float] = {number: p.default for number, p in self._parameters.items()}
         self._values.update({100: device_type, 101: 120, 102: serial_number, 103: 610, 2051: address})
@@ -91,9 +92,7 @@ class MeerstetterTec:
         self._reads: dict[bytes, Callable[[], bytes]] = {}
         self._sets: dict[bytes, Parameter] = {}
         # the line
-        self._partial = b""
         self._requests: deque[tuple[tuple[bytes, bytes, bytes], float]] = deque()
-        self._replies: deque[tuple[float, bytes]] = deque()
         self._receiving_until_s = self._sending_until_s = start_s
         # the device
         self._now_s = start_s
@@ -130,21 +129,7 @@ class MeerstetterTec:
             self._requests.append((request, due_s))
             self._plant.schedule(arrival_s, self._act)
 
-    def transmit(self, time_s: float) -> bytes:
-        """See `Instrument.transmit`."""
-        self._plant.advance_to(time_s)
-        replies = self._replies
-        if not replies or replies[0][0] > time_s:
-            return b""
-        data = replies.popleft()[1]
-        while replies and replies[0][0] <= time_s:
-            data += replies.popleft()[1]
-        return data
-
-    def next_transmit_s(self) -> float | None:
-        """See `Instrument.next_transmit_s`."""
-        if self._replies:
-            return self._replies[0][0]
+    def _next_reply_s(self) -> float | None:
         return self._requests[0][1] if self._requests else None
 
     # ---- commands -------------------------------------------------------------------------------

@@ -1,14 +1,15 @@
-"""Resistance ranges of a SCPI meter: each has its test current, and autorange goes from one to the next.
+"""Resistance and voltage ranges of a SCPI meter.
 
-With autorange a reading beyond `OVERRANGE` or below `UNDERRANGE` of the range's full scale is thrown away, and the
-next range measures again. The plant is told of every change of the test current.
+Each resistance range has its test current, and autorange goes from one to the next: a reading beyond `OVERRANGE` or
+below `UNDERRANGE` of the range's full scale is thrown away, and the next range measures again. The plant is told of
+every change of the test current. A voltage range is only a limit on what is shown.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isnan
+from math import copysign, inf, isnan
 from typing import ClassVar
 
 from sim.instruments.instrument import Plant
@@ -26,8 +27,20 @@ class Range:
 
 
 class Ohmmeter(TriggeredInstrument):
-    """A meter with `settings` by short name, one `function` at a time. line_frequency_Hz: NPLC counts its periods."""
+    """A meter with `settings` by short name, one `function` at a time.
 
+    ranges: of resistance. baudrate: of the line, 1/s; inf takes no time. overhead_s: from the end of an integration
+    until its reading is there. line_frequency_Hz: NPLC counts its periods. What is None is as the class says.
+    """
+
+    RANGES: ClassVar[Sequence[Range]]
+    VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
+    IDENTITY: ClassVar[str]
+    SERIAL_NUMBER: ClassVar[str] = "1234567"
+    REVISION: ClassVar[str]
+    BAUDRATE: ClassVar[float]
+    BITS_PER_CHARACTER: ClassVar[float] = 10.0
+    TERMINATOR: ClassVar[bytes] = b"\n"
     OVERRANGE: ClassVar[float] = 1.2
     UNDERRANGE: ClassVar[float] = 0.1
 
@@ -35,22 +48,36 @@ class Ohmmeter(TriggeredInstrument):
         self,
         plant: Plant,
         *,
-        ranges: Sequence[Range],
-        byte_s: float,
-        terminator: bytes,
-        command_s: float,
-        overhead_s: float,
-        line_frequency_Hz: float,
-        start_s: float,
+        ranges: Sequence[Range] | None = None,
+        serial_number: str | None = None,
+        revision: str | None = None,
+        baudrate: float | None = None,
+        terminator: bytes | None = None,
+        command_s: float = 0.002,
+        overhead_s: float = 0.004,
+        line_frequency_Hz: float = 50.0,
+        start_s: float = 0.0,
     ) -> None:
         super().__init__(
-            plant, byte_s=byte_s, terminator=terminator, command_s=command_s, overhead_s=overhead_s, start_s=start_s
+            plant,
+            byte_s=self.BITS_PER_CHARACTER / (self.BAUDRATE if baudrate is None else baudrate),
+            terminator=self.TERMINATOR if terminator is None else terminator,
+            command_s=command_s,
+            overhead_s=overhead_s,
+            start_s=start_s,
         )
-        self._ranges = ranges
-        self._range_index = min(1, len(ranges) - 1)
+        self._ranges = self.RANGES if ranges is None else ranges
+        self._range_index = min(1, len(self._ranges) - 1)
         self._line_period_s = 1.0 / line_frequency_Hz
         self.settings: dict[str, float | str] = {}
         self.function = ""
+        number = self.SERIAL_NUMBER if serial_number is None else serial_number
+        self.identity = self.IDENTITY.format(number, self.REVISION if revision is None else revision)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Commands, and the state after power on."""
+        raise NotImplementedError
 
     @property
     def measures_resistance(self) -> bool:
@@ -108,3 +135,14 @@ class Ohmmeter(TriggeredInstrument):
         if over:
             return inf if value_ohm > 0.0 else -inf
         return value_ohm
+
+    def voltage_range_V(self, voltage_V: float) -> float:
+        """The lowest voltage range that still shows `voltage_V`."""
+        return next((full for full in self.VOLTAGE_RANGES_V if voltage_V <= full), self.VOLTAGE_RANGES_V[-1])
+
+    def sample_V(self) -> float:
+        """The voltage at the input, V; +-inf beyond the range."""
+        voltage_V = self._plant.read_voltage_V()
+        automatic = self.settings[self.function + ":RANG:AUTO"]
+        full_V = self.VOLTAGE_RANGES_V[-1] if automatic else float(self.settings[self.function + ":RANG"])
+        return copysign(inf, voltage_V) if abs(voltage_V) > self.OVERRANGE * full_V else voltage_V

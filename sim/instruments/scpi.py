@@ -32,6 +32,7 @@ MISSING_PARAMETER = (-109, "Missing parameter")
 DATA_OUT_OF_RANGE = (-222, "Parameter data out of range")
 INVALID_CHARACTER_DATA = (-141, "Invalid character data")
 NUMERIC_DATA_ERROR = (-120, "Numeric data error")
+ILLEGAL_PARAMETER_VALUE = (-224, "Illegal parameter value")
 
 Handler = Callable[[tuple[str, ...]], str | None]
 

@@ -15,11 +15,12 @@ from typing import ClassVar
 
 from sim.instruments.instrument import Plant
 from sim.instruments.scpi import Call, CommandTree, ScpiError
+from sim.instruments.serial_line import SerialLine
 
 LONGEST_MESSAGE = 2048
 
 
-class ScpiInstrument:
+class ScpiInstrument(SerialLine):
     """What all of them share. byte_s: time of one character on the wire, s; 0 takes no time.
 
     The class attributes say which characters abort, and how the error queue speaks.
@@ -31,14 +32,12 @@ class ScpiInstrument:
     NO_ERROR: ClassVar[str] = '0,"No error"'
 
     def __init__(self, plant: Plant, *, byte_s: float, terminator: bytes, command_s: float, start_s: float) -> None:
-        self._plant = plant
+        super().__init__(plant)
         self._byte_s = byte_s
         self._terminator = terminator
         self._command_s = command_s
         # the line
-        self._partial = b""
         self._messages: deque[tuple[float, str]] = deque()
-        self._replies: deque[tuple[float, bytes]] = deque()
         self._receiving_until_s = self._sending_until_s = start_s
         # the message at work
         self._calls: deque[Call] = deque()
@@ -67,21 +66,7 @@ class ScpiInstrument:
                 self._messages.append((arrival_s + self._command_s, line.decode("latin-1")))
                 self._plant.schedule(arrival_s + self._command_s, self._work)
 
-    def transmit(self, time_s: float) -> bytes:
-        """See `Instrument.transmit`."""
-        self._plant.advance_to(time_s)
-        replies = self._replies
-        if not replies or replies[0][0] > time_s:
-            return b""
-        data = replies.popleft()[1]
-        while replies and replies[0][0] <= time_s:
-            data += replies.popleft()[1]
-        return data
-
-    def next_transmit_s(self) -> float | None:
-        """See `Instrument.next_transmit_s`."""
-        if self._replies:
-            return self._replies[0][0]
+    def _next_reply_s(self) -> float | None:
         if self._waiting:
             return self._ready_s
         if self._calls:

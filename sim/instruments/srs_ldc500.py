@@ -20,6 +20,7 @@ from math import copysign, isnan, nan
 
 from sim.instruments.instrument import Plant
 from sim.instruments.regulator import Regulator
+from sim.instruments.serial_line import SerialLine
 from sim.instruments.srs_commands import BUFFER_OVERFLOW, CommandError, ExecutionError, answers, default_values
 
 TICK_S = 0.1
@@ -29,7 +30,7 @@ INPUT_ERROR, QUERY_ERROR, EXECUTION_ERROR, COMMAND_ERROR = 2, 4, 16, 32  # bits 
 CURRENT_MODE, TEMPERATURE_MODE = 0, 1
 
 
-class SrsLdc500:
+class SrsLdc500(SerialLine):
     """One controller.
 
     baudrate: of the line, 1/s; inf takes no time. response_s: from a line's end to its first answer. error_s: until an
@@ -53,16 +54,14 @@ class SrsLdc500:
         load_ohm: float = 2.0,
         start_s: float = 0.0,
     ) -> None:
-        self._plant = plant
+        super().__init__(plant)
         self.identity = f"Stanford Research Systems,LDC501,{serial_number},{firmware}"
         self.values: dict[str, float] = default_values()
         self._byte_s = 10.0 / baudrate
         self._response_s, self._error_s, self._joined = response_s, error_s, joined
         self._heating_sign, self._load_ohm = heating_sign, load_ohm
         # the line
-        self._partial = b""
         self._lines: deque[tuple[bytes, float]] = deque()
-        self._replies: deque[tuple[float, bytes]] = deque()
         self._receiving_until_s = self._sending_until_s = start_s
         # the device
         self._now_s = start_s
@@ -99,21 +98,7 @@ class SrsLdc500:
         self.event_status |= INPUT_ERROR
         self._command_error = (BUFFER_OVERFLOW, self._now_s)
 
-    def transmit(self, time_s: float) -> bytes:
-        """See `Instrument.transmit`."""
-        self._plant.advance_to(time_s)
-        replies = self._replies
-        if not replies or replies[0][0] > time_s:
-            return b""
-        data = replies.popleft()[1]
-        while replies and replies[0][0] <= time_s:
-            data += replies.popleft()[1]
-        return data
-
-    def next_transmit_s(self) -> float | None:
-        """See `Instrument.next_transmit_s`."""
-        if self._replies:
-            return self._replies[0][0]
+    def _next_reply_s(self) -> float | None:
         return self._lines[0][1] + self._response_s if self._lines else None
 
     def _act(self, time_s: float) -> None:

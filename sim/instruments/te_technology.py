@@ -21,6 +21,7 @@ from math import inf, isnan
 
 from sim.instruments.instrument import Plant
 from sim.instruments.regulator import Regulator
+from sim.instruments.serial_line import SerialLine
 from sim.instruments.te_codes import MODELS
 
 TICK_S = 0.1
@@ -31,7 +32,7 @@ MODEL_CODE = 9613
 AMPS_PER_COUNT = 2.5
 
 
-class TeTechnology:
+class TeTechnology(SerialLine):
     """One controller. model: "tc-36-25" or "tc-48-20".
 
     full_power_A: current at 100 % (supply voltage over the element's resistance). heating_sign: +1 if positive power
@@ -51,7 +52,7 @@ class TeTechnology:
         heating_sign: int = 1,
         start_s: float = 0.0,
     ) -> None:
-        self._plant = plant
+        super().__init__(plant)
         self._model = table = MODELS[model]
         self.values = {setting.name: setting.default for setting in table.settings}
         self._writes = {setting.write: setting for setting in table.settings}
@@ -74,9 +75,7 @@ class TeTechnology:
         self._response_s, self._deaf_s = response_s, deaf_s
         self._full_power_A, self._heating_sign = full_power_A, heating_sign
         # the line
-        self._partial = b""
         self._requests: deque[tuple[bytes, float]] = deque()
-        self._replies: deque[tuple[float, bytes]] = deque()
         self._receiving_until_s = start_s
         self._busy_until_s = -inf
         # the device
@@ -114,21 +113,7 @@ class TeTechnology:
             self._requests.append((line[start + 1 :], due_s))
             self._plant.schedule(arrival_s, self._act)
 
-    def transmit(self, time_s: float) -> bytes:
-        """See `Instrument.transmit`."""
-        self._plant.advance_to(time_s)
-        replies = self._replies
-        if not replies or replies[0][0] > time_s:
-            return b""
-        data = replies.popleft()[1]
-        while replies and replies[0][0] <= time_s:
-            data += replies.popleft()[1]
-        return data
-
-    def next_transmit_s(self) -> float | None:
-        """See `Instrument.next_transmit_s`."""
-        if self._replies:
-            return self._replies[0][0]
+    def _next_reply_s(self) -> float | None:
         return self._requests[0][1] if self._requests else None
 
     # ---- commands -------------------------------------------------------------------------------

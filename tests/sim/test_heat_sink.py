@@ -7,11 +7,21 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from compensator.plate import PlateModel
-from sim.effects.heat_sink_warmup import HeatSinkWarmup, step
+from sim.effects.effect import switched
+from sim.effects.heat_sink_warmup import EFFECT
 from sim.films.preisach import PreisachFilm
 from sim.plant import SimulatedPlant, World
+from sim.plate_balance import heat_flows, run
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+
+
+def step(par: np.ndarray, ratio: float, loss: float, plate: float, sink: float, current: float, dt: float):
+    heat, own = heat_flows([switched(EFFECT, [ratio, loss])]), np.array([sink])
+    out, slopes = np.empty(2), np.empty((2, 2))
+    reset = np.array([plate, np.nan])
+    run(par, heat.terms, heat.values, np.array([0.0, dt]), np.full(2, current), reset, own, out, slopes)
+    return out[1], own[0]
 
 
 def rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) -> list[float]:
@@ -41,7 +51,7 @@ def test_energy_balance() -> None:
 
 def test_a_huge_sink_is_the_base_model() -> None:
     film = PreisachFilm.bell_shaped(0, relays=10)
-    worlds = [World(PLATE, film), World(PLATE, film, heat_sink=HeatSinkWarmup(1e9, 0.5))]
+    worlds = [World(PLATE, film), World(PLATE, film, effects=(switched(EFFECT, [1e9, 0.5]),))]
     plants = [SimulatedPlant(world) for world in worlds]
     for plant in plants:
         for k in range(50):

@@ -1,0 +1,28 @@
+"""film_drift (film): the transition walks.
+
+    T_f = T_p + drift_K_per_h t,   t from the first row on
+
+Met: 0.1 .. 3 K/h, either sign (ageing, moisture, a slipping contact of the thermometer looks the same).
+Source: the equation is the simplest that walks; the sizes are those of physics of ageing films as reported in use.
+"""
+
+from __future__ import annotations
+
+from compensator.functions import Array
+from sim.effects.effect import Effect, Parameter, Warming
+
+
+def add(par: Array, time_s: Array, power_W: Array) -> Array:
+    """K added to the plate's temperature."""
+    return par[0] * time_s / 3600.0
+
+
+EFFECT = Effect(
+    "film_drift",
+    "film",
+    (Parameter("drift_K_per_h", 0.1, 3.0, signed=True),),
+    Warming(add),
+    "the film's transition walks",
+    "repeat the first cycle at the end (A-B-A); a second thermometer tells the film from the sensor",
+    order=2,
+)

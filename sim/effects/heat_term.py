@@ -1,0 +1,15 @@
+"""A term of the heat balance as machine code at an address, so that one compiled loop serves all effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import cfunc, types
+
+ARGUMENTS = 10  # p0, p1, s, r, g, ambient_degC, time_s, plate_degC, own_degC, current_A
+SIGNATURE = types.float64(*[types.float64] * ARGUMENTS)
+
+
+def heat_term(function: Any) -> Any:
+    """Decorator: the function of `sim.effects.effect.HeatFlow`, compiled; it may call mathematics, no Python."""
+    return cfunc(SIGNATURE, cache=True)(function)

@@ -1,0 +1,33 @@
+"""The first-order lag that thermometer, film and ohmmeter share, exact for an input that is linear between nodes.
+
+    tau dx/dt = u - x;   u from u_0 to u_1 in dt, m = (u_1 - u_0) / dt:
+    x_1 = u_1 - tau m + (x_0 - u_0 + tau m) exp(-dt / tau)
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+from compensator.functions import Array
+
+
+@njit(cache=True)
+def first_order_lag(tau: float, time: Array, values: Array, state: Array, out: Array) -> None:
+    """out follows values, both of shape (nodes,) at `time` (s); state (1,): x at the first node, at the last on return
+    (nan: as if values had been constant before)."""
+    x = state[0]
+    if math.isnan(x):
+        x = values[0]
+    out[0] = x
+    for k in range(1, values.size):
+        dt = time[k] - time[k - 1]
+        if dt > 0.0:
+            if tau <= 1e-9:
+                x = values[k]
+            else:
+                ramp = tau * (values[k] - values[k - 1]) / dt
+                x = values[k] - ramp + (x - values[k - 1] + ramp) * math.exp(-dt / tau)
+        out[k] = x
+    state[0] = x

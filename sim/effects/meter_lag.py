@@ -1,0 +1,32 @@
+"""meter_lag (ohmmeter): a first-order filter on log R.
+
+    tau_s d(log R_m)/dt = log R - log R_m
+
+Met: 0.2 .. 10 s (a digital filter, a long integration, a cable's capacitance at high resistance). Source: Keithley,
+Model 2000 Multimeter User's Manual, sec. 3, filter.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from compensator.functions import Array
+from sim.effects.effect import Effect, Filter, Parameter
+from sim.effects.lag import first_order_lag
+
+
+@njit(cache=True)
+def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> None:
+    """The meter's log R for the film's."""
+    first_order_lag(par[0], time, values, state, out)
+
+
+EFFECT = Effect(
+    "meter_lag",
+    "ohmmeter",
+    (Parameter("tau_s", 0.2, 10.0),),
+    Filter(run, "log_resistance"),
+    "the ohmmeter follows the resistance late",
+    "switch the meter's filter off, integrate for a shorter time, shorter cables",
+    order=2,
+)
