@@ -1,8 +1,11 @@
 """The simulated world that two instruments share: current -> plate -> thermometer and film -> ohmmeter.
 
-Time is a parameter: `advance_to` runs the physics to a moment, and whatever was scheduled on the way. With the
-current held the plate's temperature is monotone between two events, and the film does not depend on the rate, so
-that bringing the film up to date at every event is exact.
+Time is a parameter: `advance_to` runs what is scheduled up to a moment; the physics follows when something is read or
+changed. With the current held, and no effect that says otherwise, the plate's temperature is monotone between two
+events and the film does not depend on the rate, so that a node at every event is exact.
+
+A reading that was taken later than it is stamped (timestamp_skew below 0) cannot be had live: it is the present one
+here, and whoever writes the record stamps it anew (`stamp_s`).
 """
 
 from __future__ import annotations
@@ -10,78 +13,46 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Protocol
 
 import numpy as np
 
-from compensator.plate import PlateModel
-from sim.effects.effect import Switched
-from sim.plate_balance import heat_flows, run
+from compensator.functions import Array
+from sim.chain import Chain, World, noises
+from sim.film_side import Film
+from sim.links import links_of
 
-
-class Film(Protocol):
-    """A film as the world needs it: memory in, memory out."""
-
-    def simulate(self, inputs_degC: Any, memory: Any) -> tuple[Any, Any]: ...
-
-    def step(self, input_degC: float, memory: Any) -> tuple[float, Any]: ...
-
-    def initial_memory(self, input_degC: float, initial: Any = ...) -> Any: ...
-
-
-@dataclass(frozen=True)
-class World:
-    """What is true of the simulated rig.
-
-    effects: what is switched on. current_limit_A: of the driver.
-    thermometer_noise_K, ohmmeter_noise_dec: standard deviation of a reading.
-    """
-
-    plate: PlateModel
-    film: Film
-    first_degC: float = 25.0
-    film_initial: str = "cooled"
-    thermometer_noise_K: float = 0.005
-    ohmmeter_noise_dec: float = 0.001
-    current_limit_A: float = 16.0
-    seed: int = 0
-    effects: tuple[Switched, ...] = ()
-
-
-@dataclass
-class _Noise:
-    """Standard normal numbers, drawn in blocks."""
-
-    random: np.random.Generator
-    block: list[float] = field(default_factory=list)
-
-    def draw(self) -> float:
-        if not self.block:
-            self.block = self.random.standard_normal(4096).tolist()
-        return self.block.pop()
+__all__ = ["Film", "SimulatedPlant", "World"]
+KEPT_S = 1.0  # of the past, beyond what a reading reaches back
 
 
 class SimulatedPlant:
-    """The state of the simulated rig: plate temperature, film memory, current, and what is due."""
+    """The state of the simulated rig: temperatures, film memory, currents, and what is due.
+
+    current_A: what was commanded; with effects on the driver the plate gets another, or later.
+    """
 
     def __init__(self, world: World, start_s: float = 0.0) -> None:
         self.world = world
         self.time_s = start_s
-        self.temperature_degC = world.first_degC
-        self._heat = heat_flows(world.effects)
-        self._own_degC = np.full(self._heat.count, world.plate.ambient_degC)
-        self._plate_array = world.plate.array()
-        self._start_s = start_s
         self.current_A = 0.0
         self.test_current_A = 0.0
-        self._film_memory = world.film.initial_memory(world.first_degC, world.film_initial)
-        self._film_output = math.nan
-        self._film_time_s = -math.inf
-        thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)
-        self._thermometer_noise, self._ohmmeter_noise = _Noise(thermometer), _Noise(ohmmeter)
+        self._start_s = start_s
+        self._chain = Chain(world)
+        self._links = self._chain.links
+        self._sink = self._links.own_number("heat_sink_warmup")
+        self._plate_current_A = 0.0
+        self._solved_s = -math.inf  # of the chain's last node, in its own time
+        self._thermometer_degC = world.first_degC
+        self._past: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+        self._thermometer_noise, self._ohmmeter_noise = noises(world.seed)
         self._due: list[tuple[float, int, Callable[[float], None]]] = []
         self._scheduled = 0
+
+    @property
+    def temperature_degC(self) -> float:
+        """The plate's true temperature now."""
+        self._solve()
+        return self._chain.plate_degC
 
     def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
         """Call `callback(time_s)` when the plant has reached that time (at once, if it has)."""
@@ -89,53 +60,101 @@ class SimulatedPlant:
         heapq.heappush(self._due, (max(time_s, self.time_s), self._scheduled, callback))
 
     def advance_to(self, time_s: float) -> None:
-        """Run the physics, and what is due, to a moment; a moment in the past changes nothing."""
+        """Let time pass, and run what is due; a moment in the past changes nothing."""
         while self._due and self._due[0][0] <= time_s:
             due_s, _, callback = heapq.heappop(self._due)
-            self._integrate(due_s)
+            self.time_s = max(self.time_s, due_s)
             callback(due_s)
-        self._integrate(time_s)
+        self.time_s = max(self.time_s, time_s)
 
     def set_current_A(self, current: float) -> None:
         """Current through the Peltier from now on; the driver holds it within its limit."""
         limit = self.world.current_limit_A
-        self._film_now()  # the temperature may turn round here
         self.current_A = min(max(current, -limit), limit)
+        if not self._links.commands:
+            self._drive(self.current_A)
+            return
+        acts, amounts = self._links.sent(np.array([self.time_s]), np.array([self.current_A]))
+        for when, amount in zip(acts.tolist(), amounts.tolist(), strict=True):
+            if when <= self.time_s:
+                self._drive(amount)
+            else:
+                self.schedule(when, lambda _, amount=amount: self._drive(amount))  # type: ignore[misc]
 
     def set_test_current_A(self, current: float) -> None:
         """The ohmmeter's test current from now on."""
+        if current == self.test_current_A:
+            return
+        if self._links.heated and self._solved_s > -math.inf:
+            self._solve()
+            self._solved_s = math.nextafter(self._solved_s, -math.inf)  # the film jumps here
         self.test_current_A = current
 
     def read_temperature_degC(self) -> float:
         """The thermometer's reading now."""
-        return self.temperature_degC + self.world.thermometer_noise_K * self._thermometer_noise.draw()
+        self._solve()
+        value = self._thermometer_degC + self.world.thermometer_noise_K * self._thermometer_noise.draw()
+        if not self._links.temperature_readings:
+            return value
+        return float(self._links.shown_degC(np.array([value]))[0])
 
     def sink_temperature_degC(self) -> float:
-        """The far side's temperature: in the base model the ambient."""
-        return float(self._own_degC[0]) if self._own_degC.size else self.world.plate.ambient_degC
+        """The far side's temperature: the sink's where it has one, else the ambient."""
+        if self._sink is None:
+            return self.world.plate.ambient_degC
+        self._solve()
+        return float(self._chain.own_degC[self._sink])
+
+    def read_voltage_V(self) -> float:
+        """The detector's voltage at a voltmeter now; 0 where there is none."""
+        detector = self.world.detector
+        if detector is None:
+            return 0.0
+        self._solve()
+        return detector.voltage_V(float(self._past[1][-1]), self._ohmmeter_noise.draw())
 
     def read_resistance_ohm(self, test_current_A: float) -> float:
         """The ohmmeter's reading of the film now."""
-        self.test_current_A = test_current_A
+        self.set_test_current_A(test_current_A)
+        self._solve()
+        time, output = self._past
+        value = output[-1]
+        if self._links.reading_times:
+            taken = self._links.taken(np.array([self.time_s - self._start_s]))[0]
+            value = np.interp(taken, time, output)
         noise = self.world.ohmmeter_noise_dec * self._ohmmeter_noise.draw()
-        return float(10.0 ** (-self._film_now() + noise))
+        if not self._links.readings:
+            return float(10.0 ** (noise - value))
+        return float(self._links.shown_ohm(np.array([10.0**-value]))[0] * 10.0**noise)
 
-    def _film_now(self) -> float:
-        if self._film_time_s != self.time_s:
-            self._film_output, self._film_memory = self.world.film.step(self.temperature_degC, self._film_memory)
-            self._film_time_s = self.time_s
-        return self._film_output
+    def _drive(self, current: float) -> None:
+        """What the plate gets from now on."""
+        self._solve()  # the temperature may turn round here
+        self._plate_current_A = current
 
-    def _integrate(self, time_s: float) -> None:
-        dt = time_s - self.time_s
-        if dt <= 0.0:
+    def _solve(self) -> None:
+        """Bring temperatures and film up to now."""
+        now = self.time_s - self._start_s
+        if now <= self._solved_s:
             return
-        if not self._heat.count:
-            self.temperature_degC = self.world.plate.step(self.temperature_degC, self.current_A, dt)
+        time = self._chain.nodes(max(self._solved_s, 0.0), now)
+        current, test_current = np.empty(time.size), np.empty(time.size)
+        current.fill(self._plate_current_A)
+        test_current.fill(self.test_current_A)
+        stretch = self._chain.advance(time, current, test_current)
+        self._thermometer_degC = float(stretch.thermometer_degC[-1])
+        self._solved_s = now
+        if self._links.reading_times:
+            earliest = min(float(self._links.taken(time[-1:])[0]), now) - KEPT_S
+            kept = max(int(np.searchsorted(self._past[0], earliest)) - 1, 0)
+            past = np.concatenate((self._past[0][kept:], time)), np.concatenate((self._past[1][kept:], stretch.output))
+            self._past = past
         else:
-            time = np.array([self.time_s, time_s]) - self._start_s
-            plate, slopes = np.empty(2), np.empty((2, 2))
-            current, reset = np.full(2, self.current_A), np.array([self.temperature_degC, math.nan])
-            run(self._plate_array, self._heat.terms, self._heat.values, time, current, reset, self._own_degC, plate, slopes)
-            self.temperature_degC = float(plate[1])
-        self.time_s = time_s
+            self._past = time, stretch.output
+
+
+def stamp_s(world: World, time_s: Array) -> Array:
+    """What a record calls the times at which a simulated rig took its resistances, where that is earlier."""
+    ahead = links_of(world.effects).taken(time_s) - time_s
+    return time_s - np.maximum(ahead, 0.0)
+

@@ -12,4 +12,7 @@ SIGNATURE = types.float64(*[types.float64] * ARGUMENTS)
 
 def heat_term(function: Any) -> Any:
     """Decorator: the function of `sim.effects.effect.HeatFlow`, compiled; it may call mathematics, no Python."""
-    return cfunc(SIGNATURE, cache=True)(function)
+    try:
+        return cfunc(SIGNATURE, cache=True)(function)
+    except RuntimeError:  # code that stands in no file has no place for its cache
+        return cfunc(SIGNATURE)(function)

@@ -79,6 +79,10 @@ class Ohmmeter(TriggeredInstrument):
         """Commands, and the state after power on."""
         raise NotImplementedError
 
+    def reset(self) -> None:
+        """`*RST`."""
+        raise NotImplementedError
+
     @property
     def measures_resistance(self) -> bool:
         """Whether a resistance function is chosen."""

@@ -162,7 +162,7 @@ def _integer(text: str, minimum: int, maximum: int) -> int:
 def _token(text: str, words: tuple[str, ...]) -> int:
     if text in words:
         return words.index(text)
-    if not text.isdigit():
+    if not (text.isascii() and text.isdigit()):
         raise CommandError(UNKNOWN_TOKEN)
     if int(text) >= len(words):
         raise CommandError(BAD_TOKEN_VALUE)

@@ -1,0 +1,134 @@
+"""Is anything left? Residuals in units of the noise against what white noise would do.
+
+Each question groups the residuals and asks whether the groups' means are further from 0 than chance makes them:
+consecutive rows (blocks of 2, 4, ... rows), temperature and direction, the resistance, the test current, the phase of
+a period. Q = sum over groups of n m^2 is chi-square with as many degrees of freedom as groups where nothing is left;
+the excess share (Q - groups) / rows says how large what is left is beside the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from compensator.functions import Array
+
+LEAST_SHARE = 0.02  # of the noise's variance: less is no matter
+SURE = 1e-6  # probability of so much by chance, over all questions
+
+
+@dataclass(frozen=True)
+class Question:
+    """One grouping: its name, the probability of its Q by chance (log10), the excess share of the variance."""
+
+    name: str
+    log10_p: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Adequacy:
+    """All questions; `left`: those that find something, the surest first."""
+
+    questions: tuple[Question, ...]
+    mean_square: float
+
+    @property
+    def left(self) -> tuple[Question, ...]:
+        limit = math.log10(SURE / max(len(self.questions), 1))
+        found = [q for q in self.questions if q.log10_p < limit and q.share > LEAST_SHARE]
+        return tuple(sorted(found, key=lambda q: q.log10_p))
+
+    @property
+    def clean(self) -> bool:
+        return not self.left
+
+
+def _grouped(name: str, z: Array, group: NDArray[np.int64], spent: float = 0.0) -> Question:
+    count = np.bincount(group)
+    total = np.bincount(group, z)
+    used = count > 0
+    q = float(np.sum(total[used] ** 2 / count[used]))
+    k = int(np.sum(used))
+    log_p = float(chi2.logsf(max(q - spent, 0.0), k)) / math.log(10.0)
+    return Question(name, log_p, (q - k) / z.size)
+
+
+def adequacy(z: Array, time_s: Array, temperature_degC: Array, state: dict[str, Array]) -> Adequacy:
+    """z: residuals over noise (rows,). state: other columns by name, grouped by their quantiles.
+
+    Under closed-loop control the current of a row answers to the row's own noise: give that of the row before."""
+    z = np.clip(z, -6.0, 6.0)
+    n = z.size
+    scale = float(np.mean(z * z))
+    if 0.85 < scale < 1.15:  # the noise itself is known this well only
+        z = z / math.sqrt(scale)
+    questions = []
+    size = 4
+    while n // size >= 6:
+        questions.append(_grouped(f"blocks of {size} rows", z, (np.arange(n) // size).astype(np.int64)))
+        size *= 3
+    rising = np.diff(temperature_degC, prepend=temperature_degC[0]) > 0.0  # the next step answers to this noise
+    bins = np.clip(np.searchsorted(np.quantile(temperature_degC, np.linspace(0, 1, 31)[1:-1]), temperature_degC), 0, 29)
+    questions.append(_grouped("temperature", z, (2 * bins + rising).astype(np.int64)))
+    for name, values in state.items():
+        levels = np.unique(values)
+        if levels.size <= 12:
+            group = np.searchsorted(levels, values)
+        else:
+            group = np.searchsorted(np.quantile(values, np.linspace(0, 1, 41)[1:-1]), values)
+        questions.append(_grouped(name, z, group.astype(np.int64)))
+    return Adequacy(tuple(questions), scale)
+
+
+def describe(z: Array, time_s: Array, temperature_degC: Array, left: tuple[Question, ...]) -> str:
+    """What is left in words: its period, its direction, its range of temperature, when."""
+    parts = []
+    period = main_period_s(z, time_s)
+    if period is not None:
+        parts.append(f"period {period:.3g} s")
+    rising = np.gradient(temperature_degC) > 0.0
+    up, down = float(np.mean(z[rising] ** 2)), float(np.mean(z[~rising] ** 2)) if np.any(~rising) else 0.0
+    if up > 2.0 * down:
+        parts.append("mostly while heating")
+    elif down > 2.0 * up:
+        parts.append("mostly while cooling")
+    edges = np.quantile(temperature_degC, np.linspace(0.0, 1.0, 13))
+    square = [
+        float(np.mean(z[(temperature_degC >= a) & (temperature_degC <= b)] ** 2))
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+    k = int(np.argmax(square))
+    if square[k] > 2.5 * float(np.mean(square)):
+        parts.append(f"between {edges[k]:.1f} and {edges[k + 1]:.1f} degC")
+    parts += [f"from {when:.0f} s on" for when in [onset_s(z, time_s)] if when is not None]
+    return ", ".join(parts) if parts else f"structure in {left[0].name}" if left else "structure"
+
+
+def main_period_s(z: Array, time_s: Array) -> float | None:
+    """The period that stands out of the residual's spectrum, None where none does."""
+    step = float(np.median(np.diff(time_s)))
+    count = int((time_s[-1] - time_s[0]) / step) + 1
+    even = np.interp(time_s[0] + step * np.arange(count), time_s, z)
+    power = np.abs(np.fft.rfft(even * np.hanning(count))) ** 2
+    power[:3] = 0.0
+    k = int(np.argmax(power))
+    around = np.median(power[max(3, k - 60) : k + 60])
+    if power[k] < 40.0 * around or k < 4:
+        return None
+    return count * step / k
+
+
+def onset_s(z: Array, time_s: Array) -> float | None:
+    """The time from which on the residual is several times larger, None where there is none."""
+    n = z.size
+    total = np.cumsum(z * z)
+    k = np.arange(n // 10, n - n // 10)
+    before, after = total[k] / (k + 1), (total[-1] - total[k]) / (n - k - 1)
+    ratio = after / np.maximum(before, 0.5)
+    best = int(np.argmax(ratio * np.minimum(k, n - k)))
+    return float(time_s[k[best]]) if ratio[best] > 4.0 and before[best] < 1.5 else None

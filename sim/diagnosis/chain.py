@@ -1,0 +1,182 @@
+"""The whole chain as one fit: first links and last links, with one score for a set of effects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.film_columns import FilmStart, film_nodes
+from sim.diagnosis.film_start import scale_of, starting_shape, thinned_path
+from sim.diagnosis.path_estimate import corrected_path, measured_path
+from sim.diagnosis.plate_path import PlatePath
+from sim.diagnosis.readings import quick_noise
+from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.resistance_channel import FilmBasis, FilmParameters, ResistanceChannel, ResistanceFit, basis_for
+from sim.diagnosis.resistance_search import ResistanceSearch
+from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
+from sim.effects.effect import Effect
+
+LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
+SEVERAL_STARTS = 10
+
+
+def temperature_search(
+    record: Record, fitted: Mask, effects: dict[str, Effect], kinds: tuple[str, ...] = ("peltier",)
+) -> TemperatureSearch:
+    """The first links' base fit, weighed by the thermometer's own noise."""
+    used = record.temperature_degC[record.temperature_used]
+    rough = max(quick_noise(used), LEAST_NOISE_K)
+    if record.step_K > 0.0:
+        rough = max(rough, 0.3 * record.step_K)
+    channel = TemperatureChannel(record, fitted, rough, record.step_K)
+    base = base_fit(channel, record, kinds)
+    channel = channel.with_noise(max(channel.noise(base), LEAST_NOISE_K))
+    mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
+    return TemperatureSearch(channel, mine, base)
+
+
+def rounds(effect: Effect) -> bool:
+    """Whether the effect is a lattice of readings, which is seen and not fitted."""
+    return bool(getattr(effect.form, "rounding", False))
+
+
+def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
+    """The plate's temperature that drives the film."""
+    channel, record = search.channel, search.channel.record
+    rows = np.flatnonzero(record.temperature_used)
+    if record.step_K > 0.0 and channel.sigma_K < record.step_K:
+        residual = channel.with_noise(channel.sigma_K).residual(fit) * channel.sigma_K
+        rows = channel.rows
+    else:
+        residual = record.temperature_degC[rows] - fit.shown_degC[rows]
+    return corrected_path(record, fit, residual, rows)
+
+
+@dataclass
+class FilmFacts:
+    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise."""
+
+    basis: FilmBasis
+    shape: Array
+    start: FilmStart
+    sigma_dec: float
+
+
+def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> FilmFacts:
+    """A global search for the film's envelopes on thinned rows, for each memory it may have begun with."""
+    assert record.output is not None
+    used = record.output_used & fitted
+    output = np.nan_to_num(record.output)
+    first = path.at(record.time_s[:1])[0]
+    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
+    starts = [FilmStart("heated"), FilmStart("cooled")]
+    best, shape = FilmStart("heated"), np.zeros(4)
+    least = np.inf
+    for start in starts:
+        thin = thinned_path(film_nodes(record, path, [], [], None, start), output, used, start)
+        found, square = starting_shape(thin, curve)
+        if square < 0.97 * least:
+            best, shape, least = start, found, square
+    thin = thinned_path(film_nodes(record, path, [], [], None, best), output, used, best)
+    middle, half, loop = scale_of(thin)
+    facts = FilmFacts(basis_for(record, path, middle, half, loop, curve), shape, best, 1.0)
+    sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
+    channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
+    if first > middle - 4.0 * half and first < middle + 4.0 * half:  # it began inside the transition
+        margin = 0.25 * (high - low)
+        candidates = [FilmStart("cooled", float(t)) for t in np.linspace(low - margin, first, SEVERAL_STARTS)[:-1]]
+        candidates += [FilmStart("heated", float(t)) for t in np.linspace(first, high + margin, SEVERAL_STARTS)[1:]]
+        none = np.empty((record.rows, 0))
+        cost = channel.point(FilmParameters((), shape, best), shape, none).cost
+        for start in candidates:
+            value = channel.point(FilmParameters((), shape, start), shape, none).cost
+            if value < 0.97 * cost:
+                facts.start, cost = start, value
+    fit = channel.descend(FilmParameters((), shape, facts.start))
+    facts.shape = fit.parameters.x[:4]
+    facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
+    return facts
+
+
+def resistance_search(
+    record: Record, path: PlatePath, fitted: Mask, facts: FilmFacts, effects: dict[str, Effect]
+) -> ResistanceSearch:
+    """The last links on one path."""
+    channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis)
+    mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
+    if record.test_current_A is None:
+        mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
+    return ResistanceSearch(channel, mine, FilmParameters((), facts.shape, facts.start))
+
+
+@dataclass
+class Chain:
+    """Both ends' searches; either may be missing. Paths and searches of the last links are kept by the first links'
+    effects."""
+
+    record: Record
+    fitted: Mask
+    effects: dict[str, Effect]
+    curve: bool = True
+    first: TemperatureSearch | None = None
+    facts: FilmFacts | None = None
+    searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
+
+    def last(self, upstream: frozenset[str]) -> ResistanceSearch:
+        """The search of the last links behind these effects of the first ones."""
+        if upstream not in self.searches:
+            path = measured_path(self.record)
+            if self.first is not None:
+                path = path_of(self.first, self.first.fit(upstream))
+            if self.facts is None:
+                self.facts = film_facts(self.record, path, self.fitted, self.curve)
+            self.searches[upstream] = resistance_search(self.record, path, self.fitted, self.facts, self.effects)
+        return self.searches[upstream]
+
+    def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
+        """Which effects are on the first links, and which on the last."""
+        upstream = frozenset(n for n in names if self.effects[n].link in ("driver", "plate", "thermometer"))
+        return upstream, names - upstream
+
+    def fits(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
+        """The best fits with exactly these effects."""
+        upstream, downstream = self.split(names)
+        a = self.first.fit(upstream) if self.first is not None else None
+        b = None
+        if self.record.output is not None:
+            search = self.last(upstream)
+            if downstream not in search.fits:
+                known = [s.fits[downstream] for s in self.searches.values() if downstream in s.fits]
+                if known:  # the same effects behind another path: a short way from there
+                    near = max(known, key=lambda fit: fit.score)
+                    search.keep(search.whole(near.plain or near.parameters))
+            b = search.fit(downstream)
+        return a, b
+
+    def score(self, names: frozenset[str]) -> float:
+        """Log-likelihood of both channels, up to a constant of the record."""
+        a, b = self.fits(names)
+        return (-a.minus_log if a is not None else 0.0) + (b.score if b is not None else 0.0)
+
+    def renoised(self, names: frozenset[str]) -> None:
+        """Weigh both channels by the noise that the fit with these effects leaves; fits made before are forgotten."""
+        a, b = self.fits(names)
+        upstream, downstream = self.split(names)
+        if a is not None and self.first is not None:
+            sigma = max(self.first.channel.noise(a), LEAST_NOISE_K)
+            if abs(sigma / self.first.channel.sigma_K - 1.0) > 0.03:
+                old = self.first
+                self.first = TemperatureSearch(old.channel.with_noise(sigma), old.effects, old.base)
+                for key, fit in old.fits.items():
+                    if key <= upstream or len(key) <= 1:
+                        self.first.fits[key] = self.first.channel.descend(fit.parameters, 6)
+        if b is not None and self.facts is not None:
+            sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
+            if abs(sigma / self.facts.sigma_dec - 1.0) > 0.03:
+                self.facts = replace(self.facts, sigma_dec=sigma)
+                self.searches.clear()
+                search = self.last(upstream)
+                search.keep(search.whole(b.plain or b.parameters))

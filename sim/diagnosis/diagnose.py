@@ -1,0 +1,248 @@
+"""From a record to a diagnosis: what the simulation gets wrong, why, and what the repair gains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
+
+from compensator.functions import Array
+from sim.diagnosis.adequacy import describe
+from sim.diagnosis.advice import next_experiments
+from sim.diagnosis.chain import Chain, temperature_search
+from sim.diagnosis.false_alarm import false_alarm
+from sim.diagnosis.gain import Gain, gain, rmse
+from sim.diagnosis.intervals import intervals
+from sim.diagnosis.record import Record, read_columns
+from sim.diagnosis.rivals import rivals_of
+from sim.diagnosis.selection import select
+from sim.diagnosis.verdict import Verdict, judge, resistance_residual, temperature_residual
+from sim.diagnosis.warnings import Warning, warnings_of
+from sim.effects.catalogue import catalogue
+from sim.effects.effect import Effect
+
+Progress = Callable[[str], None]
+QUANTIZATION = "thermometer_quantization"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named effect: parameters by name with their 95 % intervals, evidence, what it cannot be told from, gain by
+    channel."""
+
+    name: str
+    parameters: dict[str, tuple[float, tuple[float, float] | None]]
+    evidence: float
+    false_alarm: float
+    indistinguishable_from: list[str]
+    gain: dict[str, Gain]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel: its noise, the held-out RMSE of the base and of the extended model, and how many rows were held."""
+
+    noise: float
+    rmse_base: float
+    rmse_extended: float
+    samples_holdout: int
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
+    film's form, warnings, what to do next; record and chain: for figures and for the extended model."""
+
+    verdict: str
+    findings: list[Finding]
+    channels: dict[str, Channel | None]
+    unexplained: dict[str, str | None]
+    film: dict[str, Any] | None
+    warnings: list[Warning]
+    next_experiment: list[str]
+    record: Record
+    chain: Chain
+    judged: Verdict
+    model: str | None = None
+
+    def document(self) -> dict[str, Any]:
+        """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
+        return {
+            "format": "peltier-diagnosis/1",
+            "verdict": self.verdict,
+            "effects": [
+                {
+                    "name": f.name,
+                    "parameters": {
+                        name: {"value": value, "ci95": list(ci) if ci is not None else None}
+                        for name, (value, ci) in f.parameters.items()
+                    },
+                    "evidence": f.evidence,
+                    "false_alarm": f.false_alarm,
+                    "indistinguishable_from": f.indistinguishable_from,
+                    "gain": {
+                        channel: {
+                            "rmse_before": g.rmse_before,
+                            "rmse_after": g.rmse_after,
+                            "reduction_ci95": list(g.reduction_ci95),
+                        }
+                        for channel, g in f.gain.items()
+                    },
+                }
+                for f in self.findings
+            ],
+            "channels": {
+                name: None
+                if c is None
+                else {
+                    "noise": c.noise,
+                    "rmse_base": c.rmse_base,
+                    "rmse_extended": c.rmse_extended,
+                    "samples_holdout": c.samples_holdout,
+                }
+                for name, c in self.channels.items()
+            },
+            "unexplained": self.unexplained,
+            "film": self.film,
+            "warnings": [w.document() for w in self.warnings],
+            "next_experiment": self.next_experiment,
+            "model": self.model,
+        }
+
+
+def diagnose(
+    columns: Mapping[str, ArrayLike],
+    *,
+    base: str | None = None,
+    holdout: Mapping[str, ArrayLike] | None = None,
+    effects: dict[str, Effect] | None = None,
+    kinds: tuple[str, ...] = ("peltier",),
+    say: Progress = lambda text: None,
+) -> Diagnosis:
+    """Diagnose one record (columns as in a record file: names with units).
+
+    base: "generalized_pi" restricts the film to no D(T). holdout: another record of the same rig, on which the gain is
+    measured in place of every third block of rows. Raises ValueError, a line a fault, where nothing can be said.
+    """
+    with threadpool_limits(limits=1):
+        record = read_columns(columns, held_out=holdout is None)
+        known = dict(effects if effects is not None else catalogue())
+        chain = Chain(record, ~record.held_out, known, curve=base != "generalized_pi")
+        if record.current_A is not None:
+            chain.first = temperature_search(record, ~record.held_out, known, kinds)
+        elif record.output is None:
+            raise ValueError("record: neither current_A nor resistance_ohm; expected at least one of them")
+        names = select(chain, say)
+        say("evidence")
+        judged = judge(chain, names)
+        other = read_columns(holdout, held_out=False) if holdout is not None else None
+        return _diagnosis(chain, judged, other, say)
+
+
+def _residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
+    """Residuals in every row, in K and decades, nan where there is no reading."""
+    record, out = chain.record, {}
+    a, b = chain.fits(names)
+    if a is not None:
+        out["temperature_K"] = np.where(record.temperature_used, record.temperature_degC - a.shown_degC, np.nan)
+    if b is not None and record.output is not None:
+        out["resistance_dec"] = np.where(record.output_used, record.output - b.shown, np.nan)
+    return out
+
+
+def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
+    record, names = chain.record, frozenset(judged.names)
+    held = record.held_out if holdout is None else np.ones(record.rows, dtype=np.bool_)
+    say("gain")
+    whole, bare = _residuals(chain, names), _residuals(chain, frozenset())
+    noise = {}
+    if chain.first is not None:
+        noise["temperature_K"] = chain.first.channel.sigma_K
+    if chain.facts is not None:
+        noise["resistance_dec"] = chain.facts.sigma_dec
+    channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
+    for name, residual in whole.items():
+        rows = held & np.isfinite(residual)
+        channels[name] = Channel(noise[name], rmse(bare[name][rows]), rmse(residual[rows]), int(np.sum(rows)))
+    say("intervals")
+    parameters = intervals(chain, names)
+    rivals = rivals_of(chain, names, judged)
+    findings = []
+    for name in judged.names:
+        rest = _residuals(chain, names - {name})
+        gains = {c: gain(rest[c], whole[c], held) for c in whole}
+        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
+        evidence = judged.evidence[name]
+        findings.append(
+            Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains)
+        )
+    if record.step_K > 0.0:
+        lattice = _lattice(record, noise.get("temperature_K", 0.0))
+        if lattice is not None:
+            findings.append(lattice)
+    findings.sort(key=lambda f: -f.evidence)
+    unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
+    if judged.temperature is not None and not judged.temperature.clean:
+        z, rows = temperature_residual(chain, names)
+        unexplained["temperature_K"] = describe(
+            z, record.time_s[rows], record.temperature_degC[rows], judged.temperature.left
+        )
+    if judged.resistance is not None and not judged.resistance.clean:
+        z, rows = resistance_residual(chain, names)
+        unexplained["resistance_dec"] = describe(
+            z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
+        )
+    left = [text for text in unexplained.values() if text is not None]
+    verdict = ("partly_unexplained" if left else "explained") if findings else ("unexplained" if left else "clean")
+    film = None
+    if chain.facts is not None:
+        b = chain.fits(names)[1]
+        assert b is not None
+        film = {
+            "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
+            "operators": int(chain.facts.basis.fractions.size),
+            "of_the_class": bool(b.parameters.relay_dec == 0.0),
+        }
+    return Diagnosis(
+        verdict,
+        findings,
+        channels,
+        unexplained,
+        film,
+        warnings_of(chain, names),
+        next_experiments(
+            chain.effects,
+            [f.name for f in findings],
+            rivals,
+            left,
+            record.current_A is not None,
+            record.test_current_A is not None or record.output is None,
+        ),
+        record,
+        chain,
+        judged,
+    )
+
+
+def _lattice(record: Record, noise_K: float) -> Finding | None:
+    """The thermometer's rounding, which the readings show by themselves."""
+    step = record.step_K
+    if step < 0.5 * noise_K:
+        return None
+    values = record.temperature_degC[record.temperature_used]
+    index = np.round(values / step)
+    step = float(index @ values / (index @ index)) if np.max(np.abs(values - index * step)) < 0.2 * step else step
+    rows = float(values.size)
+    evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))
+    spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
+    ci = (step - spread, step + spread)
+    return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, false_alarm(evidence), [], {})
+
+
+def with_model(diagnosis: Diagnosis, path: str) -> Diagnosis:
+    """The same, with the path of the extended model's file."""
+    return replace(diagnosis, model=path)

@@ -1,0 +1,160 @@
+"""The film and the ohmmeter as a linear problem: what each coefficient adds to the output, row by row.
+
+With the temperature of the film given, the output is linear in the weights of the play operators and in the
+coefficients of D; filters (creep, a meter's lag) act on each column alone. Only the envelopes and the effects' own
+parameters are not linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from compensator.film import Initial
+from compensator.functions import Array
+from compensator.identify_operators import envelope_values, operator_outputs
+from sim.diagnosis.plate_path import PlatePath
+from sim.diagnosis.record import Record
+from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
+
+KNOTS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class FilmNodes:
+    """The film's temperature on the times at which it is needed.
+
+    time_s, film_degC: (nodes,); side: the direction of each step, with the memory at the first node; taken: the node
+    at which each row's resistance was read.
+    """
+
+    time_s: Array
+    film_degC: Array
+    side: NDArray[np.int8]
+    taken: NDArray[np.int64]
+    previous_degC: float | None
+
+
+@dataclass(frozen=True)
+class FilmStart:
+    """What the film remembers at the first row: saturation at one end, and the turning point since, if any."""
+
+    initial: Initial = "heated"
+    previous_degC: float | None = None
+
+
+def film_nodes(
+    record: Record,
+    path: PlatePath,
+    effects: Sequence[Switched],
+    behind_K: Sequence[float],
+    power_W: Array | None,
+    start: FilmStart,
+) -> FilmNodes:
+    """The film's temperature. behind_K: of each filter at the first row; power_W: of the ohmmeter, in each row."""
+    taken = record.taken_s
+    for effect in effects:
+        if isinstance(effect.effect.form, ReadingTime):
+            taken = effect.effect.form.taken(effect.par, taken)
+    same = taken is record.time_s or (taken.size == record.time_s.size and np.array_equal(taken, record.time_s))
+    time = record.time_s if same else np.union1d(record.time_s, np.clip(taken, 0.0, None))
+    place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
+    temperature, k = path.at(time), 0
+    for effect in effects:
+        form = effect.effect.form
+        if isinstance(form, Filter) and form.target == "film_temperature":
+            out = np.empty(time.size)
+            form.run(effect.par, time, temperature, np.array([temperature[0] - behind_K[k]]), out)
+            temperature, k = out, k + 1
+        elif isinstance(form, Warming):
+            power = np.zeros(time.size)
+            if form.heated and power_W is not None:
+                power = power_W if same else np.interp(time, record.time_s, power_W)
+            temperature = temperature + form.add(effect.par, time, power)
+    side = np.empty(time.size, dtype=np.int8)
+    side[0] = -2 if start.initial == "cooled" else 2
+    side[1:] = np.sign(np.diff(temperature))
+    return FilmNodes(time, temperature, side, place, start.previous_degC)
+
+
+def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
+    """Output of each operator at the nodes, shape (nodes, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    inputs, side = nodes.film_degC, nodes.side
+    if nodes.previous_degC is not None:
+        inputs = np.concatenate(([nodes.previous_degC], inputs))
+        turn = np.int8(np.sign(inputs[1] - inputs[0]))
+        side = np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
+    gamma = envelope_values(inputs, side, shape[None, :])
+    rows = np.arange(nodes.time_s.size, dtype=np.int64) + (inputs.size - nodes.time_s.size)
+    out = np.empty((rows.size, radii.size))
+    operator_outputs(gamma, side, radii, np.zeros(radii.size, dtype=np.int64), 1.0, rows, out)
+    return out
+
+
+def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
+    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
+    widths, place = np.unique(half_width_K, return_inverse=True)
+    side, inputs = nodes.side, nodes.film_degC
+    if nodes.previous_degC is not None:
+        inputs = np.concatenate(([nodes.previous_degC], inputs))
+        side = np.concatenate((side[:1], [np.int8(np.sign(inputs[1] - inputs[0]))], side[1:])).astype(np.int8)
+    plays = np.empty((nodes.taken.size, widths.size))
+    order = np.argsort(nodes.taken, kind="stable")
+    rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)
+    part = np.empty_like(plays)
+    group = np.zeros(widths.size, dtype=np.int64)
+    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, widths, group, np.inf, rows, part)
+    plays[order] = part
+    return np.asarray(np.tanh(slope * (plays[:, place] - centre)), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothCurve:
+    """Any smooth D(T) on a range: cubic splines, as many as tell any of the named forms within 1e-4 of its span."""
+
+    knots: Array
+
+    @classmethod
+    def over(cls, low: float, high: float, count: int = KNOTS) -> SmoothCurve:
+        inner = np.linspace(low, high, count)
+        return cls(np.concatenate(([low] * 3, inner, [high] * 3)))
+
+    @property
+    def count(self) -> int:
+        return self.knots.size - 5
+
+    def columns(self, temperature: Array) -> Array:
+        """Shape (samples, count): without the constant."""
+        inside = np.clip(temperature, self.knots[0], self.knots[-1])
+        design = BSpline.design_matrix(inside, self.knots, 3).toarray()
+        return np.asarray(design[:, 1:] - 1.0 / (self.count + 1), dtype=np.float64)
+
+
+def filtered(columns: Array, time: Array, effect: Switched, behind: float) -> Array:
+    """Each column through a filter; `behind`: how far the sum of the columns is behind at the first node goes to the
+    constant column, the last one."""
+    form = effect.effect.form
+    assert isinstance(form, Filter)
+    out = np.empty_like(columns.T)
+    for k, column in enumerate(np.ascontiguousarray(columns.T)):
+        form.run(effect.par, time, column, np.array([column[0]]), out[k])
+    return np.ascontiguousarray(out.T)
+
+
+def transfer(effects: Sequence[Switched], output: Array) -> tuple[Array, Array]:
+    """Series resistances and shunts: the output at the terminals for the film's own, and its derivative."""
+    shown, slope = output, np.ones_like(output)
+    for effect in effects:
+        form = effect.effect.form
+        if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and not form.linear:
+            h = 1e-5
+            within = np.clip(shown, -15.0, 15.0)
+            up = -np.log10(form.read(effect.par, 10.0 ** -(within + h)))
+            down = -np.log10(form.read(effect.par, 10.0 ** -(within - h)))
+            slope = slope * (up - down) / (2.0 * h)
+            shown = 0.5 * (up + down)
+    return shown, slope

@@ -1,0 +1,108 @@
+"""Intervals of the effects' parameters: the curvature at the fit, every other unknown free.
+
+The residual of a fit that leaves nothing is white, so that the curvature is enough; where it is not, the covariance
+is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identify_covariance`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from compensator.functions import Array
+from compensator.identify_covariance import block_sandwich
+from sim.diagnosis.chain import Chain
+from sim.diagnosis.unknowns import fitted_parameters, unknown_of
+from sim.diagnosis.verdict import resistance_residual, temperature_residual
+from sim.effects.effect import Command, Switched
+
+NORMAL_95 = 1.96
+HALF_CHI2_95 = 1.92
+
+
+def _deviations(columns: Array, z: Array) -> Array:
+    """Standard deviations of unknowns whose columns were freed of all others."""
+    normal = columns.T @ columns
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
+    plain = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    wide = np.asarray(block_sandwich(columns, z).standard_errors)
+    return np.asarray(np.maximum(plain, np.where(np.isfinite(wide), wide, 0.0)), dtype=np.float64)
+
+
+def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:
+    """By effect and parameter: the value and its 95 % interval, None where an interval has no meaning."""
+    a, b = chain.fits(names)
+    out: dict[str, dict[str, tuple[float, tuple[float, float] | None]]] = {}
+    if a is not None and chain.first is not None:
+        z, rows = temperature_residual(chain, names)
+        channel = chain.first.channel
+        p = a.parameters
+        first = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - a.shown_degC[rows]
+        e = first / (0.01 * channel.sigma_K)
+        weight = np.sqrt(a.curvature)
+        j = a.jacobian[rows] / channel.sigma_K
+        d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12
+        for k in range(j.shape[1]):
+            part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
+            j[:, k] -= e * part[channel.stretch]
+        deviations = _deviations(weight[:, None] * j, z)
+        out |= _by_name(list(a.effects), deviations[len(p.base) :])
+        for effect in a.effects:
+            if isinstance(effect.effect.form, Command) and not effect.effect.form.smooth:
+                out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
+    if b is not None:
+        z, rows = resistance_residual(chain, names)
+        channel = chain.last(chain.split(names)[0]).channel
+        relays = channel.relay_columns(b.parameters, b.parameters.x)
+        point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
+        j = b.jacobian[rows] / channel.sigma_dec
+        reach = point.columns / channel.sigma_dec
+        j = j - reach @ cho_solve(point.factor, reach.T @ j, check_finite=False)
+        out |= _by_name(list(b.effects), _deviations(j, z)[4:])
+    return out
+
+
+def _by_name(
+    effects: list[Switched], deviations: Array
+) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:
+    out: dict[str, dict[str, tuple[float, tuple[float, float] | None]]] = {}
+    k = 0
+    for e in effects:
+        values: dict[str, tuple[float, tuple[float, float] | None]] = {}
+        for j, p in enumerate(e.effect.parameters):
+            value = float(e.par[j])
+            if p in fitted_parameters(e.effect):
+                u = unknown_of(e.effect, p)
+                x, half = u.inside(value), NORMAL_95 * float(deviations[k])
+                low, high = u.outside(x - min(half, 20.0)), u.outside(x + min(half, 20.0))
+                values[p.name] = (value, (low, high))
+                k += 1
+            else:
+                values[p.name] = (value, None)
+        out[e.name] = values
+    return out
+
+
+def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[float, tuple[float, float] | None]:
+    """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92."""
+    assert chain.first is not None
+    search = chain.first
+    fit = chain.fits(names)[0]
+    assert fit is not None
+    original = search.effects[effect.name]
+    at = float(effect.par[0])
+    edges = []
+    for sign in (-1.0, 1.0):
+        near, far = 0.0, 0.01
+        while far < 1.0:
+            trial = search.held(fit, original, at * float(np.exp(sign * far)), 2)
+            if trial.minus_log > fit.minus_log + HALF_CHI2_95:
+                break
+            near, far = far, 2.0 * far
+        for _ in range(5):
+            middle = 0.5 * (near + far)
+            trial = search.held(fit, original, at * float(np.exp(sign * middle)), 2)
+            near, far = (near, middle) if trial.minus_log > fit.minus_log + HALF_CHI2_95 else (middle, far)
+        edges.append(at * float(np.exp(sign * far)))
+    return at, (edges[0], edges[1])

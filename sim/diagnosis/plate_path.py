@@ -1,0 +1,105 @@
+"""From the recorded current to the plate's and the thermometer's temperature: one simulation of the first links."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.functions import Array
+from sim.diagnosis.record import Record
+from sim.effects.effect import Command, Filter, Switched
+from sim.plate_balance import heat_flows, run
+
+LONGEST_S = 0.5
+MOST_NODES = 400_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlatePath:
+    """Plate temperature: time_s, plate_degC of shape (nodes,), slopes (nodes, 2) after and before each node."""
+
+    time_s: Array
+    plate_degC: Array
+    slopes: Array
+
+    def at(self, time: Array) -> Array:
+        """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
+        k = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, self.time_s.size - 2)
+        t0, h = self.time_s[k], self.time_s[k + 1] - self.time_s[k]
+        x = np.clip((time - t0) / np.maximum(h, 1e-12), 0.0, 1.0)
+        a, b = self.plate_degC[k], self.plate_degC[k + 1]
+        p, q = h * self.slopes[k, 0], h * self.slopes[k + 1, 1]
+        d = b - a
+        cubic = a + x * (p + x * (3.0 * d - 2.0 * p - q + x * (p + q - 2.0 * d)))
+        late = np.maximum(time - self.time_s[-1], 0.0)
+        return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Times at which the current may change, or is read: time_s, current_A (nodes,), rows: which node a row is."""
+
+    time_s: Array
+    current_A: Array
+    rows: NDArray[np.int64]
+
+
+def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
+    """The record's rows and the moments at which its commands act."""
+    assert record.current_A is not None
+    acts, amounts = record.time_s, record.current_A
+    for effect in effects:
+        if isinstance(effect.effect.form, Command):
+            acts, amounts = effect.effect.form.send(effect.par, acts, amounts)
+    order = np.argsort(acts, kind="stable")
+    acts, amounts = acts[order], amounts[order]
+    time = np.union1d(record.time_s, acts[acts <= record.time_s[-1]])
+    longest = float(np.max(np.diff(time)))
+    if longest > 1.01 * LONGEST_S:
+        count = np.ceil(np.diff(time) / LONGEST_S).astype(np.int64)
+        if np.sum(count) < MOST_NODES:
+            inside = [time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())]
+            time = np.unique(np.concatenate([time, *inside]))
+    place = np.searchsorted(acts, time, side="right") - 1
+    current = np.where(place >= 0, amounts[np.maximum(place, 0)], 0.0)
+    return Nodes(time, current, np.searchsorted(time, record.time_s))
+
+
+@dataclass(frozen=True, eq=False)
+class PlateRun:
+    """One simulation: the plate's path, and what an ideal thermometer behind the thermometer's filters shows in each
+    row, degC, shape (rows,)."""
+
+    path: PlatePath
+    shown_degC: Array
+
+
+def simulate_plate(
+    record: Record,
+    nodes: Nodes,
+    plate: Array,
+    effects: Sequence[Switched],
+    first_degC: Array,
+    own_degC: Array,
+    behind_K: Array,
+) -> PlateRun:
+    """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. own_degC: of the
+    effects of form HeatFlow at the first row. behind_K: by how much each thermometer filter is behind there."""
+    heat = heat_flows(effects)
+    n = nodes.time_s.size
+    reset = np.full(n, np.nan)
+    reset[nodes.rows[record.first_rows]] = first_degC
+    temperature, slopes = np.empty(n), np.empty((n, 2))
+    own = np.array(own_degC, dtype=np.float64)
+    run(plate, heat.terms, heat.values, nodes.time_s, nodes.current_A, reset, own, temperature, slopes)
+    shown, k = temperature, 0
+    for effect in effects:
+        form = effect.effect.form
+        if isinstance(form, Filter) and form.target == "thermometer":
+            out = np.empty(n)
+            form.run(effect.par, nodes.time_s, shown, np.array([shown[0] - behind_K[k]]), out)
+            shown, k = out, k + 1
+    return PlateRun(PlatePath(nodes.time_s, temperature, slopes), shown[nodes.rows])

@@ -1,0 +1,73 @@
+"""The likelihood of readings: with normal noise, or with normal noise and then rounded to a lattice.
+
+For a prediction mu of what an ideal instrument shows, a reading T with noise sigma has z = (T - mu) / sigma and
+-log L = z^2 / 2. One that was rounded to a lattice of step q says only that mu + noise lay within T +- q/2:
+-log L = -log(Phi(b) - Phi(a)), a, b = (T -+ q/2 - mu) / sigma. Derivatives by mu serve the descent; the residual of a
+rounded reading is drawn at random within its interval (randomized quantile residuals: P. K. Dunn, G. K. Smyth,
+J. Comput. Graph. Statist. 5 (1996) 236), so that it is normal and white where the model is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from compensator.functions import Array
+
+FAR = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """Of each reading: minus the logarithm, -d/dmu times sigma, d2/dmu2 times sigma^2."""
+
+    minus_log: Array
+    pull: Array
+    curvature: Array
+
+
+def likelihood(reading: Array, mu: Array, sigma: float, step: float) -> Likelihood:
+    """Of readings for their predictions; step 0: no lattice."""
+    if step == 0.0:
+        z = (reading - mu) / sigma
+        return Likelihood(0.5 * z * z, z, np.ones_like(z))
+    centre = (reading - mu) / sigma
+    side = np.where(centre >= 0.0, 1.0, -1.0)
+    near, far = side * centre - 0.5 * step / sigma, side * centre + 0.5 * step / sigma  # near < far, mirrored
+    log_far, log_near = log_ndtr(-far), log_ndtr(-near)
+    log_p = log_near + np.log(-np.expm1(np.minimum(log_far - log_near, -1e-300)))
+    p_near = np.exp(-0.5 * near * near - 0.9189385332 - log_p)
+    p_far = np.exp(-0.5 * far * far - 0.9189385332 - log_p)
+    pull = side * (p_near - p_far)
+    curvature = pull * pull - side * side * (near * p_near - far * p_far)
+    return Likelihood(-log_p, pull, np.clip(curvature, 1e-6, 1.0))
+
+
+def normal_residual(reading: Array, mu: Array, sigma: float, step: float) -> Array:
+    """Residuals in units of the noise that are standard normal where the model is right."""
+    centre = (reading - mu) / sigma
+    if step == 0.0:
+        return np.asarray(centre, dtype=np.float64)
+    share = np.random.default_rng(0).random(reading.size)
+    side = np.where(centre >= 0.0, 1.0, -1.0)
+    near, far = side * centre - 0.5 * step / sigma, side * centre + 0.5 * step / sigma
+    low, high = ndtr(-far), ndtr(-near)
+    drawn = -ndtri(np.clip(low + share * (high - low), 1e-300, 1.0))
+    beyond = near > FAR
+    drawn[beyond] = near[beyond]
+    return np.asarray(side * drawn, dtype=np.float64)
+
+
+def lattice_noise(reading: Array, mu: Array, step: float) -> float:
+    """The noise before the rounding, of largest likelihood."""
+    sizes = step * np.geomspace(0.01, 1.0, 25)
+    cost = [float(np.sum(likelihood(reading, mu, s, step).minus_log)) for s in sizes]
+    return float(sizes[int(np.argmin(cost))])
+
+
+def quick_noise(residual: Array) -> float:
+    """Standard deviation of what changes from reading to reading, from second differences; robust."""
+    second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
+    return 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6.0)

@@ -1,0 +1,126 @@
+"""A record as the diagnosis takes it: columns checked, times from the first row, gaps, outliers, held-out rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.functions import Array
+from compensator.identify_rows import gap_threshold
+from compensator.outliers import lone_outliers
+from sim.diagnosis.lattice import lattice_step
+
+Mask = NDArray[np.bool_]
+FEWEST = 40  # readings of a channel below which nothing can be said about it
+BLOCKS = 60  # contiguous blocks of rows, every third of them held out
+HELD_OUT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One record; arrays of shape (rows,).
+
+    time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that
+    the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm),
+    None where the record has no resistance; output_used; taken_s: when it was read; test_current_A: of the ohmmeter, 0
+    where it is not known. first_rows: where a stretch begins (the first row, and after each gap). held_out: rows that
+    no fit sees. outliers: readings left out, of each channel.
+    """
+
+    time_s: Array
+    temperature_degC: Array
+    temperature_used: Mask
+    step_K: float
+    current_A: Array | None
+    output: Array | None
+    output_used: Mask
+    taken_s: Array
+    test_current_A: Array | None
+    first_rows: NDArray[np.int64]
+    held_out: Mask
+    outliers: tuple[int, int]
+    uneven: bool
+
+    @property
+    def rows(self) -> int:
+        return int(self.time_s.size)
+
+    @property
+    def interval_s(self) -> float:
+        """The median step."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+def held_out_rows(rows: int) -> Mask:
+    """Every third block of rows; the first and the last block are not among them."""
+    block = np.arange(rows) * BLOCKS // max(rows, 1)
+    return np.asarray(block % HELD_OUT == 1)
+
+
+def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> Record:
+    """A record from its columns (names and units of a record file). Raises ValueError, a line a fault."""
+    lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
+    if lines:
+        raise ValueError("\n".join(lines))
+    data = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items() if _numeric(values)}
+    time = data["time_s"]
+    if not np.all(np.isfinite(time)):
+        raise ValueError("time_s: not finite in some rows; expected seconds in each")
+    if time.size >= 2 and np.any(np.diff(time) <= 0.0):
+        k = int(np.flatnonzero(np.diff(time) <= 0.0)[0]) + 1
+        raise ValueError(f"time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}; expected increasing seconds")
+    for name, values in data.items():
+        if values.shape != time.shape:
+            raise ValueError(f"{name}: {values.size} values for {time.size} rows")
+    temperature = data["temperature_degC"]
+    used = np.isfinite(temperature)
+    if np.sum(used) < FEWEST:
+        raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {FEWEST}")
+    step = lattice_step(temperature[used])
+    strays = lone_outliers(temperature, used) if step == 0.0 else np.empty(0, dtype=np.int64)
+    used[strays] = False
+    current = data.get("current_A")
+    if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
+        current = None
+    output, output_used, lone = None, np.zeros(time.size, dtype=np.bool_), 0
+    resistance = data.get("resistance_ohm")
+    if resistance is not None:
+        good = np.isfinite(resistance) & (resistance > 0.0)
+        if np.sum(good) >= FEWEST:
+            output = np.full(time.size, np.nan)
+            output[good] = -np.log10(resistance[good])
+            out = lone_outliers(output, good)
+            good[out] = False
+            output_used, lone = good, int(out.size)
+    taken = data.get("resistance_time_s", np.full(time.size, np.nan))
+    taken = np.where(np.isfinite(taken), taken, time) - time[0]
+    steps = np.diff(time)
+    threshold = gap_threshold(steps)
+    broken = steps > threshold
+    if current is not None:
+        broken |= ~np.isfinite(current[:-1])
+        current = np.nan_to_num(current)
+    test = data.get("meter_current_A")
+    return Record(
+        time - time[0],
+        temperature,
+        used,
+        step,
+        current,
+        output,
+        output_used,
+        taken,
+        None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
+        np.concatenate(([0], np.flatnonzero(broken) + 1)),
+        held_out_rows(time.size) if held_out else np.zeros(time.size, dtype=np.bool_),
+        (int(strays.size), lone),
+        bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
+    )
+
+
+def _numeric(values: ArrayLike) -> bool:
+    array = np.asarray(values)
+    return array.dtype.kind in "fiub"

@@ -1,0 +1,470 @@
+"""The fit of the last links: plate temperature -> film -> ohmmeter, by the simulation error over the whole record.
+
+    y = D(T_f) + sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]        then the ohmmeter's effects
+
+F_j are play operators with one pair of envelopes (the model's class), N_k relays spread over the Preisach plane: they
+stand for whatever a film of another kind does besides, with a normal prior whose width the record itself decides (the
+largest marginal likelihood: D. MacKay, Neural Computation 4 (1992) 415). A film of the class needs none, and so the
+prior's width goes to nothing; a film of any other kind uses them, and no effect has to stand in for it. All
+coefficients are linear and are eliminated (variable projection); envelopes and effects' parameters are searched for by
+Gauss-Newton with Marquardt's damping.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from compensator.functions import Array
+from compensator.identify_mixed import WIDTHS
+from compensator.identify_operators import radius_floor
+from sim.diagnosis.film_columns import (
+    FilmNodes,
+    FilmStart,
+    SmoothCurve,
+    classical_columns,
+    film_nodes,
+    filtered,
+    operator_columns,
+    transfer,
+)
+from sim.diagnosis.plate_path import PlatePath
+from sim.diagnosis.readings import quick_noise
+from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.unknowns import free, positive, unknowns_of, values_inside, with_values
+from sim.effects.effect import Filter, Reading, Switched, Warming
+
+OPERATORS = 40
+CENTRES = 14
+SHAPE = ("log_a_R", "c_R", "log_a_L", "c_L")
+WIDE_DEC = 30.0  # prior of what is free
+BEHIND_DEC = 0.5
+TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
+
+
+@dataclass(frozen=True, eq=False)
+class FilmBasis:
+    """What a record's film is built of: D's splines, places of the radii, and the relays (centre, slope, width)."""
+
+    curve: SmoothCurve | None
+    fractions: Array
+    centre_degC: Array
+    slope_per_K: Array
+    half_width_K: Array
+
+    @property
+    def relays(self) -> int:
+        return self.centre_degC.size
+
+
+@dataclass(frozen=True, eq=False)
+class FilmParameters:
+    """x: envelopes (4), effects, how far film filters are behind; weight, relay: the priors' widths, in decades."""
+
+    effects: tuple[Switched, ...]
+    x: Array
+    start: FilmStart
+    weight_dec: float = 0.3
+    relay_dec: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class ResistanceFit:
+    """parameters; shown: -log10 of the resistance shown, (rows,); film_output: of the film itself, (rows,); score: the
+    marginal log-likelihood of the fitted rows (effects' and envelopes' parameters at their best); coefficients."""
+
+    parameters: FilmParameters
+    shown: Array
+    film_output: Array
+    score: float
+    sigma_dec: float
+    coefficients: Array
+    jacobian: Array
+    minus_log: float
+    plain: FilmParameters | None = None
+
+    @property
+    def effects(self) -> tuple[Switched, ...]:
+        return self.parameters.effects
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Everything at one x: the columns in the fitted rows, coefficients, what is shown in all rows, the cost."""
+
+    x: Array
+    columns: Array
+    coefficients: Array
+    shown: Array
+    film_output: Array
+    cost: float
+    factor: tuple[Array, bool]
+
+
+class ResistanceChannel:
+    """Fits on one record and one path of the plate's temperature."""
+
+    def __init__(
+        self, record: Record, path: PlatePath, fitted: Mask, sigma_dec: float, basis: FilmBasis, relays: bool = True
+    ) -> None:
+        assert record.output is not None
+        self.record, self.path, self.sigma_dec, self.basis = record, path, sigma_dec, basis
+        self.fitted = fitted & record.output_used
+        self.rows = np.flatnonzero(self.fitted)
+        self.output = np.nan_to_num(record.output)
+        self.relays = relays
+        self.power_output: Array = np.where(record.output_used, self.output, np.nan)
+        bad = ~np.isfinite(self.power_output)
+        if np.any(bad):
+            good = np.flatnonzero(~bad)
+            self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
+        self.evaluations = 0
+
+    def along(self, path: PlatePath) -> ResistanceChannel:
+        """The same rows on another path of the plate."""
+        other = ResistanceChannel(self.record, path, self.fitted, self.sigma_dec, self.basis, self.relays)
+        other.power_output = self.power_output
+        return other
+
+    def with_noise(self, sigma_dec: float) -> ResistanceChannel:
+        """The same, weighed by another noise."""
+        other = ResistanceChannel(self.record, self.path, self.fitted, sigma_dec, self.basis, self.relays)
+        other.power_output = self.power_output
+        return other
+
+    # -- the model at one x
+
+    def _filters(self, effects: Sequence[Switched]) -> int:
+        return sum(isinstance(e.effect.form, Filter) and e.effect.form.target == "film_temperature" for e in effects)
+
+    def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
+        """The same film with these effects."""
+        x = np.concatenate((p.x[:4], values_inside(effects), np.zeros(self._filters(effects))))
+        return replace(p, effects=tuple(effects), x=x)
+
+    def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
+        """Effects with their values, and how far the film's filters are behind (K)."""
+        behind = self._filters(p.effects)
+        return with_values(p.effects, x[4 : x.size - behind]), x[x.size - behind :]
+
+    def nodes(self, p: FilmParameters, x: Array) -> tuple[list[Switched], FilmNodes]:
+        effects, behind = self.split(p, x)
+        power = None
+        if any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in effects):
+            test = self.record.test_current_A
+            power = np.zeros(self.record.rows) if test is None else test**2 * 10.0**-self.power_output
+        return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
+
+    def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:
+        """Columns at the nodes before the ohmmeter: constant, D, operators; creep included."""
+        floor, _ = radius_floor(x[:4])
+        radii = floor + (1.0 - floor) * self.basis.fractions
+        operators = operator_columns(nodes, x[:4], radii)
+        parts = [np.ones((nodes.time_s.size, 1))]
+        if self.basis.curve is not None:
+            parts.append(self.basis.curve.columns(nodes.film_degC))
+        extra = []
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Filter) and form.target == "hysteretic_part":
+                operators = filtered(operators, nodes.time_s, effect, 0.0)
+                extra.append(self._behind(effect, nodes.time_s))
+        return np.concatenate([*parts, operators, *extra], axis=1)
+
+    @staticmethod
+    def _behind(effect: Switched, time: Array) -> Array:
+        """What a filter adds when it is one decade behind at the first row."""
+        out, form = np.empty(time.size), effect.effect.form
+        assert isinstance(form, Filter)
+        form.run(effect.par, time, np.zeros(time.size), np.array([-1.0]), out)
+        return out[:, None]
+
+    def _shown(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
+        """The film's output at the nodes through the ohmmeter, in every row."""
+        shown, _ = transfer(effects, signal)
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Filter) and form.target == "log_resistance":
+                out = np.empty(shown.size)
+                form.run(effect.par, nodes.time_s, shown, np.array([shown[0]]), out)
+                shown = out
+        shown = shown[nodes.taken]
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and form.linear:
+                shown = -np.log10(form.read(effect.par, 10.0**-shown))
+        return shown
+
+    def _prior(self, p: FilmParameters, free: int, extra: int, relays: int) -> Array:
+        """Precision of each coefficient: free ones, operators, behind, relays."""
+        return np.concatenate(
+            (
+                np.full(free, WIDE_DEC**-2),
+                np.full(self.basis.fractions.size, p.weight_dec**-2),
+                np.full(extra, BEHIND_DEC**-2),
+                np.full(relays, max(p.relay_dec, 1e-9) ** -2),
+            )
+        )
+
+    def point(self, p: FilmParameters, x: Array, relay_columns: Array, guess: Array | None = None) -> _Point:
+        """The best coefficients at x. relay_columns: (rows, relays) or (rows, 0)."""
+        self.evaluations += 1
+        effects, nodes = self.nodes(p, x)
+        signals = self._signals(effects, nodes, x)
+        free = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
+        film_columns = free + self.basis.fractions.size
+        lags = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance"]
+        curved = any(
+            isinstance(e.effect.form, Reading) and e.effect.link == "ohmmeter" and not e.effect.form.linear
+            for e in effects
+        )
+        rows, y = self.rows, self.output
+        coefficients = guess
+        rounds = 3 if curved else 1
+        for turn in range(rounds):
+            if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
+                signal = signals @ coefficients[: signals.shape[1]]
+            else:
+                signal = np.interp(nodes.time_s, self.record.time_s, self.power_output)
+            slope = transfer(effects, signal)[1][:, None] if curved else 1.0
+            moved = signals * slope
+            for lag in lags:
+                moved = filtered(moved, nodes.time_s, lag, 0.0)
+                moved = np.concatenate((moved, self._behind(lag, nodes.time_s)), axis=1)
+            at_rows = moved[nodes.taken]
+            linear = np.zeros(self.record.rows)
+            if coefficients is not None and coefficients.size >= signals.shape[1]:
+                k = min(coefficients.size, at_rows.shape[1])
+                linear = at_rows[:, : signals.shape[1]] @ coefficients[: signals.shape[1]]
+                del k
+                offset = self._shown(effects, nodes, signals @ coefficients[: signals.shape[1]]) - linear
+            else:
+                offset = self._shown(effects, nodes, signal)
+                if curved:
+                    lagged = (slope * signal[:, None])[:, 0]
+                    for lag in lags:
+                        out = np.empty(lagged.size)
+                        lag.effect.form.run(lag.par, nodes.time_s, lagged, np.array([lagged[0]]), out)  # type: ignore[union-attr]
+                        lagged = out
+                    offset = offset - lagged[nodes.taken]
+                else:
+                    plain = self._linear_only(effects, nodes, signal)
+                    offset = offset - plain
+            columns = np.concatenate((at_rows[rows], relay_columns[rows]), axis=1)
+            prior = self._prior(p, free, at_rows.shape[1] - film_columns, relay_columns.shape[1])
+            normal = columns.T @ columns / self.sigma_dec**2
+            normal[np.diag_indices_from(normal)] += prior
+            right = columns.T @ (y[rows] - offset[rows]) / self.sigma_dec**2
+            factor = cho_factor(normal, lower=True, check_finite=False)
+            coefficients = cho_solve(factor, right, check_finite=False)
+            if curved and turn + 1 < rounds:
+                continue
+        assert coefficients is not None
+        shown = at_rows @ coefficients[: at_rows.shape[1]] + relay_columns @ coefficients[at_rows.shape[1] :] + offset
+        residual = (y[rows] - shown[rows]) / self.sigma_dec
+        cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ coefficients**2)
+        if not math.isfinite(cost):
+            cost = math.inf
+        film_output = (signals @ coefficients[: signals.shape[1]])[nodes.taken]
+        return _Point(x, columns, coefficients, shown, film_output, cost, factor)
+
+    def _linear_only(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
+        out = signal
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Filter) and form.target == "log_resistance":
+                result = np.empty(out.size)
+                form.run(effect.par, nodes.time_s, out, np.array([out[0]]), result)
+                out = result
+        return out[nodes.taken]
+
+    def _predict(self, p: FilmParameters, x: Array, point: _Point, relay_columns: Array) -> Array:
+        """What is shown at another x with the point's coefficients."""
+        effects, nodes = self.nodes(p, x)
+        signals = self._signals(effects, nodes, x)
+        c = point.coefficients
+        shown = self._shown(effects, nodes, signals @ c[: signals.shape[1]])
+        place = signals.shape[1]
+        for effect in effects:
+            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
+                shown = shown + (self._behind(effect, nodes.time_s)[nodes.taken] * c[place])[:, 0]
+                place += 1
+        return np.asarray(shown + relay_columns @ c[place:], dtype=np.float64)
+
+    def predict_from(self, p: FilmParameters, fit: ResistanceFit, relay_columns: Array) -> Array:
+        """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
+        effects, nodes = self.nodes(p, p.x)
+        signals = self._signals(effects, nodes, p.x)
+        c, relays = fit.coefficients, relay_columns.shape[1]
+        own = 1 + (self.basis.curve.count if self.basis.curve is not None else 0) + self.basis.fractions.size
+        shown = self._shown(effects, nodes, signals[:, :own] @ c[:own])
+        places = [e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"]
+        for e, value in zip(places, c[own : c.size - relays], strict=True):
+            shown = shown + value * self._behind(e, nodes.time_s)[nodes.taken][:, 0]
+        return np.asarray(shown + relay_columns @ c[c.size - relays :], dtype=np.float64)
+
+    def relay_columns(self, p: FilmParameters, x: Array) -> Array:
+        """The relays' outputs in every row, less their means; none where their prior's width is 0."""
+        if not self.relays or p.relay_dec == 0.0:
+            return np.empty((self.record.rows, 0))
+        effects, nodes = self.nodes(p, x)
+        b = self.basis
+        columns = classical_columns(nodes, b.centre_degC, b.slope_per_K, b.half_width_K)
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Filter) and form.target == "log_resistance":
+                columns = filtered(columns, self.record.time_s, effect, 0.0)
+        return np.asarray(columns - columns.mean(axis=0), dtype=np.float64)
+
+    # -- the fit
+
+    def bounds(self, p: FilmParameters) -> tuple[Array, Array, Array]:
+        """Least, largest and step of each unknown."""
+        t = self.path.plate_degC
+        low_T, high_T = float(np.min(t)), float(np.max(t))
+        span = high_T - low_T
+        a = positive("a", 0.5 / span, 200.0 / span)
+        c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
+        unknowns = [a, c, a, c, *unknowns_of(p.effects)]
+        behind = p.x.size - len(unknowns)
+        low = np.array([u.low for u in unknowns] + [-20.0] * behind)
+        high = np.array([u.high for u in unknowns] + [20.0] * behind)
+        return low, high, np.array([u.step for u in unknowns] + [1e-2] * behind)
+
+    def widths(self, p: FilmParameters, point: _Point, relays: int) -> FilmParameters:
+        """The priors' widths that the coefficients ask for (one step of the fixed point)."""
+        inverse = cho_solve(point.factor, np.eye(point.coefficients.size), check_finite=False)
+        variance = np.diag(inverse)
+        c = point.coefficients
+        free_count = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
+        ops = slice(free_count, free_count + self.basis.fractions.size)
+        size = self.basis.fractions.size
+        weight = math.sqrt(float(np.sum(c[ops] ** 2 + variance[ops])) / size)
+        relay = p.relay_dec
+        if relays:
+            n = slice(c.size - relays, c.size)
+            known = relays - float(np.sum(variance[n])) / p.relay_dec**2
+            square = float(np.sum(c[n] ** 2))
+            relay = math.sqrt(max(square, 1e-16) / max(known, 1e-3))
+            if square < 1e-14:
+                relay = p.relay_dec
+            relay = min(max(relay, 1e-6), 1.0)
+        return replace(p, weight_dec=min(max(weight, 1e-3), 3.0), relay_dec=relay)
+
+    def evidence(self, p: FilmParameters, point: _Point, relays: int) -> float:
+        """The marginal log-likelihood at the point, up to a constant of the record."""
+        free_count = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
+        extra = point.coefficients.size - free_count - self.basis.fractions.size - relays
+        prior = self._prior(p, free_count, extra, relays)
+        logdet = 2.0 * float(np.sum(np.log(np.diag(point.factor[0]))))
+        return -point.cost - 0.5 * logdet + 0.5 * float(np.sum(np.log(prior)))
+
+    def descend(self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True) -> ResistanceFit:
+        """Gauss-Newton with Marquardt's damping, and the priors' widths on the way."""
+        low, high, h = self.bounds(p)
+        x = np.clip(p.x, low, high)
+        relay_columns = self.relay_columns(p, x)
+        relays = relay_columns.shape[1]
+        point = self.point(p, x, relay_columns)
+        p, point, score = self._settled(p, point, relay_columns, 3 if settle else 0)
+        damping = 1e-3
+        jacobian = np.zeros((self.record.rows, x.size))
+        for iteration in range(steps):
+            base = self._predict(p, point.x, point, relay_columns)
+            for k in range(x.size):
+                moved = point.x.copy()
+                moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+                shown = self._predict(p, moved, point, relay_columns)
+                jacobian[:, k] = (shown - base) / (moved[k] - point.x[k])
+            j = jacobian[self.rows] / self.sigma_dec
+            residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
+            cross = point.columns.T @ j / self.sigma_dec
+            normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
+            gradient = j.T @ residual
+            held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
+            normal[held, :] = 0.0
+            normal[:, held] = 0.0
+            gradient[held] = 0.0
+            norm = np.sqrt(np.maximum(np.diag(normal), 1e-9 * float(np.max(np.diag(normal))) + 1e-30))
+            before = point.cost
+            for _ in range(6):
+                damped = normal / np.outer(norm, norm) + damping * np.eye(norm.size)
+                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
+                move = np.linalg.solve(damped, gradient / norm) / norm
+                move = np.clip(move, -1.0, 1.0)
+                trial = self.point(p, np.clip(point.x + move, low, high), relay_columns, point.coefficients)
+                if trial.cost < point.cost:
+                    point, damping = trial, max(0.1 * damping, 1e-9)
+                    break
+                damping = max(10.0 * damping, 1e-6)
+            if self._heated(p) and 2.0 * point.cost < TRUSTED * self.rows.size:
+                self.power_output = point.film_output.copy()
+            if settle and iteration % 3 == 2:
+                relay_columns = self.relay_columns(p, point.x)
+                point = self.point(p, point.x, relay_columns, point.coefficients)
+                p, point, score = self._settled(p, point, relay_columns, 1)
+            elif before - point.cost < tolerance:
+                break
+        relay_columns = self.relay_columns(p, point.x)
+        point = self.point(p, point.x, relay_columns, point.coefficients)
+        p, point, score = self._settled(p, point, relay_columns, 3 if settle else 0)
+        effects, _ = self.split(p, point.x)
+        residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
+        return ResistanceFit(
+            replace(p, effects=tuple(effects), x=point.x),
+            point.shown,
+            point.film_output,
+            score,
+            self.sigma_dec,
+            point.coefficients,
+            jacobian.copy(),
+            0.5 * float(residual @ residual),
+        )
+
+    @staticmethod
+    def _heated(p: FilmParameters) -> bool:
+        return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in p.effects)
+
+    def _settled(
+        self, p: FilmParameters, point: _Point, relay_columns: Array, turns: int
+    ) -> tuple[FilmParameters, _Point, float]:
+        """The priors' widths at a fixed x, and the marginal likelihood there."""
+        relays = relay_columns.shape[1]
+        score = self.evidence(p, point, relays)
+        for _ in range(turns):
+            wider = self.widths(p, point, relays)
+            other = self.point(wider, point.x, relay_columns, point.coefficients)
+            value = self.evidence(wider, other, relays)
+            if value <= score + 0.02:
+                break
+            p, point, score = wider, other, value
+        return p, point, score
+
+    def noise(self, fit: ResistanceFit) -> float:
+        """The ohmmeter's noise, from what a fit leaves from row to row."""
+        return quick_noise(self.output[self.rows] - fit.shown[self.rows])
+
+    def residual(self, fit: ResistanceFit) -> Array:
+        """In units of the noise, in the fitted rows."""
+        return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
+
+
+def basis_for(record: Record, path: PlatePath, middle: float, half: float, loop_K: float, curve: bool) -> FilmBasis:
+    """Placed for a record: D's splines over the range, relays where the output changes."""
+    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
+    edge = np.linspace(-1.0, 1.0, CENTRES)
+    reach = min(2.2 * half, 0.6 * (high - low))
+    centre = middle + reach * np.sinh(1.2 * edge) / math.sinh(1.2)
+    slope = 0.9 / np.gradient(centre)
+    widths = loop_K * WIDTHS
+    return FilmBasis(
+        SmoothCurve.over(low - 0.5, high + 0.5) if curve else None,
+        np.arange(OPERATORS) / OPERATORS,
+        np.tile(centre, widths.size),
+        np.tile(slope, widths.size),
+        np.repeat(widths, centre.size),
+    )

@@ -1,0 +1,181 @@
+"""Which effects the last links need, on one path of the plate's temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from compensator.functions import Array
+from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
+from sim.effects.effect import Effect, Switched, Warming, switched
+
+FEWEST_ROWS = 30  # on either side of a threshold
+QUICK_STEPS = 4
+WHOLE_STEPS = 20
+RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
+FIRST_RELAY_DEC = 1e-3
+RELAY_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """How much an effect may bring: gain of the log-likelihood, and the values to begin from."""
+
+    gain: float
+    start: Switched
+
+
+@dataclass
+class ResistanceSearch:
+    """Fits of the last links by the names of their effects, each computed once."""
+
+    channel: ResistanceChannel
+    effects: dict[str, Effect]
+    base: FilmParameters
+    fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
+
+    def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
+        """The best fit with exactly these effects; `near`: one to begin from."""
+        if names in self.fits:
+            return self.fits[names]
+        if not names:
+            return self.keep(self.whole(near.parameters if near is not None else self.base))
+        if near is None:
+            near = self.fit(names - {min(names)})
+        missing = sorted(names - {e.name for e in near.effects})
+        if len(missing) == 1:
+            return self.finish(self.quick(near, missing[0]))
+        kept = [e for e in near.effects if e.name in names]
+        for name in missing:
+            kept.append(starts_of(self.effects[name], self.channel)[0])
+        return self.keep(self.whole(self.channel.extended(near.parameters, kept)))
+
+    def quick(self, near: ResistanceFit, name: str, promise: Promise | None = None) -> ResistanceFit:
+        """A few steps with one more effect, from the values that promise most, as if the film were of the class."""
+        promise = promise or self.promise(near, name)
+        plain = near.plain or near.parameters
+        others = [e for e in plain.effects if e.name != name]
+        found = []
+        for start in self.starts(name, promise):
+            parameters = self.channel.extended(plain, [*others, start])
+            found.append(self.channel.descend(without_relays(parameters), QUICK_STEPS))
+        return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
+
+    def finish(self, quick: ResistanceFit) -> ResistanceFit:
+        """To the end from a quick fit."""
+        return self.keep(self.whole(quick.parameters))
+
+    def keep(self, fit: ResistanceFit) -> ResistanceFit:
+        """Remember a fit, if it is the best with its effects."""
+        names = frozenset(e.name for e in fit.effects)
+        known = self.fits.get(names)
+        if known is None or fit.score > known.score:
+            self.fits[names] = fit
+        return self.fits[names]
+
+    def starts(self, name: str, promise: Promise) -> list[Switched]:
+        """Values to begin from: the promising ones, and the middle of the range."""
+        others = starts_of(self.effects[name], self.channel)
+        middle = others[len(others) // 2]
+        alone = promise.gain > 0.0 or np.array_equal(promise.start.par, middle.par)
+        return [promise.start] if alone else [promise.start, middle]
+
+    def whole(self, parameters: FilmParameters) -> ResistanceFit:
+        """To the end: first as if the film were of the class, then with relays where that leaves something."""
+        fit = self.channel.descend(without_relays(parameters), WHOLE_STEPS)
+        return self._wide(replace(fit, plain=fit.parameters))
+
+    def plain(self, quick: ResistanceFit) -> ResistanceFit:
+        """To the end as if the film were of the class."""
+        fit = self.channel.descend(without_relays(quick.parameters), WHOLE_STEPS)
+        return replace(fit, plain=fit.parameters)
+
+    def widened(self, fit: ResistanceFit) -> ResistanceFit:
+        """A plain fit with relays, kept."""
+        return self.keep(self._wide(fit))
+
+    def _wide(self, fit: ResistanceFit) -> ResistanceFit:
+        if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM and self.channel.relays:
+            wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
+            if wider.score > fit.score:
+                return replace(wider, plain=fit.parameters)
+        return fit
+
+    def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
+        """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
+        seen = [fit]
+        if fit.plain is not None and fit.parameters.relay_dec > 0.0:
+            seen.append(self.channel.descend(fit.plain, 1))
+        return {name: max((self.promise(f, name) for f in seen), key=lambda p: p.gain) for name in names}
+
+    def promise(self, fit: ResistanceFit, name: str) -> Promise:
+        """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
+        channel, effect = self.channel, self.effects[name]
+        p = fit.parameters
+        relay_columns = channel.relay_columns(p, p.x)
+        point = channel.point(p, p.x, relay_columns, fit.coefficients)
+        rows = channel.rows
+        residual = (channel.output[rows] - point.shown[rows]) / channel.sigma_dec
+        jacobian = fit.jacobian[rows] / channel.sigma_dec
+        reach = point.columns / channel.sigma_dec
+
+        def off(columns: Array) -> Array:
+            return np.asarray(columns - reach @ cho_solve(point.factor, reach.T @ columns, check_finite=False))
+
+        outer = off(jacobian)
+        norms = np.linalg.norm(outer, axis=0)
+        q = np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0] if np.any(norms > 1e-9) else np.zeros((rows.size, 1))
+        best, start = 0.0, starts_of(effect, channel)[0]
+        for trial in starts_of(effect, channel):
+            others = [e for e in fit.effects if e.name != name]
+            parameters = channel.extended(p, [*others, trial])
+            shown = channel.predict_from(parameters, fit, relay_columns)
+            delta = off(((shown[rows] - point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+            delta = delta - q @ (q.T @ delta)
+            size, along = float(delta @ delta), float(delta @ residual)
+            if not size > 1e-9 or not np.isfinite(size):
+                continue
+            gain = 0.5 * along * along / size
+            if any(par.signed for par in effect.parameters) or along > 0.0:
+                gain = max(gain, along - 0.5 * size)
+            else:
+                gain = 0.0
+            if gain > best:
+                best, start = gain, trial
+        return Promise(best, start)
+
+
+def without_relays(parameters: FilmParameters) -> FilmParameters:
+    """The same with a film of the class."""
+    return replace(parameters, relay_dec=0.0)
+
+
+def starts_of(effect: Effect, channel: ResistanceChannel) -> list[Switched]:
+    """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
+    axes: list[list[float]] = []
+    for k, p in enumerate(effect.parameters):
+        if p.choices:
+            ohm = 10.0 ** -channel.output[channel.rows]
+            inside = [c for c in p.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS]
+            axes.append(inside or [p.choices[0]])
+        elif p.signed:
+            sizes = np.geomspace(p.smallest, p.largest, 4)[[0, 2]]
+            axes.append([float(v) for v in (-sizes[1], -sizes[0], sizes[0], sizes[1])])
+        else:
+            count = 4 if k == 0 else 3
+            sizes = np.geomspace(p.smallest, p.largest, count)
+            axes.append([float(v) for v in sizes])
+    if isinstance(effect.form, Warming) and effect.form.heated and channel.record.test_current_A is not None:
+        power = channel.record.test_current_A[channel.rows] ** 2 * 10.0 ** -channel.output[channel.rows]
+        largest = max(float(np.max(power)), 1e-30)
+        axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
+    return [switched(effect, list(values)) for values in product(*axes)]
+
+
+def names_of(fits: Sequence[Switched]) -> frozenset[str]:
+    """The names of effects."""
+    return frozenset(e.name for e in fits)

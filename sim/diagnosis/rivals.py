@@ -1,0 +1,39 @@
+"""Effects that this record cannot tell from those that were named."""
+
+from __future__ import annotations
+
+from sim.diagnosis.chain import Chain
+from sim.diagnosis.verdict import Verdict
+
+CLOSE = 5.0  # log-likelihood: a set that is this close is as good
+LOOKED_AT = 3
+HOPE = 0.5  # share of an effect's evidence that a rival has to promise
+
+
+def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str, list[str]]:
+    """By named effect, the others that do as well in its place."""
+    out: dict[str, list[str]] = {}
+    whole = chain.score(names)
+    for name in judged.names:
+        rest = names - {name}
+        upstream, downstream = chain.split(rest)
+        is_last = name in chain.split(names)[1]
+        found = []
+        if is_last:
+            search = chain.last(upstream)
+            fit = search.fit(downstream)
+            others = [n for n in search.effects if n not in names]
+            promises = {n: p.gain for n, p in search.promises(fit, others).items()}
+        else:
+            assert chain.first is not None
+            first = chain.first.fit(upstream)
+            others = [n for n in chain.first.effects if n not in names]
+            promises = {n: chain.first.promise(first, n) for n in others}
+        order = sorted(others, key=lambda n: -promises[n])[:LOOKED_AT]
+        for other in order:
+            if promises[other] < HOPE * min(judged.evidence[name], 200.0):
+                continue
+            if chain.score(rest | {other}) > whole - CLOSE:
+                found.append(other)
+        out[name] = found
+    return out

@@ -1,0 +1,180 @@
+"""From all effects to those that the record needs: forward, swapped, backward, over both ends of the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.diagnosis.chain import Chain
+from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
+from sim.diagnosis.temperature_search import TemperatureSearch
+
+WORTH = 12.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
+PROMISING = 4.0
+MOST_EFFECTS = 4
+TRIED = 4  # candidates followed to the end in a round
+ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
+WIDENED = 2  # candidates that get relays
+HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
+NEAR = 40.0  # sets this close in score are looked at on the other channel too
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Selected:
+    """The effects, and how far behind other sets of as many effects are."""
+
+    names: frozenset[str]
+
+
+def select_first_links(search: TemperatureSearch) -> frozenset[str]:
+    """The effects that the thermometer's channel alone asks for."""
+    names: frozenset[str] = frozenset()
+    while len(names) < MOST_EFFECTS:
+        fit = search.fit(names)
+        others = [n for n in search.effects if n not in names]
+        rough = 2.0 * fit.minus_log / search.channel.rows.size > ROUGH
+        promise = {n: search.promise(fit, n) for n in others}
+        order = sorted(others, key=lambda n: -promise[n])
+        tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
+        gains = {n: fit.minus_log - search.fit(names | {n}, fit).minus_log for n in tried}
+        if not gains or max(gains.values()) < WORTH:
+            break
+        names |= {max(gains, key=lambda n: gains[n])}
+        names = _improved_first(search, names)
+    return names
+
+
+def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozenset[str]:
+    """Swaps and removals until none is better."""
+    for _ in range(4):
+        best, changed = search.fit(names).minus_log, names
+        if len(names) > 1:
+            for name in sorted(names):
+                rest = names - {name}
+                fit = search.fit(rest)
+                if fit.minus_log - best < WORTH:
+                    return _improved_first(search, rest)
+                for other in search.effects:
+                    if other in names or search.promise(fit, other) < PROMISING:
+                        continue
+                    value = search.fit(rest | {other}, fit).minus_log
+                    if value < best - 1.0:
+                        best, changed = value, rest | {other}
+        if changed == names:
+            break
+        names = changed
+    return names
+
+
+def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
+    """The effects that the ohmmeter's channel alone asks for."""
+    while len(names) < MOST_EFFECTS:
+        fit = search.fit(names)
+        found = _one_more(search, fit)
+        if found is None or found.score - fit.score < WORTH:
+            break
+        names = frozenset(e.name for e in found.effects)
+        names = _improved_last(search, names)
+    return names
+
+
+def _one_more(search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()) -> ResistanceFit | None:
+    """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
+    names = frozenset(e.name for e in fit.effects)
+    others = [n for n in search.effects if n not in names and n not in beside]
+    rows = search.channel.rows.size
+    rough = 2.0 * fit.minus_log / rows > ROUGH
+    promises = search.promises(fit, others)
+    tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    quick = [search.quick(fit, n, promises[n]) for n in (tried if rough else tried[:TRIED])]
+    quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
+    ends = [search.plain(q) for q in quick[:TRIED]]
+    ends = sorted((e for e in ends if np.isfinite(e.score)), key=lambda e: -e.score)
+    if not ends:
+        return None
+    if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:
+        return search.keep(ends[0])
+    return max((search.widened(e) for e in ends[:WIDENED]), key=lambda e: e.score)
+
+
+def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    for _ in range(3):
+        best = search.fit(names)
+        if len(names) < 2:
+            return names
+        changed: ResistanceFit | None = None
+        for name in sorted(names):
+            fit = search.fit(names - {name})
+            if best.score - fit.score < WORTH:
+                return _improved_last(search, names - {name})
+            if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
+                continue  # nothing else can do as much and leave nothing
+            other = _one_more(search, fit, frozenset({name}))
+            if other is not None and other.score > (changed or best).score + 1.0:
+                changed = other
+        if changed is None:
+            return names
+        names = frozenset(e.name for e in changed.effects)
+    return names
+
+
+def select(chain: Chain, say: Progress) -> frozenset[str]:
+    """The effects that the whole record asks for."""
+    upstream: frozenset[str] = frozenset()
+    if chain.first is not None:
+        say("current to temperature")
+        upstream = select_first_links(chain.first)
+        chain.renoised(upstream) if chain.record.output is None else None
+    names = upstream
+    if chain.record.output is not None:
+        say("temperature to resistance")
+        names = upstream | select_last_links(chain.last(upstream))
+        if chain.first is not None:
+            say("both together")
+            names = _joint(chain, names)
+    return names
+
+
+def worth(chain: Chain, names: frozenset[str]) -> float:
+    """Score less what each effect has to bring."""
+    return chain.score(names) - WORTH * len(names)
+
+
+def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+    """What delays temperature and what delays resistance look alike in one channel: try each in place of the other."""
+    first = chain.first
+    assert first is not None
+    for _ in range(3):
+        upstream, downstream = chain.split(names)
+        moving = [n for n in first.effects if first.effects[n].link != "plate"]
+        timing = [n for n in downstream if n in TIMING]
+        base = first.fit(upstream)
+        options = []
+        for n in moving:
+            if n in upstream or not timing:
+                continue
+            if first.promise(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
+                options.append(upstream | {n})
+        for a in moving:
+            for b in moving:
+                if a in upstream and b not in upstream:
+                    option = (upstream - {a}) | {b}
+                    if first.fit(option).minus_log - base.minus_log < NEAR:
+                        options.append(option)
+        best, value = names, worth(chain, names)
+        for option in options:
+            for rest in [downstream, *[downstream - {n} for n in timing]]:
+                trial = option | rest
+                if worth(chain, trial) > value + 0.5:
+                    best, value = trial, worth(chain, trial)
+        if best == names:
+            return names
+        names = best
+    return names
+
+
+TIMING = frozenset({"film_lag", "meter_lag", "timestamp_skew"})

@@ -1,0 +1,249 @@
+"""The fit of the first links: current -> driver -> plate -> thermometer, by the simulation error over whole stretches.
+
+Unknowns are the plate's s, r, g, T_a (a heater's q, g, T_a), the effects' parameters, the temperatures of what has a
+temperature of its own at the first row, and the plate's temperature at the beginning of each stretch. The last are
+many but each acts on its own stretch only, so that they are eliminated from the normal equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.plate_path import PlatePath, plate_nodes, simulate_plate
+from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
+from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
+from sim.effects.effect import Command, Filter, HeatFlow, Switched
+
+PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
+HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
+AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
+APART_K = 10.0  # spread of what has a temperature of its own about the plate's or the ambient's, at the first row
+
+
+@dataclass(frozen=True, eq=False)
+class PlateParameters:
+    """x: the fit's vector (plate, effects, temperatures of their own); first_degC: of each stretch."""
+
+    kind: str
+    effects: tuple[Switched, ...]
+    x: Array
+    first_degC: Array
+
+    @property
+    def base(self) -> tuple[Unknown, ...]:
+        return PELTIER if self.kind == "peltier" else HEATER
+
+    def plate(self) -> Array:
+        """(s, r, g, q, T_a)."""
+        v = [u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)]
+        if self.kind == "peltier":
+            return np.array([v[0], v[1], v[2], 0.0, v[3]])
+        return np.array([0.0, 0.0, v[1], v[0], v[2]])
+
+
+def own_temperatures(effects: Sequence[Switched]) -> int:
+    """How many effects have a temperature of their own."""
+    return sum(isinstance(e.effect.form, HeatFlow) for e in effects)
+
+
+def thermometer_filters(effects: Sequence[Switched]) -> int:
+    """How many filters the thermometer's signal passes."""
+    return sum(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureFit:
+    """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
+    were fitted; sigma_K: the noise; jacobian: d shown / d x (rows, unknowns), in K; converged."""
+
+    parameters: PlateParameters
+    path: PlatePath
+    shown_degC: Array
+    minus_log: float
+    sigma_K: float
+    step_K: float
+    jacobian: Array
+    curvature: Array
+
+    @property
+    def effects(self) -> tuple[Switched, ...]:
+        return self.parameters.effects
+
+
+class TemperatureChannel:
+    """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them."""
+
+    def __init__(self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0) -> None:
+        self.record, self.sigma_K, self.step_K = record, sigma_K, step_K
+        self.rows = np.flatnonzero(fitted & record.temperature_used)
+        stretch = np.zeros(record.rows, dtype=np.int64)
+        stretch[record.first_rows] = 1
+        self.stretch = np.cumsum(stretch)[self.rows] - 1
+        self.stretches = record.first_rows.size
+        self.evaluations = 0
+
+    def with_noise(self, sigma_K: float) -> TemperatureChannel:
+        """The same rows, weighed by another noise."""
+        fitted = np.zeros(self.record.rows, dtype=np.bool_)
+        fitted[self.rows] = True
+        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K)
+
+    def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
+        """Parameters to begin with: base in the unknowns' own values."""
+        unknowns = PELTIER if kind == "peltier" else HEATER
+        x = np.array([u.inside(float(v)) for u, v in zip(unknowns, base, strict=True)])
+        return self.extended(PlateParameters(kind, (), x, self._rough_firsts()), effects)
+
+    def extended(self, parameters: PlateParameters, effects: Sequence[Switched]) -> PlateParameters:
+        """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
+        base = parameters.x[: len(parameters.base)]
+        before = self._own(parameters)
+        own = []
+        for effect in effects:
+            if isinstance(effect.effect.form, HeatFlow):
+                own.append(before.get(effect.name, 0.0))
+        for effect in effects:
+            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "thermometer":
+                own.append(before.get(effect.name, 0.0))
+        x = np.concatenate((base, values_inside(effects), own))
+        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
+
+    def _own(self, p: PlateParameters) -> dict[str, float]:
+        names = [e.name for e in p.effects if isinstance(e.effect.form, HeatFlow)]
+        names += [
+            e.name for e in p.effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer"
+        ]
+        own = p.x[p.x.size - len(names) :]
+        return {name: float(v) for name, v in zip(names, own, strict=True)}
+
+    def _rough_firsts(self) -> Array:
+        record, firsts = self.record, []
+        for k in record.first_rows:
+            near = np.flatnonzero(record.temperature_used[k : k + 5])
+            all_used = np.flatnonzero(record.temperature_used)
+            row = k + near[0] if near.size else all_used[np.argmin(np.abs(all_used - k))]
+            firsts.append(float(record.temperature_degC[row]))
+        return np.array(firsts)
+
+    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
+        """Effects with values, their own temperatures, and how far the filters are behind."""
+        base = len(p.base)
+        own, filters = own_temperatures(p.effects), thermometer_filters(p.effects)
+        end = x.size - own - filters
+        effects = with_values(p.effects, x[base:end])
+        ambient = replace(p, x=x).plate()[4]
+        return effects, ambient + APART_K * x[end : end + own], APART_K * x[end + own :]
+
+    def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
+        """The plate's path and what is shown in all rows."""
+        self.evaluations += 1
+        effects, own, behind = self.split(p, x)
+        nodes = plate_nodes(self.record, effects)
+        out = simulate_plate(self.record, nodes, replace(p, x=x).plate(), effects, first, own, behind)
+        return out.path, out.shown_degC
+
+    def _prior(self, p: PlateParameters, x: Array) -> tuple[Array, Array]:
+        """What is known beforehand, in spreads, and which unknown it speaks of: the ambient, temperatures of own."""
+        base = len(p.base)
+        own = own_temperatures(p.effects) + thermometer_filters(p.effects)
+        index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
+        away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
+        return away, index
+
+    def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
+        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        away, _ = self._prior(p, x)
+        total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
+        return total if math.isfinite(total) else math.inf
+
+    def bounds(self, p: PlateParameters) -> tuple[Array, Array, Array]:
+        """Least, largest and step of each unknown."""
+        unknowns = [*p.base, *unknowns_of(p.effects)]
+        own = p.x.size - len(unknowns)
+        low = np.array([u.low for u in unknowns] + [-20.0] * own)
+        high = np.array([u.high for u in unknowns] + [20.0] * own)
+        return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
+
+    def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
+        """Gauss-Newton with Marquardt's damping from p."""
+        low, high, h = self.bounds(p)
+        x, first = np.clip(p.x, low, high), p.first_degC.copy()
+        path, shown = self.simulate(p, x, first)
+        cost, damping = self.cost(p, x, shown), 1e-3
+        jacobian = np.empty((self.record.rows, x.size))
+        for iteration in range(steps + 1):
+            for k in range(x.size):
+                moved = x.copy()
+                moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+                jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+            if iteration == steps:
+                break
+            by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
+            e = by_first / (0.01 * self.sigma_K)
+            like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+            j = jacobian[self.rows] / self.sigma_K
+            w = like.curvature
+            away, index = self._prior(p, x)
+            scale = np.ones(index.size)
+            scale[0] = 10.0 / AMBIENT_DEGC[1]
+            gradient = j.T @ like.pull
+            gradient[index] -= scale * away
+            normal = (w[:, None] * j).T @ j
+            normal[index, index] += scale * scale
+            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9
+            pull = np.bincount(self.stretch, e * like.pull, self.stretches)
+            cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
+            reduced = normal - (cross / d) @ cross.T
+            right = gradient - (cross / d) @ pull
+            held = ((x <= low) & (right < 0.0)) | ((x >= high) & (right > 0.0))
+            reduced[held, :] = 0.0
+            reduced[:, held] = 0.0
+            right[held] = 0.0
+            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
+            norm = np.sqrt(diagonal)
+            before = cost
+            for _ in range(7):
+                damped = reduced / np.outer(norm, norm) + damping * np.eye(norm.size)
+                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
+                move = np.linalg.solve(damped, right / norm) / norm
+                trial = np.clip(x + np.clip(move, -1.5, 1.5), low, high)
+                trial_first = first + (pull - cross.T @ (trial - x)) / d
+                trial_path, trial_shown = self.simulate(p, trial, trial_first)
+                trial_cost = self.cost(p, trial, trial_shown)
+                if trial_cost < cost:
+                    x, first, path, shown, cost = trial, trial_first, trial_path, trial_shown, trial_cost
+                    damping = max(0.1 * damping, 1e-10)
+                    break
+                damping = max(10.0 * damping, 1e-8)
+            if before - cost < tolerance:
+                steps = iteration + 1  # one last jacobian at the end point
+                for k in range(x.size):
+                    moved = x.copy()
+                    moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+                    jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+                break
+        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        effects, _, _ = self.split(p, x)
+        final = PlateParameters(p.kind, tuple(effects), x, first)
+        return TemperatureFit(
+            final, path, shown, float(np.sum(like.minus_log)), self.sigma_K, self.step_K, jacobian, like.curvature
+        )
+
+    def residual(self, fit: TemperatureFit) -> Array:
+        """In units of the noise, in the fitted rows."""
+        return normal_residual(
+            self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
+        )
+
+    def noise(self, fit: TemperatureFit) -> float:
+        """The thermometer's noise, from what a fit leaves from row to row."""
+        readings, shown = self.record.temperature_degC[self.rows], fit.shown_degC[self.rows]
+        if self.step_K > 0.0:
+            return lattice_noise(readings, shown, self.step_K)
+        return quick_noise(readings - shown)

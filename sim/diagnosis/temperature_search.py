@@ -1,0 +1,176 @@
+"""Which effects the first links need: the base fit from many starts, then effects forward, swapped and backward."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from compensator.identify_balance import Stretch, rough_balances
+from sim.diagnosis.record import Record
+from sim.diagnosis.temperature_channel import PlateParameters, TemperatureChannel, TemperatureFit
+from sim.diagnosis.unknowns import fitted_parameters
+from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
+
+ROUGH_STEPS = 12
+SEARCHED = 28  # values that a search tries before it looks closer
+BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
+
+
+@dataclass
+class TemperatureSearch:
+    """Fits of the first links by the names of their effects, each computed once."""
+
+    channel: TemperatureChannel
+    effects: dict[str, Effect]
+    base: TemperatureFit
+    fits: dict[frozenset[str], TemperatureFit] = field(default_factory=dict)
+
+    def fit(self, names: frozenset[str], near: TemperatureFit | None = None) -> TemperatureFit:
+        """The best fit with exactly these effects; `near`: one with all but one of them to begin from."""
+        if names in self.fits:
+            return self.fits[names]
+        if not names:
+            self.fits[names] = self.channel.descend(self.base.parameters)
+            return self.fits[names]
+        begin = [near] if near is not None else [self.fit(names - {name}) for name in sorted(names)]
+        found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
+        best = min(found, key=lambda fit: fit.minus_log)
+        known = self.fits.get(names)
+        if known is None or best.minus_log < known.minus_log:
+            self.fits[names] = best
+        return self.fits[names]
+
+    def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
+        effect = self.effects[name]
+        form = effect.form
+        if isinstance(form, Command) and not form.smooth:
+            return self._searched(fit, effect)
+        found = [
+            self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)
+        ]
+        best = min(found, key=lambda trial: trial.minus_log)
+        return self.channel.descend(best.parameters, 30)
+
+    def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:
+        parameters = self.channel.extended(fit.parameters, [*fit.effects, effect])
+        return self.channel.descend(parameters, steps)
+
+    def _searched(self, fit: TemperatureFit, effect: Effect) -> TemperatureFit:
+        """An effect whose cost jumps: values tried one by one, the others' descent short, then a closer look."""
+        parameter = effect.parameters[0]
+        values = np.geomspace(0.3 * parameter.smallest, 3.0 * parameter.largest, SEARCHED)
+        best: TemperatureFit | None = None
+        for turn in range(3):
+            for value in values:
+                trial = self.held(fit if best is None else best, effect, float(value), 2 if turn == 0 else 3)
+                if best is None or trial.minus_log < best.minus_log:
+                    best = trial
+            assert best is not None
+            at = best.effects[-1].par[0]
+            ratio = float(values[1] / values[0])
+            values = np.geomspace(at / ratio, at * ratio, 9)
+        assert best is not None
+        return self.held(best, effect, float(best.effects[-1].par[0]), 15)
+
+    def held(self, fit: TemperatureFit, effect: Effect, value: float, steps: int) -> TemperatureFit:
+        """A fit with the effect's value held."""
+        others = [e for e in fit.effects if e.name != effect.name]
+        held = Switched(held_effect(effect), np.array([value]))
+        return self.channel.descend(self.channel.extended(fit.parameters, [*others, held]), steps)
+
+
+    def promise(self, fit: TemperatureFit, name: str) -> float:
+        """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
+        unknowns free (score test); of an effect that has to be searched for, the best of its values."""
+        effect, channel = self.effects[name], self.channel
+        p = fit.parameters
+        rows = channel.rows
+        like_residual = channel.residual(fit)
+        columns = [fit.jacobian[rows] / channel.sigma_K]
+        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
+        e = moved / (0.01 * channel.sigma_K)
+        d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
+        nuisance = columns[0] - e[:, None] * np.stack(
+            [(np.bincount(channel.stretch, e * c, channel.stretches) / d)[channel.stretch] for c in columns[0].T], axis=1
+        )
+        norms = np.linalg.norm(nuisance, axis=0)
+        q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
+        form = effect.form
+        if isinstance(form, Command) and not form.smooth:
+            par = effect.parameters[0]
+            values = [[float(v)] for v in np.geomspace(0.3 * par.smallest, 3.0 * par.largest, SEARCHED)]
+        else:
+            values = [
+                [0.03 * v if k == 0 or par.signed else v for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))]
+                for start in starting_values(effect, fit)
+            ]
+            if isinstance(form, HeatFlow) and form.own_rate is not None:
+                values = starting_values(effect, fit)
+        best = 0.0
+        for value in values:
+            trial = channel.extended(p, [*fit.effects, switched(effect, value)])
+            shown = channel.simulate(trial, trial.x, p.first_degC)[1]
+            delta = (shown[rows] - fit.shown_degC[rows]) / channel.sigma_K
+            delta = delta - e * (np.bincount(channel.stretch, e * delta, channel.stretches) / d)[channel.stretch]
+            delta = delta - q @ (q.T @ delta)
+            size = float(delta @ delta)
+            if size > 1e-9 and np.isfinite(size):
+                best = max(best, 0.5 * float(delta @ like_residual) ** 2 / size)
+        return best
+
+
+def held_effect(effect: Effect) -> Effect:
+    """The same effect with parameters that no descent moves."""
+    if all(p.choices for p in effect.parameters):
+        return effect
+    parameters = tuple(
+        type(p)(p.name, p.smallest, p.largest, p.signed, (p.smallest, p.largest)) for p in effect.parameters
+    )
+    return Effect(
+        effect.name, effect.link, parameters, effect.form, effect.changes, effect.remedy, effect.order
+    )
+
+
+def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[list[float]]:
+    """Where descents for an effect begin: within the sizes met, of both signs where it has one."""
+    if any(p.signed for p in effect.parameters):
+        middle = [0.3 * (p.smallest * p.largest) ** 0.5 for p in effect.parameters]
+        return [middle, [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]]
+    starts = [
+        [float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH
+    ]
+    if fit is not None and isinstance(effect.form, HeatFlow) and effect.name == "radiative_loss":
+        g = fit.parameters.plate()[2]
+        starts = [[0.05 * g / 1.2e8], [0.5 * g / 1.2e8]]
+    assert fitted_parameters(effect) or effect.parameters
+    return starts
+
+
+def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] = ("peltier",)) -> TemperatureFit:
+    """The plate alone, from the balance integrated over windows and from typical plates."""
+    assert record.current_A is not None
+    stretches = []
+    edges = [*record.first_rows.tolist(), record.rows]
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        used = record.temperature_used[first:last]
+        if np.sum(used) >= 3:
+            part = slice(first, last)
+            temperature = np.where(used, record.temperature_degC[part], 0.0)
+            steps = np.diff(record.time_s[part])
+            stretches.append(Stretch(0, first, steps, record.current_A[part], temperature, used))
+    found: list[TemperatureFit] = []
+    for kind in kinds:
+        for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
+            s, r, g, q, h = (float(v) for v in rough)
+            ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)
+            base = [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
+            found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
+    best = min(found, key=lambda fit: fit.minus_log)
+    return channel.descend(best.parameters, 60)
+
+
+def rough_parameters(fit: TemperatureFit) -> PlateParameters:
+    """Where other fits may begin."""
+    return fit.parameters

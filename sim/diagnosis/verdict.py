@@ -1,0 +1,145 @@
+"""From selected effects to what may be said: names only where the evidence survives whatever else is going on.
+
+Where a fit with the selected effects leaves nothing, each is worth what the likelihood falls by without it. Where it
+leaves something, each has to survive a residual whitened by a discrepancy of its own, and to have explained most of
+what was left without it; else what is left is called unexplained, and not forced on the nearest candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.adequacy import Adequacy, adequacy
+from sim.diagnosis.chain import Chain
+from sim.diagnosis.discrepancy import cosines, whitened_score
+from sim.diagnosis.selection import WORTH
+
+SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
+MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing."""
+
+    names: tuple[str, ...]
+    evidence: dict[str, float]
+    temperature: Adequacy | None
+    resistance: Adequacy | None
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is left in any channel."""
+        return all(a is None or a.clean for a in (self.temperature, self.resistance))
+
+
+def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Array]:
+    """Residual over noise of the thermometer in the fitted rows, and the rows."""
+    a, _ = chain.fits(names)
+    assert a is not None
+    assert chain.first is not None
+    return chain.first.channel.residual(a), chain.first.channel.rows
+
+
+def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Array]:
+    """Residual over noise of the ohmmeter in the fitted rows, and the rows."""
+    _, b = chain.fits(names)
+    assert b is not None
+    channel = chain.last(chain.split(names)[0]).channel
+    return channel.residual(b), channel.rows
+
+
+def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Adequacy | None]:
+    """What the fit with these effects leaves in each channel."""
+    record, found = chain.record, []
+    if chain.first is not None:
+        z, rows = temperature_residual(chain, names)
+        temperature = chain.fits(names)[0].shown_degC[rows]  # type: ignore[union-attr]
+        current = record.current_A
+        state = {"current": current[np.maximum(rows - 1, 0)]} if current is not None else {}
+        found.append(adequacy(z, record.time_s[rows], temperature, state))
+    else:
+        found.append(None)
+    if record.output is not None:
+        z, rows = resistance_residual(chain, names)
+        search = chain.last(chain.split(names)[0])
+        temperature = search.channel.path.at(record.time_s[rows])
+        state = {"resistance": chain.fits(names)[1].shown[rows]}  # type: ignore[union-attr]
+        if record.test_current_A is not None:
+            state["test current"] = record.test_current_A[rows]
+        found.append(adequacy(z, record.time_s[rows], temperature, state))
+    else:
+        found.append(None)
+    return found[0], found[1]
+
+
+def _whitened(chain: Chain, names: frozenset[str], last: bool) -> tuple[float, float]:
+    """Score of one channel under a discrepancy, and the discrepancy's share."""
+    a, b = chain.fits(names)
+    if last:
+        z, rows = resistance_residual(chain, names)
+        assert b is not None
+        channel = chain.last(chain.split(names)[0]).channel
+        relays = channel.relay_columns(b.parameters, b.parameters.x)
+        point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
+        free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
+    else:
+        z, rows = temperature_residual(chain, names)
+        assert a is not None
+        assert chain.first is not None
+        stretch = chain.first.channel.stretch
+        begins = np.zeros((rows.size, 0))
+        if chain.first.channel.stretches <= 30:
+            begins = (stretch[:, None] == np.arange(chain.first.channel.stretches)).astype(np.float64)
+            along = np.exp(-np.maximum(np.arange(rows.size)[:, None] - np.argmax(begins, axis=0), 0) / 100.0)
+            begins = begins * along
+        free = np.concatenate((a.jacobian[rows], begins), axis=1)
+    z = np.clip(z, -1e4, 1e4)
+    return whitened_score(z, free, cosines(rows.astype(np.float64), chain.record.rows))
+
+
+def judge(chain: Chain, names: frozenset[str]) -> Verdict:
+    """The names that may be said."""
+    while True:
+        temperature, resistance = adequacies(chain, names)
+        evidence: dict[str, float] = {}
+        failing: dict[str, float] = {}
+        whole = chain.score(names)
+        scores: dict[tuple[frozenset[str], bool], tuple[float, float]] = {}
+
+        def score(group: frozenset[str], last: bool, known: dict = scores) -> tuple[float, float]:  # type: ignore[type-arg]
+            if (group, last) not in known:
+                known[group, last] = _whitened(chain, group, last)
+            return known[group, last]
+
+        for name in sorted(names):
+            rest = names - {name}
+            evidence[name] = whole - chain.score(rest)
+            if evidence[name] < WORTH:
+                failing[name] = evidence[name]
+                continue
+            upstream = name in chain.split(names)[0]
+            left = temperature if upstream else resistance
+            if left is None or left.clean:
+                continue
+            value, share = score(names, not upstream)
+            without, before = score(rest, not upstream)
+            excess = _excess(chain, names, not upstream) / max(_excess(chain, rest, not upstream), 1e-12)
+            if value - without < SURVIVES or excess > MOST_LEFT:
+                failing[name] = min(value - without, evidence[name])
+            else:
+                evidence[name] = min(evidence[name], value - without) if value - without > 0 else evidence[name]
+            del share, before
+        if not failing:
+            order = tuple(sorted(names, key=lambda n: -evidence[n]))
+            return Verdict(order, evidence, temperature, resistance)
+        names = names - {min(failing, key=lambda n: failing[n])}
+
+
+def _excess(chain: Chain, names: frozenset[str], last: bool) -> float:
+    """Mean square residual over the noise's, less one."""
+    z, _ = resistance_residual(chain, names) if last else temperature_residual(chain, names)
+    return max(float(np.mean(z * z)) - 1.0, 0.0)

@@ -1,0 +1,120 @@
+"""The links of the signal chain with the effects that are switched on, in the order in which the signal meets them.
+
+    driver          commands
+    plate           heat flows
+    thermometer     filters, then noise, then readings
+    film            filters and warmings of its temperature, then filters of its hysteretic part
+    ohmmeter        before its filters' end, at any time; after it, when a reading is taken
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.effects.effect import Command, Filter, HeatFlow, Reading, ReadingTime, Switched, Warming
+
+LONGEST_NODE_S = 0.02  # between nodes: what a lag makes of a plate's curved course is right to 1e-6 K
+Effects = tuple[Switched, ...]
+
+
+@dataclass(frozen=True)
+class Links:
+    """Effects by link. ohmmeter: on R as it changes; reading_times, readings: when a reading is taken.
+
+    fine: whether the course between two changes of the current matters, so that nodes lie `LONGEST_NODE_S` apart.
+    """
+
+    commands: Effects = ()
+    plate: Effects = ()
+    thermometer: Effects = ()
+    temperature_readings: Effects = ()
+    film_temperature: Effects = ()
+    hysteretic_part: Effects = ()
+    ohmmeter: Effects = ()
+    reading_times: Effects = ()
+    readings: Effects = ()
+
+    @property
+    def fine(self) -> bool:
+        filters = (*self.thermometer, *self.film_temperature, *self.hysteretic_part, *self.ohmmeter)
+        return bool(self.plate or filters or self.reading_times)
+
+    @property
+    def heated(self) -> bool:
+        """Whether the ohmmeter's power in the film matters."""
+        return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in self.film_temperature)
+
+    def sent(self, time_s: Array, current_A: Array) -> tuple[Array, Array]:
+        """When commands act, and what acts; in the order of time."""
+        for e in self.commands:
+            assert isinstance(e.effect.form, Command)
+            time_s, current_A = e.effect.form.send(e.par, time_s, current_A)
+        order = np.argsort(time_s, kind="stable")
+        return time_s[order], current_A[order]
+
+    def taken(self, time_s: Array) -> Array:
+        """When the resistances that are stamped with these times were taken."""
+        for e in reversed(self.reading_times):
+            assert isinstance(e.effect.form, ReadingTime)
+            time_s = e.effect.form.taken(e.par, time_s)
+        return time_s
+
+    def shown_degC(self, values: Array) -> Array:
+        """What the thermometer shows for its own temperature with noise."""
+        return _shown(self.temperature_readings, values)
+
+    def shown_ohm(self, values: Array) -> Array:
+        """What the ohmmeter shows for what it took."""
+        return _shown(self.readings, values)
+
+    def own_number(self, name: str) -> int | None:
+        """Which of the effects on the plate has this name."""
+        return next((k for k, e in enumerate(self.plate) if e.name == name), None)
+
+
+def _shown(effects: Effects, values: Array) -> Array:
+    for e in effects:
+        assert isinstance(e.effect.form, Reading)
+        values = e.effect.form.read(e.par, values)
+    return values
+
+
+def links_of(effects: Sequence[Switched]) -> Links:
+    """The effects in their order. Raises ValueError for an effect twice, or of a form that its link does not have."""
+    names = [e.name for e in effects]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name}: switched on twice")
+    ordered = sorted(effects, key=lambda e: e.effect.order)
+    found: dict[str, list[Switched]] = {name: [] for name in Links.__dataclass_fields__}
+    last_filter = max((e.effect.order for e in ordered if _target(e) == "log_resistance"), default=-math.inf)
+    for e in ordered:
+        form, link = e.effect.form, e.effect.link
+        if isinstance(form, Command) and link == "driver":
+            found["commands"].append(e)
+        elif isinstance(form, HeatFlow) and link == "plate":
+            found["plate"].append(e)
+        elif isinstance(form, Filter):
+            place = form.target if form.target != "log_resistance" else "ohmmeter"
+            found[place].append(e)
+        elif isinstance(form, Warming) and link == "film":
+            found["film_temperature"].append(e)
+        elif isinstance(form, Reading) and link == "thermometer":
+            found["temperature_readings"].append(e)
+        elif isinstance(form, Reading) and link == "ohmmeter":
+            found["ohmmeter" if e.effect.order <= last_filter else "readings"].append(e)
+        elif isinstance(form, ReadingTime) and link == "ohmmeter":
+            found["reading_times"].append(e)
+        else:
+            raise ValueError(f"{e.name}: the link {link!r} has no effects of the form {type(form).__name__}")
+    return Links(**{name: tuple(chosen) for name, chosen in found.items()})
+
+
+def _target(effect: Switched) -> str | None:
+    form = effect.effect.form
+    return form.target if isinstance(form, Filter) else None
