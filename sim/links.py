@@ -1,10 +1,10 @@
 """The links of the signal chain with the effects that are switched on, in the order in which the signal meets them.
 
-    driver          commands
-    plate           heat flows
-    thermometer     filters, then noise, then readings
-    film            filters and warmings of its temperature, then filters of its hysteretic part
-    ohmmeter        before its filters' end, at any time; after it, when a reading is taken
+driver          commands
+plate           heat flows
+thermometer     filters, then noise, then readings
+film            filters and warmings of its temperature, then filters of its hysteretic part
+ohmmeter        before its filters' end, at any time; after it, when a reading is taken
 """
 
 from __future__ import annotations

@@ -157,4 +157,3 @@ def stamp_s(world: World, time_s: Array) -> Array:
     """What a record calls the times at which a simulated rig took its resistances, where that is earlier."""
     ahead = links_of(world.effects).taken(time_s) - time_s
     return time_s - np.maximum(ahead, 0.0)
-

@@ -21,6 +21,7 @@ from sim.effects.effect import Effect
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
 SEVERAL_STARTS = 10
+SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
 def temperature_search(
@@ -161,22 +162,31 @@ class Chain:
         a, b = self.fits(names)
         return (-a.minus_log if a is not None else 0.0) + (b.score if b is not None else 0.0)
 
-    def renoised(self, names: frozenset[str]) -> None:
-        """Weigh both channels by the noise that the fit with these effects leaves; fits made before are forgotten."""
-        a, b = self.fits(names)
-        upstream, downstream = self.split(names)
-        if a is not None and self.first is not None:
-            sigma = max(self.first.channel.noise(a), LEAST_NOISE_K)
-            if abs(sigma / self.first.channel.sigma_K - 1.0) > 0.03:
-                old = self.first
-                self.first = TemperatureSearch(old.channel.with_noise(sigma), old.effects, old.base)
-                for key, fit in old.fits.items():
-                    if key <= upstream or len(key) <= 1:
-                        self.first.fits[key] = self.first.channel.descend(fit.parameters, 6)
-        if b is not None and self.facts is not None:
-            sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
-            if abs(sigma / self.facts.sigma_dec - 1.0) > 0.03:
-                self.facts = replace(self.facts, sigma_dec=sigma)
-                self.searches.clear()
-                search = self.last(upstream)
-                search.keep(search.whole(b.plain or b.parameters))
+    def renoised_first(self, upstream: frozenset[str]) -> bool:
+        """Weigh the first channel by the noise that the fit with these effects leaves; whether it changed."""
+        assert self.first is not None
+        fit = self.first.fit(upstream)
+        sigma = max(self.first.channel.noise(fit), LEAST_NOISE_K)
+        if abs(sigma / self.first.channel.sigma_K - 1.0) < SAME_NOISE:
+            return False
+        old = self.first
+        self.first = TemperatureSearch(old.channel.with_noise(sigma), old.effects, old.base)
+        for key, known in old.fits.items():
+            if key <= upstream:
+                self.first.fits[key] = self.first.channel.descend(known.parameters, 10)
+        return True
+
+    def renoised(self, names: frozenset[str]) -> bool:
+        """The same for the last channel."""
+        _, b = self.fits(names)
+        upstream, _ = self.split(names)
+        if b is None or self.facts is None:
+            return False
+        sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
+        if abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE:
+            return False
+        self.facts = replace(self.facts, sigma_dec=sigma)
+        self.searches.clear()
+        search = self.last(upstream)
+        search.keep(search.whole(b.plain or b.parameters))
+        return True

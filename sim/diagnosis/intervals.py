@@ -95,12 +95,12 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     edges = []
     for sign in (-1.0, 1.0):
         near, far = 0.0, 0.01
-        while far < 1.0:
+        while far < 4.0:
             trial = search.held(fit, original, at * float(np.exp(sign * far)), 2)
             if trial.minus_log > fit.minus_log + HALF_CHI2_95:
                 break
             near, far = far, 2.0 * far
-        for _ in range(5):
+        for _ in range(7):
             middle = 0.5 * (near + far)
             trial = search.held(fit, original, at * float(np.exp(sign * middle)), 2)
             near, far = (near, middle) if trial.minus_log > fit.minus_log + HALF_CHI2_95 else (middle, far)

@@ -31,7 +31,7 @@ class Likelihood:
 def likelihood(reading: Array, mu: Array, sigma: float, step: float) -> Likelihood:
     """Of readings for their predictions; step 0: no lattice."""
     if step == 0.0:
-        z = (reading - mu) / sigma
+        z = np.clip((reading - mu) / sigma, -1e9, 1e9)
         return Likelihood(0.5 * z * z, z, np.ones_like(z))
     centre = (reading - mu) / sigma
     side = np.where(centre >= 0.0, 1.0, -1.0)

@@ -69,6 +69,12 @@ class ResistanceSearch:
         """To the end from a quick fit."""
         return self.keep(self.whole(quick.parameters))
 
+    def without(self, fit: ResistanceFit, name: str) -> ResistanceFit:
+        """The best fit without one of a fit's effects, beginning from where the fit is."""
+        plain = fit.plain or fit.parameters
+        rest = [e for e in plain.effects if e.name != name]
+        return self.keep(self.whole(self.channel.extended(plain, rest)))
+
     def keep(self, fit: ResistanceFit) -> ResistanceFit:
         """Remember a fit, if it is the best with its effects."""
         names = frozenset(e.name for e in fit.effects)

@@ -55,7 +55,7 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
         if len(names) > 1:
             for name in sorted(names):
                 rest = names - {name}
-                fit = search.fit(rest)
+                fit = search.without(search.fit(names), name)
                 if fit.minus_log - best < WORTH:
                     return _improved_first(search, rest)
                 for other in search.effects:
@@ -108,7 +108,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
             return names
         changed: ResistanceFit | None = None
         for name in sorted(names):
-            fit = search.fit(names - {name})
+            fit = search.without(best, name)
             if best.score - fit.score < WORTH:
                 return _improved_last(search, names - {name})
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
@@ -128,11 +128,16 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
     if chain.first is not None:
         say("current to temperature")
         upstream = select_first_links(chain.first)
-        chain.renoised(upstream) if chain.record.output is None else None
+        if chain.renoised_first(upstream):
+            upstream = select_first_links(chain.first)
     names = upstream
     if chain.record.output is not None:
         say("temperature to resistance")
-        names = upstream | select_last_links(chain.last(upstream))
+        downstream = select_last_links(chain.last(upstream))
+        names = upstream | downstream
+        if chain.renoised(names):
+            downstream = select_last_links(chain.last(upstream), downstream)
+            names = upstream | downstream
         if chain.first is not None:
             say("both together")
             names = _joint(chain, names)

@@ -42,6 +42,15 @@ class TemperatureSearch:
             self.fits[names] = best
         return self.fits[names]
 
+    def without(self, fit: TemperatureFit, name: str) -> TemperatureFit:
+        """The best fit without one of a fit's effects, beginning from where the fit is."""
+        rest = [e for e in fit.effects if e.name != name]
+        trial = self.channel.descend(self.channel.extended(fit.parameters, rest), 40)
+        names = frozenset(e.name for e in rest)
+        if names not in self.fits or trial.minus_log < self.fits[names].minus_log:
+            self.fits[names] = trial
+        return self.fits[names]
+
     def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         effect = self.effects[name]
         form = effect.form

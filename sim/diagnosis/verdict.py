@@ -18,6 +18,7 @@ from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.selection import WORTH
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
+SMALL = 0.5  # of the smallest size met
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -118,8 +119,8 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         for name in sorted(names):
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
-            if evidence[name] < WORTH:
-                failing[name] = evidence[name]
+            if evidence[name] < WORTH or too_small(chain, names, name):
+                failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
             left = temperature if upstream else resistance
@@ -137,6 +138,24 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             order = tuple(sorted(names, key=lambda n: -evidence[n]))
             return Verdict(order, evidence, temperature, resistance)
         names = names - {min(failing, key=lambda n: failing[n])}
+
+
+def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
+    """Whether an effect's size is below any physical meaning: half the smallest met, or, of a time, a fifth of the
+    sampling interval."""
+    for fit in chain.fits(names):
+        for e in fit.effects if fit is not None else ():
+            if e.name != name:
+                continue
+            first = next((k for k, p in enumerate(e.effect.parameters) if not p.choices), None)
+            if first is None:
+                return False
+            p, value = e.effect.parameters[first], abs(float(e.par[first]))
+            small = value < SMALL * p.smallest
+            if name == "parallel_leakage":
+                return value > p.largest / SMALL
+            return small or (p.name.endswith("_s") and not p.name.endswith("per_s") and value < 0.2 * chain.record.interval_s)
+    return False
 
 
 def _excess(chain: Chain, names: frozenset[str], last: bool) -> float:

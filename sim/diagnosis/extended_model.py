@@ -1,0 +1,185 @@
+"""The extended model of a diagnosis: film, plate and effects as every other verb runs them.
+
+The form of D(T) is the simplest whose error on held-out rows comes within 2 % of the best; a film that is not of the
+model's class gets operators with envelopes of their own each, where that helps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from threadpoolctl import threadpool_limits
+
+from compensator.film import FilmModel
+from compensator.functions import Array
+from compensator.identify_forms import Form
+from compensator.identify_mixed import RESOLUTIONS, dictionary, half_loop_width
+from compensator.identify_operators import Integers
+from compensator.identify_selection import FEWER_WORTH, WORTH, rms
+from compensator.plate import PlateModel
+from sim.diagnosis.diagnose import Diagnosis
+from sim.diagnosis.film_refit import FilmRefit, Refit
+from sim.diagnosis.film_start import thinned_path
+from sim.diagnosis.record import held_out_rows
+from sim.diagnosis.temperature_channel import PlateParameters
+from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
+
+FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # simplest first
+NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
+NOT_OF_THE_CLASS = 1.15  # times the diagnosis' own error from which mixed envelopes are tried
+MIXED_WORTH = 0.95
+SEARCH_ROWS, MOST_ROWS = 1500, 6000
+DESCENT = 10
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedModel:
+    """film, plate: None where the record has none; effects: tables as in a model file; rmse_dec: of the film's model
+    on held-out rows, driven as in the diagnosis."""
+
+    film: FilmModel | None
+    plate: PlateModel | None
+    effects: list[dict[str, float | str]]
+    rmse_dec: float | None
+
+
+def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
+    """Base model and named effects of a diagnosis."""
+    with threadpool_limits(limits=1):
+        chain, names = diagnosis.chain, frozenset(diagnosis.judged.names)
+        first, last = chain.fits(names)
+        effects: list[dict[str, float | str]] = [
+            {"name": f.name, **{name: value for name, (value, _) in f.parameters.items()}}
+            for f in diagnosis.findings
+            if f.name != MEMORYLESS_TERM
+        ]
+        plate = _plate(first.parameters) if first is not None else None
+        if last is None:
+            return ExtendedModel(None, plate, effects, None)
+        refit = FilmRefit(chain.last(chain.split(names)[0]).channel, last)
+        solution, error = film_of(refit, chain.curve)
+        return ExtendedModel(solution.model(last.parameters.start.initial), plate, effects, error)
+
+
+def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:
+    """The diagnosis with the film's form as the model has it."""
+    if model.film is None:
+        return diagnosis
+    film: dict[str, Any] = dict(diagnosis.film or {})
+    film |= {"memoryless": model.film.memoryless.function, "operators": model.film.operators, "kind": model.film.kind}
+    return replace(diagnosis, film=film)
+
+
+def _plate(p: PlateParameters) -> PlateModel:
+    s, r, g, q, ambient = (float(v) for v in p.plate())
+    return PlateModel(s, r, g, ambient, q, "heater" if p.kind == "heater" else "peltier")
+
+
+def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
+    """The film's model and its error on held-out rows (decades); curve: whether it may have a D(T)."""
+    fitted, held = _shared_out(refit)
+    v = refit.nodes.film_degC
+    forms = [Form(name, False, float(np.min(v)), float(np.max(v))) for name in (FORMS if curve else FORMS[:1])]
+    solution, error = _plain(refit, forms, fitted, held)
+    shown = refit.channel.output[held] - refit.fit.shown[held]
+    if refit.fit.parameters.relay_dec > 0.0 or error > NOT_OF_THE_CLASS * rms(shown):
+        solution, error = _mixed(refit, solution, error, fitted, held)
+    return solution, error
+
+
+def _shared_out(refit: FilmRefit) -> tuple[Integers, Integers]:
+    """Rows to fit and rows to judge by."""
+    record, fitted = refit.channel.record, refit.channel.fitted
+    held = record.output_used & ~fitted
+    if np.sum(held) < 10:
+        held = record.output_used & held_out_rows(record.rows)
+        fitted = fitted & ~held
+    return _thinned(np.flatnonzero(fitted), MOST_ROWS), np.flatnonzero(held)
+
+
+def _thinned(rows: Integers, most: int) -> Integers:
+    return rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]
+
+
+def _plain(refit: FilmRefit, forms: list[Form], fitted: Integers, held: Integers) -> tuple[Refit, float]:
+    """One pair of envelopes, with each form of D; the simplest that is as good as any."""
+    few, shape = _thinned(fitted, SEARCH_ROWS), refit.fit.parameters.x[:4]
+    operators = refit.plays(shape)
+    rough = {}
+    for form in forms:
+        starts = [np.concatenate((shape, par)) for par in _shapes(form)]
+        rough[form.name] = min((refit.solve(few, form, theta, operators) for theta in starts), key=_square)
+    least = min(math.sqrt(_square(r)) for r in rough.values())
+    chosen: Refit | None = None
+    error = math.inf
+    for form in forms:
+        if math.sqrt(_square(rough[form.name])) > NEAR * least:
+            continue
+        theta = _descended(refit, few, form, rough[form.name].theta)
+        fit, value = _fitted(refit, form, theta, fitted, held)
+        if chosen is None or value < WORTH * error:
+            chosen, error = fit, value
+    assert chosen is not None
+    return chosen, error
+
+
+def _fitted(
+    refit: FilmRefit, form: Form, theta: Array, fitted: Integers, held: Integers
+) -> tuple[Refit, float]:
+    """The last solution at theta, and its error in the held-out rows; about its own output where that matters."""
+    operators = refit.plays(theta[:4])
+    fit = refit.solve(fitted, form, theta, operators)
+    return fit, rms(refit.residual(held, fit, operators))
+
+
+def _square(fit: Refit) -> float:
+    return float(np.mean(fit.residual**2))
+
+
+def _shapes(form: Form) -> list[Array]:
+    """Nonlinear parameters of D to begin from."""
+    low, high = form.bounds()
+    if low.size == 0:
+        return [np.empty(0)]
+    axes = [np.linspace(a, b, 9)[1:-1] if k else np.linspace(a, b, 7) for k, (a, b) in enumerate(zip(low, high, strict=True))]
+    return [np.array(point) for point in np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, low.size)]
+
+
+def _descended(refit: FilmRefit, rows: Integers, form: Form, theta: Array) -> Array:
+    """Envelopes and D's shape moved together, weights and coefficients always at their best."""
+    low, high, _ = refit.channel.bounds(refit.fit.parameters)
+    d_low, d_high = form.bounds()
+    least, most = np.append(low[:4], d_low), np.append(high[:4], d_high)
+    inside = np.clip(theta, least + 1e-9, most - 1e-9)
+
+    def residual(x: Array) -> Array:
+        return refit.solve(rows, form, x, refit.plays(x[:4])).residual
+
+    scale = np.concatenate(([0.1, 1.0, 0.1, 1.0], np.where(np.arange(d_low.size) == 0, 0.3, 3.0)))
+    found = least_squares(residual, inside, bounds=(least, most), x_scale=scale, diff_step=1e-5, max_nfev=DESCENT)
+    return np.asarray(found.x, dtype=np.float64)
+
+
+def _mixed(
+    refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held: Integers
+) -> tuple[Refit, float]:
+    """The best dictionary of operators by held-out rows, few preferred; the plain fit if none is better."""
+    used = np.zeros(refit.channel.record.rows, dtype=np.bool_)
+    used[fitted] = True
+    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)
+    half_width = half_loop_width(path)
+    best, least, few = plain, error, _thinned(fitted, 2 * SEARCH_ROWS)
+    for centres, steepness, by_output in RESOLUTIONS:
+        trial = dictionary(path, centres, steepness, by_output, half_width)
+        operators = refit.relays(trial)
+        fit = refit.solve(few, plain.form, plain.theta[4:], operators, trial)
+        value = rms(refit.residual(held, fit, operators))
+        more = best.operators is not None and fit.active.size > best.active.size
+        worth = MIXED_WORTH if best.operators is None else FEWER_WORTH if more else 1.0
+        if value < worth * least:
+            best, least = fit, value
+    return best, least
