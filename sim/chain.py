@@ -104,7 +104,7 @@ class Chain:
         count = math.ceil((to_s - from_s) / LONGEST_NODE_S - 1e-9) if self.links.fine else 1
         if count <= 1:
             return np.array((from_s, to_s))
-        time = np.arange(count + 1) * ((to_s - from_s) / count) + from_s
+        time = np.asarray(np.arange(count + 1), dtype=np.float64) * ((to_s - from_s) / count) + from_s
         time[-1] = to_s
         return time
 

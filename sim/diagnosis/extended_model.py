@@ -145,8 +145,8 @@ def _shapes(form: Form) -> list[Array]:
     low, high = form.bounds()
     if low.size == 0:
         return [np.empty(0)]
-    axes = [np.linspace(a, b, 9)[1:-1] if k else np.linspace(a, b, 7) for k, (a, b) in enumerate(zip(low, high, strict=True))]
-    return [np.array(point) for point in np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, low.size)]
+    axes = [np.linspace(a, b, 9)[1:-1] for a, b in zip(low, high, strict=True)]
+    return list(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, low.size))
 
 
 def _descended(refit: FilmRefit, rows: Integers, form: Form, theta: Array) -> Array:
@@ -160,7 +160,7 @@ def _descended(refit: FilmRefit, rows: Integers, form: Form, theta: Array) -> Ar
         return refit.solve(rows, form, x, refit.plays(x[:4])).residual
 
     scale = np.concatenate(([0.1, 1.0, 0.1, 1.0], np.where(np.arange(d_low.size) == 0, 0.3, 3.0)))
-    found = least_squares(residual, inside, bounds=(least, most), x_scale=scale, diff_step=1e-5, max_nfev=DESCENT)
+    found = least_squares(residual, inside, bounds=(least, most), x_scale=scale, diff_step=[1e-5], max_nfev=DESCENT)
     return np.asarray(found.x, dtype=np.float64)
 
 

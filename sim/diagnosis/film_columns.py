@@ -60,8 +60,11 @@ def film_nodes(
     for effect in effects:
         if isinstance(effect.effect.form, ReadingTime):
             taken = effect.effect.form.taken(effect.par, taken)
-    same = taken is record.time_s or (taken.size == record.time_s.size and np.array_equal(taken, record.time_s))
-    time = record.time_s if same else np.union1d(record.time_s, np.clip(taken, 0.0, None))
+    turns = path.turning_s
+    same = turns.size == 0 and np.array_equal(taken, record.time_s)
+    time = record.time_s
+    if not same:
+        time = np.union1d(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
     place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
     temperature, k = path.at(time), 0
     for effect in effects:

@@ -43,7 +43,7 @@ def corrected_path(record: Record, fit: TemperatureFit, residual_K: Array, rows:
     added = np.interp(path.time_s, record.time_s, correction)
     slope = np.gradient(correction, record.time_s)
     slopes = path.slopes + np.interp(path.time_s, record.time_s, slope)[:, None]
-    return PlatePath(path.time_s, path.plate_degC + added, slopes)
+    return PlatePath(path.time_s, path.plate_degC + added, slopes, path.turning_s)
 
 
 def _smooth(values: Array, width: float) -> tuple[Array, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ class PlatePath:
     time_s: Array
     plate_degC: Array
     slopes: Array
+    turning_s: Array = field(default_factory=lambda: np.empty(0))
 
     def at(self, time: Array) -> Array:
         """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
@@ -102,4 +103,13 @@ def simulate_plate(
             out = np.empty(n)
             form.run(effect.par, nodes.time_s, shown, np.array([shown[0] - behind_K[k]]), out)
             shown, k = out, k + 1
-    return PlateRun(PlatePath(nodes.time_s, temperature, slopes), shown[nodes.rows])
+    return PlateRun(PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature)), shown[nodes.rows])
+
+
+def _turning(nodes: Nodes, temperature: Array) -> Array:
+    """Times between the rows at which the temperature turns round: the film remembers them."""
+    if nodes.time_s.size == nodes.rows.size:
+        return np.empty(0)
+    step = np.diff(temperature)
+    turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
+    return nodes.time_s[np.setdiff1d(turn, nodes.rows)]

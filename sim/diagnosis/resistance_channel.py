@@ -38,7 +38,7 @@ from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.unknowns import free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming
 
-OPERATORS = 40
+OPERATORS = 48
 CENTRES = 14
 SHAPE = ("log_a_R", "c_R", "log_a_L", "c_L")
 WIDE_DEC = 30.0  # prior of what is free
@@ -317,7 +317,7 @@ class ResistanceChannel:
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
-                columns = filtered(columns, self.record.time_s, effect, 0.0)
+                columns = filtered(columns, self.record.taken_s, effect, 0.0)
         return np.asarray(columns - columns.mean(axis=0), dtype=np.float64)
 
     # -- the fit

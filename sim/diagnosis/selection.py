@@ -11,6 +11,7 @@ from sim.diagnosis.chain import Chain
 from sim.diagnosis.resistance_channel import ResistanceFit
 from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
+from sim.effects.effect import Switched
 
 WORTH = 12.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
 PROMISING = 4.0
@@ -30,6 +31,24 @@ class Selected:
     names: frozenset[str]
 
 
+SMALL = 0.5  # of the smallest size met
+SHORT = 0.2  # of the sampling interval: shorter delays are one class
+
+
+def below_meaning(effect: Switched, interval_s: float) -> bool:
+    """Whether an effect's size is below any physical meaning: half the smallest met, or, of a time, a fifth of the
+    sampling interval."""
+    parameters = effect.effect.parameters
+    first = next((k for k, p in enumerate(parameters) if not p.choices), None)
+    if first is None:
+        return False
+    p, value = parameters[first], abs(float(effect.par[first]))
+    if effect.effect.inverse:
+        return value > p.largest / SMALL
+    is_time = p.name.endswith("_s") and "per" not in p.name
+    return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)
+
+
 def select_first_links(search: TemperatureSearch) -> frozenset[str]:
     """The effects that the thermometer's channel alone asks for."""
     names: frozenset[str] = frozenset()
@@ -40,7 +59,13 @@ def select_first_links(search: TemperatureSearch) -> frozenset[str]:
         promise = {n: search.promise(fit, n) for n in others}
         order = sorted(others, key=lambda n: -promise[n])
         tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
-        gains = {n: fit.minus_log - search.fit(names | {n}, fit).minus_log for n in tried}
+        interval = search.channel.record.interval_s
+        found = {n: search.fit(names | {n}, fit) for n in tried}
+        gains = {
+            n: fit.minus_log - f.minus_log
+            for n, f in found.items()
+            if not any(below_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
+        }
         if not gains or max(gains.values()) < WORTH:
             break
         names |= {max(gains, key=lambda n: gains[n])}
@@ -93,7 +118,9 @@ def _one_more(search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[st
     quick = [search.quick(fit, n, promises[n]) for n in (tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q) for q in quick[:TRIED]]
-    ends = sorted((e for e in ends if np.isfinite(e.score)), key=lambda e: -e.score)
+    interval = search.channel.record.interval_s
+    ends = [e for e in ends if np.isfinite(e.score) and not any(below_meaning(x, interval) for x in e.effects)]
+    ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None
     if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:

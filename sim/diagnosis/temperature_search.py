@@ -138,7 +138,7 @@ def held_effect(effect: Effect) -> Effect:
         type(p)(p.name, p.smallest, p.largest, p.signed, (p.smallest, p.largest)) for p in effect.parameters
     )
     return Effect(
-        effect.name, effect.link, parameters, effect.form, effect.changes, effect.remedy, effect.order
+        effect.name, effect.link, parameters, effect.form, effect.changes, effect.remedy, effect.order, effect.inverse
     )
 
 

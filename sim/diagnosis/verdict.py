@@ -15,10 +15,10 @@ from compensator.functions import Array
 from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
-from sim.diagnosis.selection import WORTH
+from sim.diagnosis.selection import WORTH, below_meaning
+from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
-SMALL = 0.5  # of the smallest size met
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -129,6 +129,8 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             value, share = score(names, not upstream)
             without, before = score(rest, not upstream)
             excess = _excess(chain, names, not upstream) / max(_excess(chain, rest, not upstream), 1e-12)
+            import os
+            if os.environ.get("DBG"): print("    judge", name, "evidence", round(evidence[name], 1), "white", round(value - without, 1), "excess", _excess(chain, names, not upstream), _excess(chain, rest, not upstream), "share", share, before)
             if value - without < SURVIVES or excess > MOST_LEFT:
                 failing[name] = min(value - without, evidence[name])
             else:
@@ -145,16 +147,8 @@ def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     sampling interval."""
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
-            if e.name != name:
-                continue
-            first = next((k for k, p in enumerate(e.effect.parameters) if not p.choices), None)
-            if first is None:
-                return False
-            p, value = e.effect.parameters[first], abs(float(e.par[first]))
-            small = value < SMALL * p.smallest
-            if name == "parallel_leakage":
-                return value > p.largest / SMALL
-            return small or (p.name.endswith("_s") and not p.name.endswith("per_s") and value < 0.2 * chain.record.interval_s)
+            if e.name == name:
+                return below_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s)
     return False
 
 

@@ -115,6 +115,7 @@ Form = Command | HeatFlow | Filter | Warming | Reading | ReadingTime
 class Effect:
     """One entry of the catalogue. order: of effects on the same link, the smaller one first along the chain.
 
+    inverse: whether a larger first parameter means less of the effect.
     changes: what is different, in words for a report. remedy: what a bench does about it, or how to tell it apart.
     """
 
@@ -125,6 +126,7 @@ class Effect:
     changes: str
     remedy: str
     order: int = 0
+    inverse: bool = False
 
     def array(self, values: dict[str, float]) -> Array:
         """The parameters in their order. Raises ValueError for a name or a value that cannot be."""

@@ -24,4 +24,5 @@ EFFECT = Effect(
     "a leakage path lies across the film",
     "clean and dry the sample holder; a guard; measure it with the film taken off",
     order=1,
+    inverse=True,
 )
