@@ -62,6 +62,10 @@ class NoPlant:
         """50 kohm."""
         return 5e4
 
+    def read_voltage_V(self) -> float:
+        """0 V."""
+        return 0.0
+
     def set_test_current_A(self, test_current_A: float) -> None:
         """Ignored."""
 
@@ -123,7 +127,7 @@ def main() -> None:
         address = registry.register(f"exchange-{name}", emulated_meter(name, plant), clock)
         meter = open_meter(name, address, clock)
         meter.configure(True, 1.0, 1e-3)
-        rows[f"{name}: read_resistance"] = cost_us(meter.read_resistance)
+        rows[f"{name}: read_resistance"] = cost_us(meter.read)
     rows["one period: T, I, R"] = period_us()
     rows["a simulated hour at 10 Hz, s"] = rows["one period: T, I, R"] * 36000 * 1e-6
     for name, value in rows.items():

@@ -16,11 +16,21 @@ VERBS = {
     "calibrate": "measure a film and its plate, and write their model",
     "identify": "fit film and plate models to records",
     "predict": "compare a model with a record that it was not fitted to",
+    "diagnose": "what the simulation gets wrong, why, and what the repair gains",
     "invert": "temperatures for a desired resistance",
+    "simulate": "the experiment on the simulated rig, with effects switched on",
+    "sweep": "many simulated experiments, a table of what came out",
+    "replay": "the law again over a recorded run, or another configuration on its twin",
     "tune": "PID gains from the plate model, with margins",
     "ports": "what is attached",
     "check": "does it answer, and is it what the configuration says",
     "emulate": "simulated instruments on pseudo-terminals",
+    "serve": "the bench daemon: queue, history, page",
+    "status": "what the bench daemon's bench is doing",
+    "watch": "the same as a live table",
+    "stop": "output off, the running job ended, the queue held",
+    "off": "output off, with a daemon or without",
+    "reset": "clear a latched trip or stop, with a reason",
 }
 
 
@@ -59,6 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
         options = parser.parse_args(words[1:])
     except SystemExit as stop:
         return int(stop.code or 0)
+    options.own_process = arguments is None  # whether it may fork: a caller inside Python is not ours to double
     return ended(lambda: int(module.main(options)), verb)
 
 
@@ -80,15 +91,22 @@ def ended(action: object, verb: str) -> int:
         )
         return outcome.exit_status
     except (Outcome, RigError) as error:
-        notes = "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
-        print(f"peltier {verb}: {error}{notes}", file=sys.stderr)
+        print(f"peltier {verb}: {error}{_notes(error)}", file=sys.stderr)
         return int(getattr(error, "exit_status", 1))
+    except KeyboardInterrupt as error:  # before or after the time in which signals mean `Stopped`
+        print(f"peltier {verb}: stopped by SIGINT{_notes(error)}", file=sys.stderr)
+        return 130
     except BrokenPipeError:  # whoever read our output has gone; nothing is left to tell them
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
-        print(f"peltier {verb}: {error}", file=sys.stderr)
+        print(f"peltier {verb}: {error}{_notes(error)}", file=sys.stderr)
         return 1
+
+
+def _notes(error: BaseException) -> str:
+    """What was added on the error's way up, such as that the output is off."""
+    return "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import open_controller, open_meter
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
+from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
 from rig.simulation import simulated_world
@@ -36,12 +37,14 @@ class Bench:
     clock: Clock
     virtual: bool
     identities: dict[str, Identity]
+    guard: Guard = UNGUARDED
 
 
 @contextmanager
-def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
+def open_bench(file: ConfigurationFile, guard: Guard = UNGUARDED) -> Iterator[Bench]:
     """Open the ports, identify the instruments, set their limits; the output is commanded off first.
 
+    guard: told what is held before it is opened, and that it was let go of when the output is off and confirmed.
     Raises RigError (PortHeld, TimedOut, Refused, ...), Faults, and NotConfirmedOff where the output cannot be
     switched off. At the end the output is commanded off once more, and the ports are closed.
     """
@@ -51,28 +54,28 @@ def open_bench(file: ConfigurationFile) -> Iterator[Bench]:
         ports = [c.bench.controller.port, c.bench.meter.port if c.bench.meter else ""]
         if c.simulated:
             ports = _simulated(file, clock, stack)
-        controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock)
+        controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
         stack.callback(controller.close)
-        stack.enter_context(_output_off(controller, c.bench.controller.port))
+        stack.enter_context(_output_off(controller, c.bench.controller.port, guard))
         identities = {"controller": controller.identify()}
         controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         meter = None
         if c.bench.meter is not None:
-            meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock)
+            meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)
             stack.callback(meter.close)
             identities["meter"] = meter.identify()
             try:
                 meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
             except ValueError as error:
                 raise fault(file.path, "bench.meter, limits.meter_current_A", str(error)) from None
-        yield Bench(controller, meter, clock, c.virtual_time, identities)
+        yield Bench(controller, meter, clock, c.virtual_time, identities, guard)
 
 
 @contextmanager
-def _output_off(controller: TemperatureController, port: str) -> Iterator[None]:
+def _output_off(controller: TemperatureController, port: str, guard: Guard) -> Iterator[None]:
     """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
 
-    Raises NotConfirmedOff, which outranks all others.
+    The guard stops answering for the output only where it is. Raises NotConfirmedOff, which outranks all others.
     """
     text = f"{port}: the controller did not confirm that its output is off"
     if not controller.off():
@@ -85,10 +88,12 @@ def _output_off(controller: TemperatureController, port: str) -> Iterator[None]:
     except BaseException as error:
         if not controller.off():
             raise NotConfirmedOff(f"{text} (after: {error})") from error
+        guard.let_go()
         error.add_note(OFF_CONFIRMED)
         raise
     if not controller.off():
         raise NotConfirmedOff(text)
+    guard.let_go()
 
 
 def _opened(
@@ -98,15 +103,27 @@ def _opened(
     table: ControllerTable | MeterTable,
     port: str,
     clock: Clock,
+    guard: Guard,
 ) -> T:
     """The instrument with the configuration's options. Raises Faults for an option that its driver does not have."""
     options: dict[str, Any] = dict(table.options)
     if table.baud is not None:
         options["baud"] = table.baud
+    guard.holds(role, table.driver, port, options)
     try:
         return opener(table.driver, port, clock, **options)
     except ValueError as error:
+        _not_ours(role, guard)
         raise fault(file.path, f"bench.{role}.options", str(error)) from None
+    except BaseException:
+        _not_ours(role, guard)
+        raise
+
+
+def _not_ours(role: str, guard: Guard) -> None:
+    """The controller's port was never open here: its output is somebody else's business."""
+    if role == "controller":
+        guard.let_go()
 
 
 def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[str, str, Instrument]]:

@@ -7,10 +7,22 @@
        |- Corrupt         an answer came, and its checksum or form is wrong
        |- OutOfStep       an answer came, and it does not belong to this question
        |- Refused         the instrument understood, and said no; or read back something else than was set
-       `- Disconnected    the port is gone
+       |- Disconnected    the port is gone
+       `- Overrange       what was measured is beyond the range, where somebody insists on a number
 
-Overrange is no error but a reading's quality (`rig.reading.Quality.OVERRANGE`). A value outside what may be
-commanded is a ValueError: the caller's fault, raised before anything is sent.
+Beyond the range is an outcome of measuring: readings come with a quality (`rig.reading.Quality.OVERRANGE`), and become
+`Overrange` only by `Reading.number`. A value outside what may be commanded is a ValueError: the caller's fault, raised
+before anything is sent.
+
+| what the wire did         | MeCom                   | TE Technology       | SCPI, LDC501                     |
+|---------------------------|-------------------------|---------------------|----------------------------------|
+| nothing, half an answer   | TimedOut, 3 trials      | TimedOut            | TimedOut, or Refused (queue)     |
+| wrong sum, CRC or form    | skipped, then Corrupt   | Corrupt             | Corrupt (two copies differ)      |
+| late, repeated, foreign   | skipped (number)        | OutOfStep (fence)   | OutOfStep (token)                |
+| the instrument says no    | Refused (error frame)   | Refused (read-back) | Refused (error queue, read-back) |
+| unplugged                 | Disconnected            | Disconnected        | Disconnected                     |
+
+After any of these the line is in doubt, and the next question brings it in step first.
 """
 
 from __future__ import annotations
@@ -60,3 +72,7 @@ class Refused(InstrumentError):
 
 class Disconnected(InstrumentError):
     """The port is gone: unplugged, closed, or never there."""
+
+
+class Overrange(InstrumentError):
+    """A reading beyond the instrument's range, where a number was needed."""

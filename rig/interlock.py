@@ -7,7 +7,7 @@ It is given every tick's readings and the command that the law wants to send, an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rig.outcome import Tripped
 from rig.reading import Quality, Reading
@@ -15,13 +15,18 @@ from rig.reading import Quality, Reading
 
 @dataclass(frozen=True)
 class Limits:
-    """What must hold. stale_s: how old the last good reading may be."""
+    """What must hold. stale_s: how old the last good reading may be.
+
+    rate_K_per_s: faster than any plate. runaway_s: for how long it may go against the current.
+    """
 
     low_degC: float
     high_degC: float
     current_A: float
     meter_current_A: float
     stale_s: float
+    rate_K_per_s: float = 20.0
+    runaway_s: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -33,23 +38,35 @@ class Watch:
 
 
 def check_readings(
-    limits: Limits, watch: Watch, now_s: float, temperature: Reading, resistance: Reading | None
+    limits: Limits,
+    watch: Watch,
+    now_s: float,
+    temperature: Reading,
+    resistance: Reading | None,
+    why: tuple[str, str] = ("", ""),
 ) -> Watch:
-    """The watch brought up to date. Raises Tripped: temperature out of limits, or no good reading for too long."""
+    """The watch brought up to date. Raises Tripped: temperature out of limits, or no good reading for too long.
+
+    why: of each instrument, in words, why its reading is none. A good reading after too long a time does not heal it:
+    nobody knows what plate and film did meanwhile.
+    """
+    if temperature.is_number and not limits.low_degC <= temperature.value <= limits.high_degC:
+        text = (
+            f"temperature {temperature.value:.3f} degC is outside the limits "
+            f"[{limits.low_degC:g}, {limits.high_degC:g}] degC"
+        )
+        raise Tripped("temperature_limit", text, now_s)
+    for name, last_s, reason in (
+        ("thermometer", watch.temperature_s, why[0]),
+        ("ohmmeter", now_s if resistance is None else watch.resistance_s, why[1]),
+    ):
+        if now_s - last_s > limits.stale_s:
+            text = f"no good reading of the {name} for {now_s - last_s:.2f} s; expected one every {limits.stale_s:g} s"
+            raise Tripped(f"{name}_stale", text + (f"; {reason}" if reason else ""), now_s)
     if temperature.is_number:
-        if not limits.low_degC <= temperature.value <= limits.high_degC:
-            text = (
-                f"temperature {temperature.value:.3f} degC is outside the limits "
-                f"[{limits.low_degC:g}, {limits.high_degC:g}] degC"
-            )
-            raise Tripped("temperature_limit", text, now_s)
-        watch = Watch(now_s, watch.resistance_s)
+        watch = replace(watch, temperature_s=now_s)
     if resistance is None or resistance.is_number or resistance.quality is Quality.OVERRANGE:
-        watch = Watch(watch.temperature_s, now_s)
-    for name, last in (("thermometer", watch.temperature_s), ("ohmmeter", watch.resistance_s)):
-        if now_s - last > limits.stale_s:
-            text = f"no good reading of the {name} for {now_s - last:.2f} s; expected one every {limits.stale_s:g} s"
-            raise Tripped(f"{name}_stale", text, now_s)
+        watch = replace(watch, resistance_s=now_s)
     return watch
 
 

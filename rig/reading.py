@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from math import nan
 
+from rig.errors import Corrupt, Overrange, TimedOut
+
 
 class Quality(StrEnum):
     """How far to believe a reading. Overrange is an outcome of measuring, not an error."""
@@ -33,6 +35,16 @@ class Reading:
     def is_number(self) -> bool:
         """Whether the value can be computed with."""
         return self.quality is Quality.OK or self.quality is Quality.SETTLING
+
+    def number(self) -> float:
+        """The value, where it can be computed with. Overrange; TimedOut where it is missing or stale; Corrupt."""
+        if self.is_number:
+            return self.value
+        if self.quality is Quality.OVERRANGE:
+            raise Overrange(f"beyond the instrument's range ({self.value:+g})")
+        if self.quality in (Quality.MISSING, Quality.STALE):
+            raise TimedOut(f"the reading is {self.quality}")
+        raise Corrupt(f"{self.value!r} cannot be a reading")
 
 
 def missing(time_s: float) -> Reading:

@@ -1,13 +1,21 @@
-"""From the [simulation] table to the world that the simulated instruments share."""
+"""From the [simulation] table to the world that the simulated instruments share.
+
+Effects are those of [[simulation.effects]], of [simulation.heat_sink_warmup], and of the model that is the film.
+"""
 
 from __future__ import annotations
 
+from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
+from rig.files.effect_tables import switched_effects
 from rig.files.model_file import read_model
-from sim.effects.effect import switched
+from sim.chain import World
+from sim.detector import Detector
+from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
+from sim.film_side import Film
 from sim.films.preisach import PreisachFilm
-from sim.plant import Film, World
+from sim.links import links_of
 
 
 def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
@@ -31,11 +39,26 @@ def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
     return film, "cooled"
 
 
+def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
+    """What is switched on. Raises Faults, as for an effect that two places switch on."""
+    table = file.content.simulation
+    effects, _ = switched_effects(table.effects, "simulation.effects", complete=False)
+    if table.heat_sink_warmup is not None:
+        effects += (switched(HEAT_SINK_WARMUP, table.heat_sink_warmup.model_dump()),)
+    if isinstance(table.film, ModelFilmTable):
+        effects += read_model(file.beside(table.film.model)).switched()
+    return effects
+
+
 def simulated_world(file: ConfigurationFile) -> World:
     """What is true of the simulated rig. Raises Faults where a model file is wrong."""
     table = file.content.simulation
     film, initial = simulated_film(file)
-    sink = table.heat_sink_warmup
+    effects = simulated_effects(file)
+    try:
+        links_of(effects)
+    except ValueError as error:
+        raise fault(file.path, "simulation.effects", f"{error}, with those of simulation.film's model") from None
     return World(
         plate=table.plate.model(),
         film=film,
@@ -44,5 +67,6 @@ def simulated_world(file: ConfigurationFile) -> World:
         thermometer_noise_K=table.thermometer_noise_K,
         ohmmeter_noise_dec=table.ohmmeter_noise_dec,
         seed=table.seed,
-        effects=(switched(HEAT_SINK_WARMUP, sink.model_dump()),) if sink is not None else (),
+        effects=effects,
+        detector=Detector(**table.detector.model_dump()) if table.detector is not None else None,
     )

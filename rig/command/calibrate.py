@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.command.say import Voice
+from rig.guard.line import Guard
+from rig.guard.needed import guarded_where_needed
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +16,12 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    return guarded_where_needed(options.config, options.own_process, lambda guard: _calibrate(options, guard))
+
+
+def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
+    """The imports are here, on the working process's side of the guard."""
+    from rig.command.say import Voice
     from rig.files.configuration import read_configuration
     from rig.files.run_folder import default_folder, prepared_folder
 
@@ -29,7 +36,7 @@ def main(options: argparse.Namespace) -> int:
         prepared_folder(path),
         voice.progress(file.content.virtual_time) as progress,
         SignalStop() as signals,
-        open_bench(file) as bench,
+        open_bench(file, guard) as bench,
     ):
         result = calibrate(Session(bench, file, signals, voice.say, progress), path)
     voice.say("output off, confirmed by the controller")

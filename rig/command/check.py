@@ -1,19 +1,25 @@
 """peltier check CONFIG: does what is attached answer, is it what the configuration says, and how long does STOP take.
 
-The output is commanded off first and last; no current flows. Limits and dead man are set and read back.
+The output is commanded off first and last; no current flows. Limits and dead man are set and read back; the middle of
+several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
+configured.
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
-import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 
-STOPS = 5  # times that switching off is measured
+if TYPE_CHECKING:
+    from rig.bench import Bench
+    from rig.files.configuration import ConfigurationFile
+
+STOPS = 11  # times that switching off is measured
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,41 +36,103 @@ def main(options: argparse.Namespace) -> int:
     from rig.signals import SignalStop
 
     with SignalStop(), open_bench(file) as bench:
-        for role, identity in bench.identities.items():
-            voice.say(f"{role}: {identity}")
-        limits = file.content.limits
-        controller, meter = bench.controller, bench.meter
-        temperature = controller.read_temperature()
-        voice.say(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
-        dead_man = f"{file.content.bench.controller.dead_man_s:g} s" if controller.has_dead_man else "none: it has none"
-        low, high = limits.temperature_degC
-        voice.say(f"limits read back: {limits.current_A:g} A, {low:g} to {high:g} degC; dead man {dead_man}")
-        resistance = None
-        if meter is not None:
-            meter.read_resistance()  # the first one settles the range
-            resistance = meter.read_resistance()
-            voice.say(
-                f"resistance: {resistance.value:.6g} ohm ({resistance.quality}), "
-                f"test current {meter.test_current_A:g} A"
-            )
-        seconds = []
-        for _ in range(STOPS):
-            begin = time.perf_counter()
-            confirmed = controller.off()
-            seconds.append(time.perf_counter() - begin)
-        voice.say(
-            f"STOP: {1e3 * statistics.median(seconds):.1f} ms until the controller confirmed that its output is off"
-        )
-    voice.say("output off, confirmed by the controller")
-    voice.report(
-        {
+        faults = _identities(file, bench, voice)
+        result: dict[str, Any] = {
             "format": "peltier-check/1",
             "instruments": {role: str(identity) for role, identity in bench.identities.items()},
-            "temperature_degC": temperature.value,
-            "resistance_ohm": resistance.value if resistance is not None else None,
-            "dead_man": controller.has_dead_man,
-            "stop_s": statistics.median(seconds),
-            "output_off_confirmed": confirmed,
+            "temperature_degC": _temperature(bench, voice, faults),
+            **_limits(file, bench, voice, faults),
+            **_film(bench, voice, faults),
+            **_stop(bench, voice),
         }
+    for line in faults:
+        voice.say(f"NOT AS CONFIGURED: {line}")
+    voice.say("output off, confirmed by the controller")
+    voice.report({**result, "faults": faults})
+    return 1 if faults else 0
+
+
+def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str]:
+    """Who they are; a line for each that is another one than the configuration says."""
+    tables = {"controller": file.content.bench.controller, "meter": file.content.bench.meter}
+    faults = []
+    for role, identity in bench.identities.items():
+        voice.say(f"{role}: {identity}")
+        table = tables[role]
+        wanted = table.serial_number if table is not None else None
+        if wanted is not None and wanted != identity.serial_number:
+            faults.append(f"{role}: serial number {identity.serial_number!r}; bench.{role} says {wanted!r}")
+    return faults
+
+
+def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:
+    temperature = bench.controller.read_temperature()
+    voice.say(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
+    status = bench.controller.status()
+    voice.say(f"status: {status.text}")
+    if not temperature.is_number:
+        faults.append(f"the thermometer's reading is {temperature.quality}")
+    if status.is_error:
+        faults.append(f"the controller reports: {status.text}")
+    return temperature.value
+
+
+def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
+    """The instrument's own limits and dead man, asked for anew."""
+    limits, controller = file.content.limits, bench.controller
+    own = controller.own_limits()
+    dead_man_s = file.content.bench.controller.dead_man_s
+    faults += own.faults(limits.current_A, limits.temperature_degC, dead_man_s)
+    has = {"current": own.current_A == own.current_A, "temperature": own.low_degC == own.low_degC}
+    current = f"{own.current_A:g} A" if has["current"] else "no current limit of its own"
+    span = f"{own.low_degC:g} to {own.high_degC:g} degC" if has["temperature"] else "no temperature limits of its own"
+    dead_man = f"{own.dead_man_s:g} s" if controller.has_dead_man else "none: it has none"
+    voice.say(f"limits read back: {current}, {span}; dead man {dead_man}")
+    return {
+        "own_limits": {
+            "current_A": own.current_A if has["current"] else None,
+            "temperature_degC": [own.low_degC, own.high_degC] if has["temperature"] else None,
+            "dead_man_s": own.dead_man_s if controller.has_dead_man else None,
+        },
+        "dead_man": controller.has_dead_man,
+    }
+
+
+def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
+    from rig.drivers.meter import column_of
+    from rig.reading import Quality
+
+    if bench.meter is None:
+        return {"resistance_ohm": None}
+    bench.meter.read()  # the first one settles the range
+    reading = bench.meter.read()
+    column = column_of(bench.meter.output)
+    name, _, unit = column.partition("_")
+    voice.say(
+        f"{name}: {reading.value:.6g} {unit} ({reading.quality}), range {bench.meter.full_scale:g}, "
+        f"test current {bench.meter.test_current_A:g} A"
     )
-    return 0
+    if not (reading.is_number or reading.quality is Quality.OVERRANGE):
+        faults.append(f"the meter's reading is {reading.quality}")
+    return {
+        column: reading.value if reading.is_number else None,
+        "quality": str(reading.quality),
+        "full_scale": bench.meter.full_scale,
+        "test_current_A": bench.meter.test_current_A,
+    }
+
+
+def _stop(bench: Bench, voice: Voice) -> dict[str, Any]:
+    """How long an off command takes until the controller has confirmed it, on the bench's own clock."""
+    seconds, confirmed = [], True
+    for _ in range(STOPS):
+        begin_s = bench.clock.now_s()
+        confirmed = bench.controller.off() and confirmed
+        seconds.append(bench.clock.now_s() - begin_s)
+    middle, longest = statistics.median(seconds), max(seconds)
+    where = " (simulated time)" if bench.virtual else ""
+    voice.say(
+        f"STOP: {1e3 * middle:.1f} ms in the middle of {STOPS}, {1e3 * longest:.1f} ms at the longest, "
+        f"until the controller confirmed that its output is off{where}"
+    )
+    return {"stop_s": middle, "stop_longest_s": longest, "output_off_confirmed": confirmed}

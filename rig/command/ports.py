@@ -1,14 +1,22 @@
-"""peltier ports: the serial ports that are there, what is attached, and whether another process holds them."""
+"""peltier ports: the serial ports that are there, what is attached, and whether another process holds them.
+
+peltier ports                          what the computer knows of each port, and who holds it; nothing is sent
+peltier ports --ask [PORT ...]         and which of the instruments answers there: a harmless question in each
+                                       protocol, at each one's factory line settings, until one is answered
+"""
 
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("ports", nargs="*", metavar="PORT", help="these only, such as /dev/ttyUSB0 or socket://host:1")
+    parser.add_argument("--ask", action="store_true", help="ask who answers")
     add_json_argument(parser)
 
 
@@ -18,20 +26,42 @@ def main(options: argparse.Namespace) -> int:
     from rig.ports.open import holder
 
     voice = Voice(options.json)
+    known = {port.device: port for port in sorted(comports())}
     found = []
-    for port in sorted(comports()):
-        process, command = holder(port.device)
+    for name in options.ports or known:
+        port = known.get(name)
+        process, command = holder(name)
         held = f"held by process {process} {command}".strip() if process is not None else "free"
-        voice.say(f"{port.device:<20} {port.description}  {port.serial_number or ''}  {held}")
-        found.append(
-            {
-                "port": port.device,
-                "description": port.description,
-                "serial_number": port.serial_number,
-                "held_by": process,
-            }
-        )
+        entry: dict[str, Any] = {
+            "port": name,
+            "description": port.description if port is not None else None,
+            "serial_number": port.serial_number if port is not None else None,
+            "held_by": process,
+        }
+        text = f"{port.description}  {port.serial_number or ''}" if port is not None else "not listed"
+        voice.say(f"{name:<20} {text}  {held}")
+        if options.ask and process is None:
+            entry |= _asked(name, voice)
+        found.append(entry)
     if not found:
         voice.say("no serial port is there (a pseudo-terminal or socket:// is not listed)")
     voice.report({"format": "peltier-ports/1", "ports": found})
     return 0
+
+
+def _asked(port: str, voice: Voice) -> dict[str, Any]:
+    """Who answers there, by the driver that understands it."""
+    from rig.clock import RealClock
+    from rig.drivers.search import tries
+    from rig.errors import RigError
+
+    try:
+        for driver, identity in tries(port, RealClock()):
+            if identity is not None:
+                voice.say(f'{"":<20} {identity}: driver = "{driver}"')
+                return {"driver": driver, "instrument": str(identity)}
+    except RigError as error:
+        voice.say(f"{'':<20} {error}")
+        return {"driver": None, "error": str(error)}
+    voice.say(f"{'':<20} nobody answers (other line settings? see docs/instruments.md)")
+    return {"driver": None}

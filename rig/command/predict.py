@@ -1,7 +1,9 @@
 """peltier predict MODEL.toml RECORD [--out F]: the model against a record that it was not fitted to.
 
 temperature_degC drives the film from `initial` at the first row, as it was read; with current_A and a [plate] the
-temperature is simulated from the current too, never one step ahead.
+temperature is simulated from the current too, never one step ahead. A model with [[effects]] is simulated with them:
+from the current, where record and model allow it, so that the film follows the simulated plate; else film and ohmmeter
+alone, from the temperature as it was read.
 """
 
 from __future__ import annotations
@@ -25,17 +27,30 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("record", type=Path, metavar="RECORD")
     add_record_arguments(parser)
     parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], help="default: the model's own")
+    parser.add_argument(
+        "--effect-file",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="a Python file with an effect of one's own that the model has (repeatable)",
+    )
     parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
     add_json_argument(parser)
 
 
 def main(options: argparse.Namespace) -> int:
     from rig.experiment.feasible import order_warning
+    from rig.experiment.predicted import needs_test_current, plate_temperatures, with_effects
     from rig.files.model_file import read_model
 
     if options.out is not None:
         writable_parent(options.out)
     voice = Voice(options.json)
+    if options.effect_file:
+        from rig.files.effect_tables import add_effect_files
+
+        add_effect_files(options.effect_file)
     model = read_model(options.model)
     mappings = [ColumnMapping.parse(text) for text in options.column]
     record = read_record(options.record, mappings, needs=("temperature_degC",))
@@ -43,11 +58,18 @@ def main(options: argparse.Namespace) -> int:
         raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
+    simulated = None
     if model.film is not None:
         warning = order_warning(model.film, options.model)
         if warning is not None:
             print(warning, file=sys.stderr)
-        predicted = _film(model.film, record, options.initial, options.record)
+        if model.effects:
+            if needs_test_current(model.switched()) and not record.has("meter_current_A"):
+                print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
+            memory = _memory(model.film, record, options.initial, options.record)
+            predicted, simulated, result["film_driven_by"] = with_effects(model, record, memory, options.model)
+        else:
+            predicted = _film(model.film, record, options.initial, options.record)
         name = model.film.output
         if name == "minus_log10_ohm":
             columns["predicted_ohm"] = 10.0**-predicted
@@ -57,7 +79,8 @@ def main(options: argparse.Namespace) -> int:
             what = "log R" if name == "minus_log10_ohm" else name
             _report(result, predicted - record.output(name), unit_of(name), what, voice)
     if model.plate is not None and record.has("current_A"):
-        simulated = _plate(model.plate, record)
+        if simulated is None:
+            simulated = plate_temperatures(model, record)
         columns["predicted_degC"] = simulated
         _report(result, simulated - record["temperature_degC"], "K", "temperature", voice)
     if not any(key.startswith("rmse") for key in result):
@@ -82,19 +105,22 @@ def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndar
     """-log10 R at every row; rows without a temperature get nan, and the film rests there."""
     temperature = record["temperature_degC"]
     known = np.isfinite(temperature)
-    if not np.any(known):
-        raise fault(path, "temperature_degC", "no finite number")
-    inputs = temperature[known]
-    if initial == "fitted":
-        memory = _fitted_memory(
-            film, inputs, record.output(film.output)[known] if record.has_output(film.output) else None, path
-        )
-    else:
-        memory = film.initial_memory(float(inputs[0]), initial)
-    outputs, _ = film.simulate(inputs, memory)
+    outputs, _ = film.simulate(temperature[known], _memory(film, record, initial, path))
     predicted = np.full(temperature.size, math.nan)
     predicted[known] = outputs
     return predicted
+
+
+def _memory(film: Any, record: Record, initial: str | None, path: Path) -> Any:
+    """The film's memory at the first row with a temperature."""
+    temperature = record["temperature_degC"]
+    known = np.isfinite(temperature)
+    if not np.any(known):
+        raise fault(path, "temperature_degC", "no finite number")
+    if initial != "fitted":
+        return film.initial_memory(float(temperature[known][0]), initial)
+    output = record.output(film.output)[known] if record.has_output(film.output) else None
+    return _fitted_memory(film, temperature[known], output, path)
 
 
 def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, path: Path) -> Any:
@@ -110,19 +136,3 @@ def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, pat
             error = film.simulate(inputs, memory)[0] - output
             candidates.append((float(np.nanmean(error**2)), memory))
     return min(candidates, key=lambda pair: pair[0])[1]
-
-
-def _plate(plate: Any, record: Record) -> np.ndarray:
-    """Temperature from the current, from the first reading; after a gap from the next reading."""
-    from compensator.identify_rows import gap_threshold
-
-    time, current = record["time_s"], np.nan_to_num(record["current_A"])
-    temperature = record["temperature_degC"]
-    simulated = np.full(time.size, math.nan)
-    breaks = np.flatnonzero(np.diff(time) > gap_threshold(np.diff(time))) + 1
-    for begin, end in zip([0, *breaks], [*breaks, time.size], strict=True):
-        known = np.flatnonzero(np.isfinite(temperature[begin:end]))
-        if known.size:
-            start = begin + int(known[0])
-            simulated[start:end] = plate.simulate(float(temperature[start]), time[start:end], current[start:end])
-    return simulated

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.command.say import Voice
+from rig.daemon.handover import handed_over
+from rig.guard.line import Guard
+from rig.guard.needed import guarded_where_needed
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,6 +17,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    status = handed_over(options.config, options.out, options.json)
+    if status is not None:
+        return status
+    return guarded_where_needed(options.config, options.own_process, lambda guard: _run(options, guard))
+
+
+def _run(options: argparse.Namespace, guard: Guard) -> int:
+    """The imports are here, on the working process's side of the guard."""
+    from rig.command.say import Voice
     from rig.files.configuration import read_configuration
 
     voice = Voice(options.json)
@@ -22,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.experiment.session import design_table, run
 
     with voice.progress(file.content.virtual_time) as progress:
-        result = run(file, options.out, voice.say, progress)
+        result = run(file, options.out, voice.say, progress, guard)
     calibration = result.calibration
     if calibration is not None:
         voice.say(f"model: {calibration.model_path}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan, nan
 from typing import ClassVar, Protocol
 
 from rig.drivers.identity import Identity
@@ -21,17 +22,47 @@ class Status:
     code: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class OwnLimits:
+    """What the instrument itself holds to, as it reads back now; nan where it has no such thing.
+
+    dead_man_s: 0 where it is switched off. ramp_K_per_s: of its own regulation, 0 for as fast as it can.
+    """
+
+    current_A: float = nan
+    low_degC: float = nan
+    high_degC: float = nan
+    dead_man_s: float = nan
+    ramp_K_per_s: float = nan
+
+    def faults(self, current_A: float, limits_degC: tuple[float, float], dead_man_s: float) -> list[str]:
+        """What differs from what was configured, a line each; what it does not have is no fault."""
+        pairs = (
+            ("current limit", "A", self.current_A, current_A),
+            ("lower temperature limit", "degC", self.low_degC, limits_degC[0]),
+            ("upper temperature limit", "degC", self.high_degC, limits_degC[1]),
+            ("dead man", "s", self.dead_man_s, dead_man_s),
+        )
+        return [
+            f"{name}: reads back {now:g} {unit}, {wanted:g} {unit} is configured"
+            for name, unit, now, wanted in pairs
+            if not isnan(now) and abs(now - wanted) > 1e-3 * abs(wanted) + 0.05 * (unit == "degC")
+        ]
+
+
 class TemperatureController(Protocol):
     """Drives a Peltier element and reads its thermometer. Positive current heats, however it is wired.
 
     commands_current: whether it can be told a current (otherwise setpoints only). has_dead_man: whether it
-    turns its output off by itself when the host falls silent. All methods but `off` raise
+    turns its output off by itself when the host falls silent. has_ramp: whether its own regulation can be told a rate.
+    All methods but `off` raise
     `rig.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
     """
 
     LINE: ClassVar[LineSettings]
     commands_current: ClassVar[bool]
     has_dead_man: ClassVar[bool]
+    has_ramp: ClassVar[bool]
     transport: Transport
 
     def identify(self) -> Identity:
@@ -41,6 +72,12 @@ class TemperatureController(Protocol):
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
         """Output off, limits and dead man set and read back; Refused where the read-back differs."""
+
+    def own_limits(self) -> OwnLimits:
+        """Its own limits, dead man and ramp, as it reads them back now."""
+
+    def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
+        """Rate of the instrument's own regulation, 0 for as fast as it can; Refused where it has none."""
 
     def arm_current(self) -> None:
         """Output on at 0 A, ready for `set_current_A`."""

@@ -7,7 +7,7 @@ The meter holds its sender off by DTR, of which a serial port on Linux takes no 
 question at any time, no message is longer than 100 characters, and after ^C there is a pause. It wants to be in remote
 mode first (SYSTem:REMote), and forgets that when it is switched off. `READ?` does not keep its readings: here they are
 initiated, and fetched twice. Ranges, and the residual of a reading that is given twice, are in
-`rig.drivers.scpi_ohmmeter`. The test current flows as long as a resistance function is chosen; `off` chooses volts.
+`rig.drivers.scpi_meter`. The test current flows as long as a resistance function is chosen; `off` chooses volts.
 
 At 9600 Bd with two stop bits the 70 characters of a reading take 80 ms: with NPLC 1 a period of 0.2 s is right.
 """
@@ -16,12 +16,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from rig.drivers.scpi import ScpiLink
-from rig.drivers.scpi_ohmmeter import ScpiOhmmeter, is_number
+from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports.open import LineSettings
-from rig.ports.transport import Transport
 
 # full scale, ohm -> test current, A; not verified on an instrument
 TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
@@ -31,34 +29,15 @@ NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)
 CLEAR_S = 0.05  # after ^C
 
 
-class Hp34401AMeter(ScpiOhmmeter):
-    """See `rig.drivers.meter.ResistanceMeter`. line: settings that the port was opened with."""
+class Hp34401AMeter(ScpiMeter):
+    """See `rig.drivers.meter.Meter`; options as in `ScpiMeter`."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600, bytesize=7, parity="E", stopbits=2)
+    LINK: ClassVar[Mapping[str, Any]] = {"end": b"\n", "abort": b"\x03", "clear_s": CLEAR_S, "wake": b"SYST:REM"}
     NAME: ClassVar[str] = "HP 34401A"
+    TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     READ: ClassVar[str] = "INIT;FETC?;FETC?"
     SENSE: ClassVar[str] = ":"
-
-    def __init__(
-        self,
-        transport: Transport,
-        *,
-        line: LineSettings = LINE,
-        test_currents_A: Mapping[float, float] = TEST_CURRENTS_A,
-        first_range_ohm: float = 1e5,
-        first_token: int | None = None,
-    ) -> None:
-        link = ScpiLink(
-            transport,
-            end=b"\n",
-            abort=b"\x03",
-            clear_s=CLEAR_S,
-            wake=b"SYST:REM",
-            byte_s=line.byte_s,
-            first_token=first_token,
-            after_resynchronisation=self._look_after_doubt,
-        )
-        super().__init__(transport, link, test_currents_A=test_currents_A, first_range_ohm=first_range_ohm)
 
     def _is_mine(self, maker: str, model: str) -> bool:
         return "34401" in model and ("HEWLETT" in maker or "AGILENT" in maker or "KEYSIGHT" in maker)
@@ -71,23 +50,5 @@ class Hp34401AMeter(ScpiOhmmeter):
         name = self._function
         return [
             f":CONF:{name};:TRIG:COUN 1;:SAMP:COUN 1;:{name}:NPLC {self._nplc:g}",
-            f":{name}:RANG {self._ranges[self._chosen]:.0f}",
+            f":{name}:RANG {self._range_text(self._chosen)}",
         ]
-
-    def _settings_message(self) -> str:
-        name = self._function
-        return f":FUNC?;:{name}:NPLC?;:{name}:RANG:AUTO?;:{name}:RANG?"
-
-    def _as_configured(self, settings: list[str]) -> bool:
-        if len(settings) != 4:
-            return False
-        function, nplc, automatic, full_scale_ohm = settings
-        return (
-            function.strip("\"'") == self._function
-            and is_number(nplc, self._nplc)
-            and is_number(automatic, 0.0)
-            and is_number(full_scale_ohm, self._ranges[self._index])
-        )
-
-    def _rest(self) -> bool:
-        return self.link.ask(':FUNC "VOLT";:FUNC?').strip("\"'").startswith("VOLT")

@@ -9,8 +9,8 @@ whose current is allowed are used, and every reply carries the current that was 
 is on during a reading only. `off` and `close` switch it off. Where it is found off, by hand or by an interlock, a
 reading is Refused with the instrument's own error, and the next one switches it on again.
 
-A reply has two of the five elements, current and resistance; ranges, and the residual of a reading that is given twice,
-are in `rig.drivers.scpi_ohmmeter`.
+For volts it sources 0 A. A reply has two of the five elements, current and resistance, or the voltage alone; ranges,
+and the residual of a reading that is given twice, are in `rig.drivers.scpi_meter`.
 
 Set the instrument to RS-232 at 57600 Bd with LF (or CRLF) at its front panel; from the factory it has 9600 Bd, at which
 the 90 characters of a reading take 94 ms (option `baud`).
@@ -18,13 +18,12 @@ the 90 characters of a reading take 94 ms (option `baud`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
 
-from rig.drivers.scpi import ScpiLink
-from rig.drivers.scpi_ohmmeter import ScpiOhmmeter, is_number
-from rig.errors import Corrupt, OutOfStep, TimedOut
+from rig.drivers.scpi_meter import ScpiMeter, is_number
+from rig.errors import OutOfStep, TimedOut
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Reading
@@ -36,30 +35,33 @@ TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
 CURRENT_TOLERANCE = 0.05  # of the test current, between the table and the reply
 
 
-class Keithley2400Meter(ScpiOhmmeter):
-    """See `rig.drivers.meter.ResistanceMeter`. line: settings that the port was opened with."""
+class Keithley2400Meter(ScpiMeter):
+    """See `rig.drivers.meter.Meter`; options as in `ScpiMeter`, and whether the output stays on between readings."""
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
     NAME: ClassVar[str] = "Keithley 2400"
+    TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
+    FIRST_RANGE_OHM: ClassVar[float] = 2e5
+    VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)
     OVERRANGE: ClassVar[float] = 1.05
 
     def __init__(
         self,
         transport: Transport,
         *,
-        line: LineSettings = LINE,
-        test_currents_A: Mapping[float, float] = TEST_CURRENTS_A,
-        first_range_ohm: float = 2e5,
         output_between_readings: bool = True,
+        line: LineSettings | None = None,
+        test_currents_A: Mapping[float, float] | None = None,
+        first_range_ohm: float | None = None,
         first_token: int | None = None,
     ) -> None:
-        link = ScpiLink(
+        super().__init__(
             transport,
-            byte_s=line.byte_s,
+            line=line,
+            test_currents_A=test_currents_A,
+            first_range_ohm=first_range_ohm,
             first_token=first_token,
-            after_resynchronisation=self._look_after_doubt,
         )
-        super().__init__(transport, link, test_currents_A=test_currents_A, first_range_ohm=first_range_ohm)
         self._stays_on = output_between_readings
         self._output_is_on = False
 
@@ -101,33 +103,47 @@ class Keithley2400Meter(ScpiOhmmeter):
 
     def _setting_messages(self) -> list[str]:
         self._output_is_on = False
-        wires = "ON" if self._four_wire else "OFF"
-        clear = 0 if self._stays_on else 1
+        sense = f":SENS:{self._function}"
+        what = f"{sense}:NPLC {self._nplc:g};:SYST:RSEN {'ON' if self._four_wire else 'OFF'}"
+        range_text = self._range_text(self._chosen)
+        clear = f":SOUR:CLE:AUTO {0 if self._stays_on else 1}"
+        if self._reads_volts:
+            return [
+                "*RST",
+                f':SOUR:FUNC CURR;:SOUR:CURR 0;:SENS:FUNC "VOLT";{what}',
+                f"{sense}:PROT {1.05 * self._ranges[self._chosen]:g};{sense}:RANG:AUTO 0;{sense}:RANG {range_text}",
+                f":FORM:ELEM VOLT;{clear}",
+            ]
         return [
             "*RST",
-            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;:SENS:RES:NPLC {self._nplc:g};:SYST:RSEN {wires}',
-            f":SENS:RES:RANG:AUTO 0;:SENS:RES:RANG {self._ranges[self._chosen]:.0f}",
-            f":FORM:ELEM CURR,RES;:SOUR:CLE:AUTO {clear}",
+            f':SENS:FUNC "RES";:SENS:RES:MODE AUTO;{what}',
+            f"{sense}:RANG:AUTO 0;{sense}:RANG {range_text}",
+            f":FORM:ELEM CURR,RES;{clear}",
         ]
 
     def _settings_message(self) -> str:
+        sense = f":SENS:{self._function}"
+        mode = ":SOUR:FUNC?" if self._reads_volts else ":SENS:RES:MODE?"
         return (
-            ":SENS:FUNC?;:SENS:RES:MODE?;:SENS:RES:NPLC?;:SYST:RSEN?;:SENS:RES:RANG:AUTO?;:SENS:RES:RANG?"
+            f":SENS:FUNC?;{mode};{sense}:NPLC?;:SYST:RSEN?;{sense}:RANG:AUTO?;{sense}:RANG?"
             ";:FORM:ELEM?;:SOUR:CLE:AUTO?;:OUTP?"
         )
 
     def _as_configured(self, settings: list[str]) -> bool:
         if len(settings) != 9:
             return False
-        functions, mode, nplc, wires, automatic, full_scale_ohm, elements, clear, output = settings
+        functions, mode, nplc, wires, automatic, full_scale, elements, clear, output = settings
+        if self._reads_volts:
+            kind = mode == "CURR" and elements == "VOLT"
+        else:
+            kind = mode == "AUTO" and elements.replace(" ", "") == "CURR,RES"
         return (
-            '"RES"' in functions.replace("'", '"')
-            and mode == "AUTO"
+            kind
+            and f'"{self._function}' in functions.replace("'", '"')
             and is_number(nplc, self._nplc)
             and is_number(wires, float(self._four_wire))
             and is_number(automatic, 0.0)
-            and is_number(full_scale_ohm, self._ranges[self._index])
-            and elements.replace(" ", "") == "CURR,RES"
+            and is_number(full_scale, self._ranges[self._index])
             and is_number(clear, float(not self._stays_on))
             and is_number(output, float(self._output_is_on))
         )
@@ -135,12 +151,13 @@ class Keithley2400Meter(ScpiOhmmeter):
     def _rest(self) -> bool:
         return is_number(self.link.ask(":OUTP OFF;:OUTP?"), 0.0)
 
-    def _value_ohm(self, text: str) -> float:
+    def _value(self, text: str) -> float:
+        if self._reads_volts:
+            return super()._value(text)
         current_text, _, resistance_text = text.partition(",")
-        if self.NUMBER.fullmatch(current_text) is None or self.NUMBER.fullmatch(resistance_text) is None:
-            raise Corrupt(f"{text!r} is no reading")
-        current_A, expected_A = float(current_text), self.test_current_A
+        current_A, resistance_ohm = super()._value(current_text), super()._value(resistance_text)
+        expected_A = self.test_current_A
         if abs(current_A - expected_A) > CURRENT_TOLERANCE * expected_A:
             self.link.doubt()
             raise OutOfStep(f"the meter sourced {current_A:g} A where its range has {expected_A:g} A")
-        return float(resistance_text)
+        return resistance_ohm

@@ -14,7 +14,8 @@ import struct
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.controller import Status
+from rig.drivers.confirmed import confirmed
+from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
 from rig.errors import Refused
@@ -52,6 +53,7 @@ class MeerstetterController:
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
     commands_current: ClassVar[bool] = True
     has_dead_man: ClassVar[bool] = True
+    has_ramp: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -107,6 +109,16 @@ class MeerstetterController:
         self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
+
+    def own_limits(self) -> OwnLimits:
+        """2030, 4010, 4011, 2060 and 3003."""
+        return OwnLimits(*(self.link.read_float(parameter) for parameter in (2030, 4010, 4011, 2060, 3003)))
+
+    def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
+        """3003, read back; 0 for none."""
+        if not (isfinite(ramp_K_per_s) and ramp_K_per_s >= 0.0):
+            raise ValueError(f"ramp {ramp_K_per_s} K/s: 0 (none) or a positive number is expected")
+        self._set_float(3003, ramp_K_per_s)
 
     def arm_current(self) -> None:
         """Live source (2000 = 1) at 0 A with the voltage limit as its voltage, enabled by 50000."""
@@ -164,21 +176,18 @@ class MeerstetterController:
     def off(self) -> bool:
         """2010 = 0 and 50000 = 0; True if 2010, status and current say so. Never raises."""
         self._armed_source = None
-        for attempt in range(OFF_ATTEMPTS):
-            try:
-                if attempt >= 2:
-                    self.transport.reopen()
-                self.link.write_int(2010, 0, trials=1)
-                self.link.write_int(50000, 0, trials=1)
-                if (
-                    self.link.read_int(2010, trials=1) == 0
-                    and self.link.read_int(104, trials=1) != RUNNING
-                    and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
-                ):
-                    return True
-            except Exception:
-                continue
-        return False
+        return confirmed(self._off_once, OFF_ATTEMPTS, lambda: None)
+
+    def _off_once(self, attempt: int) -> bool:
+        if attempt >= 2:
+            self.transport.reopen()
+        self.link.write_int(2010, 0, trials=1)
+        self.link.write_int(50000, 0, trials=1)
+        return (
+            self.link.read_int(2010, trials=1) == 0
+            and self.link.read_int(104, trials=1) != RUNNING
+            and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
+        )
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""

@@ -1,8 +1,12 @@
-"""What the rig asks of an ohmmeter, whatever its protocol; and what its numbers mean."""
+"""What the rig asks of a meter, whatever its protocol; and what its numbers mean.
+
+A meter reads the film's resistance, or a voltage that stands for another quantity: a position-sensitive detector's for
+a cantilever's curvature (`rig.drivers.formula_meter`). Either way it has one film output, as a film model names it.
+"""
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import copysign, inf, isfinite, log10, nan
 from typing import ClassVar, Protocol
 
 from rig.drivers.identity import Identity
@@ -10,24 +14,34 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
 
-OVERFLOW_OHM = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
-NOT_A_NUMBER_OHM = 9.905e37
+OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
+NOT_A_NUMBER = 9.905e37
+LOG_RESISTANCE = "minus_log10_ohm"  # the film's output where the meter reads ohms: -log10(R / 1 ohm)
 
 
-class ResistanceMeter(Protocol):
-    """Reads the film's resistance.
+class Meter(Protocol):
+    """Reads what the film shows.
 
-    test_current_A: of the range in use, nan where it is not known. All methods but `off` and `close` raise
-    `rig.errors.InstrumentError`. A meter of another quantity (a voltage that stands for a curvature) is another
-    protocol, which `Reading` can carry as well: its unit is that of the method.
+    output: the film's output that it reads, by its name and unit in a model file; "minus_log10_ohm" where readings
+    are in ohm, otherwise readings are in the unit that the name ends with. test_current_A: of the range in use, nan
+    where it is not known. full_scale: of the range in use, in the unit of what is measured (ohm or V), nan before
+    `configure`. All methods but `off` and `close` raise `rig.errors.InstrumentError`.
     """
 
     LINE: ClassVar[LineSettings]
     transport: Transport
 
     @property
+    def output(self) -> str:
+        """Name and unit of the film's output."""
+
+    @property
     def test_current_A(self) -> float:
         """Current that the last reading was taken with, A."""
+
+    @property
+    def full_scale(self) -> float:
+        """Of the range that the last reading was taken in, ohm or V."""
 
     def identify(self) -> Identity:
         """Who it is; Refused where it is no instrument of this driver's family."""
@@ -39,10 +53,10 @@ class ResistanceMeter(Protocol):
         """Begin a reading; returns before it is there."""
 
     def finish_reading(self) -> Reading:
-        """The reading that was begun, ohm."""
+        """The reading that was begun."""
 
-    def read_resistance(self) -> Reading:
-        """Begin a reading and wait for it, ohm."""
+    def read(self) -> Reading:
+        """Begin a reading and wait for it."""
 
     def off(self) -> bool:
         """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
@@ -51,16 +65,39 @@ class ResistanceMeter(Protocol):
         """Let go of the port; a meter that sources its test current stops it first. Never raises."""
 
 
+ResistanceMeter = Meter  # what reads ohms
+
+
+def column_of(output: str) -> str:
+    """The record's column that holds a meter's readings."""
+    return "resistance_ohm" if output == LOG_RESISTANCE else output
+
+
+def film_output(output: str, reading: Reading | None) -> float:
+    """The film's output that a reading stands for; nan where it is no number, or a resistance that is not positive."""
+    if reading is None or not reading.is_number:
+        return nan
+    if output != LOG_RESISTANCE:
+        return reading.value
+    return -log10(reading.value) if reading.value > 0.0 else nan
+
+
 def resistance_reading(value_ohm: float, time_s: float, largest_ohm: float) -> Reading:
+    """A resistance from a meter: as `voltage_reading`, and nothing or less is `INVALID`."""
+    reading = voltage_reading(value_ohm, time_s, largest_ohm)
+    if reading.quality is Quality.OVERRANGE and value_ohm < 0.0:
+        return Reading(nan, time_s, Quality.INVALID)
+    return Reading(value_ohm, time_s, Quality.INVALID) if reading.is_number and value_ohm <= 0.0 else reading
+
+
+def voltage_reading(value_V: float, time_s: float, largest_V: float) -> Reading:
     """A number from a meter, judged by magnitude and sign.
 
-    SCPI's +9.9E37 is beyond the range (inf, `OVERRANGE`); its 9.91E37, any nan, nothing or less, and more
-    than the range can show are `INVALID`.
+    SCPI's +-9.9E37 is beyond the range (+-inf, `OVERRANGE`); its 9.91E37, any nan, and more than the range can show
+    are `INVALID`.
     """
-    if OVERFLOW_OHM <= value_ohm < NOT_A_NUMBER_OHM:
-        return Reading(inf, time_s, Quality.OVERRANGE)
-    if not isfinite(value_ohm) or abs(value_ohm) >= NOT_A_NUMBER_OHM:
+    if OVERFLOW <= abs(value_V) < NOT_A_NUMBER:
+        return Reading(copysign(inf, value_V), time_s, Quality.OVERRANGE)
+    if not isfinite(value_V) or abs(value_V) >= NOT_A_NUMBER:
         return Reading(nan, time_s, Quality.INVALID)
-    if not 0.0 < value_ohm <= largest_ohm:
-        return Reading(value_ohm, time_s, Quality.INVALID)
-    return Reading(value_ohm, time_s)
+    return Reading(value_V, time_s, Quality.OK if abs(value_V) <= largest_V else Quality.INVALID)

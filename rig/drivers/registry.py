@@ -1,15 +1,20 @@
-"""Drivers by the name that a configuration gives them; only the one that is asked for is imported."""
+"""Drivers by the name that a configuration gives them; only the one that is asked for is imported.
+
+A driver of the user's own is one file, named with its class: "/home/ada/bath.py:Bath" (docs/own_driver.md).
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from inspect import signature
+from pathlib import Path
 from typing import Any, cast
 
 from rig.clock import Clock
 from rig.drivers.controller import TemperatureController
-from rig.drivers.meter import ResistanceMeter
+from rig.drivers.meter import Meter
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Port, Transport
 
@@ -25,6 +30,11 @@ METERS = {
     "keithley2400": ("keithley2400", "Keithley2400Meter"),
 }
 
+# what a driver of the user's own has to have
+CONTROLLER_MEMBERS = {name for name in vars(TemperatureController) if not name.startswith("_")}
+CONTROLLER_MEMBERS |= {name for name in TemperatureController.__annotations__ if name != "transport"}
+METER_MEMBERS = {name for name in vars(Meter) if not name.startswith("_")} | {"LINE"}
+
 
 def open_controller(name: str, port: str, clock: Clock, **options: Any) -> TemperatureController:
     """The temperature controller `name` at `port`.
@@ -36,9 +46,63 @@ def open_controller(name: str, port: str, clock: Clock, **options: Any) -> Tempe
     return cast(TemperatureController, _open(CONTROLLERS, "controller", name, port, clock, options))
 
 
-def open_meter(name: str, port: str, clock: Clock, **options: Any) -> ResistanceMeter:
-    """The ohmmeter `name` at `port`; otherwise as `open_controller`."""
-    return cast(ResistanceMeter, _open(METERS, "meter", name, port, clock, options))
+def open_meter(name: str, port: str, clock: Clock, **options: Any) -> Meter:
+    """The meter `name` at `port`; otherwise as `open_controller`.
+
+    With the options `formula`, `output` and `range_V` it reads a voltage that stands for another quantity
+    (`rig.drivers.formula_meter`).
+    """
+    wrapped = {key: options.pop(key) for key in ("formula", "output", "range_V") if key in options}
+    if wrapped:
+        from rig.drivers.formula import formula
+        from rig.drivers.formula_meter import FormulaMeter, check_output
+
+        if not {"formula", "output"} <= wrapped.keys():
+            raise ValueError("a meter of another quantity needs both, a formula and an output")
+        formula(wrapped["formula"])  # before anything is opened
+        check_output(wrapped["output"])
+    meter = _open(METERS, "meter", name, port, clock, options)
+    if not wrapped:
+        return cast(Meter, meter)
+    if not hasattr(meter, "configure_voltage"):
+        meter.close()
+        raise ValueError(f"meter {name!r} reads no voltages")
+    return FormulaMeter(meter, wrapped["output"], wrapped["formula"], wrapped.get("range_V", 10.0))
+
+
+def is_own(name: str) -> bool:
+    """Whether a driver's name is that of a file and a class in it."""
+    return ".py:" in name
+
+
+def driver_class(drivers: dict[str, tuple[str, str]], role: str, name: str) -> Any:
+    """The class of a driver. ValueError where there is none."""
+    if is_own(name):
+        return _own_class(role, name)
+    if name not in drivers:
+        raise ValueError(f"{role} {name!r} is not known; there are {', '.join(sorted(drivers))}")
+    module, kind = drivers[name]
+    return getattr(import_module(f"rig.drivers.{module}"), kind)
+
+
+def _own_class(role: str, name: str) -> Any:
+    file, _, kind = name.rpartition(":")
+    path = Path(file)
+    spec = spec_from_file_location(f"own_driver_{path.stem}", path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise ValueError(f"{role} {name!r}: there is no file {file}")
+    module = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ValueError(f"{role} {name!r}: {file} cannot be imported: {type(error).__name__}: {error}") from error
+    driver = getattr(module, kind, None)
+    needed = CONTROLLER_MEMBERS if role == "controller" else METER_MEMBERS
+    missing = sorted(member for member in needed if not hasattr(driver, member))
+    if driver is None or missing:
+        what = f"it lacks {', '.join(missing)}" if driver is not None else f"there is no class {kind} in it"
+        raise ValueError(f"{role} {name!r}: {what}")
+    return driver
 
 
 def _open(
@@ -49,10 +113,7 @@ def _open(
     clock: Clock,
     options: dict[str, Any],
 ) -> Any:
-    if name not in drivers:
-        raise ValueError(f"{role} {name!r} is not known; there are {', '.join(sorted(drivers))}")
-    module, kind = drivers[name]
-    driver = getattr(import_module(f"rig.drivers.{module}"), kind)
+    driver = driver_class(drivers, role, name)
     options = dict(options)
     baud, framing = options.pop("baud", None), options.pop("framing", None)
     known = set(signature(driver).parameters) - {"transport", "line"}

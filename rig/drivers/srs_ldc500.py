@@ -20,7 +20,8 @@ import re
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.controller import Status
+from rig.drivers.confirmed import confirmed
+from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.srs_line import SrsLink
 from rig.errors import Corrupt, InstrumentError, Refused
@@ -47,6 +48,7 @@ class SrsLdc500Controller:
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600)
     commands_current: ClassVar[bool] = True
     has_dead_man: ClassVar[bool] = False
+    has_ramp: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -96,6 +98,14 @@ class SrsLdc500Controller:
         self._set("TMAX", high_degC, RESOLUTION_K)
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
+
+    def own_limits(self) -> OwnLimits:
+        """TILM, TMIN and TMAX, each asked for twice."""
+        return OwnLimits(*(self._read_twice(name) for name in ("TILM", "TMIN", "TMAX")))
+
+    def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
+        """Refused: it has no ramp of its own."""
+        raise Refused(None, "this controller has no ramp of its own")
 
     def arm_current(self) -> None:
         """Current mode (TMOD CC) at 0 A, output on."""
@@ -151,7 +161,7 @@ class SrsLdc500Controller:
         """Output and mode (TEON, TMOD), and errors since they were last asked for (LEXE, LCME)."""
         on_text, mode_text, execution, command = self._answers("TEON?;TMOD?;LEXE?;LCME?", 4)
         on, mode = _number(on_text), _number(mode_text)
-        if not (execution.strip().isdigit() and command.strip().isdigit()):
+        if not all(text.isascii() and text.strip().isdigit() for text in (execution, command)):
             self.link.doubt()
             raise Corrupt(f"{execution!r} and {command!r} are no error numbers")
         codes = [code for code in (int(execution), int(command)) if code]
@@ -163,18 +173,15 @@ class SrsLdc500Controller:
     def off(self) -> bool:
         """TEON 0, at once and then proven; True if TEON and the current that flows say so. Never raises."""
         self._armed_mode = None
-        for _ in range(OFF_ATTEMPTS):
-            try:
-                if self.link.in_doubt:
-                    with contextlib.suppress(InstrumentError):
-                        self.link.shout("TEON 0")
-                self.link.start("TEON 0;TEON?;TEON?;TIRD?")
-                on, again, current_A = self.link.finish().split(";")
-                if on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A:
-                    return True
-            except Exception:
-                self.link.doubt()
-        return False
+        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+
+    def _off_once(self, _: int) -> bool:
+        if self.link.in_doubt:
+            with contextlib.suppress(InstrumentError):
+                self.link.shout("TEON 0")
+        self.link.start("TEON 0;TEON?;TEON?;TIRD?")
+        on, again, current_A = self.link.finish().split(";")
+        return on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""

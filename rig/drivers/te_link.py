@@ -20,8 +20,8 @@ reading made twice can be its first half twice: right, and one exchange older th
 
 The sum sees every change of one character. It misses a burst that leaves the sum as it is: 1 of about 16 random changes
 of two neighbouring digits. Such a burst within up to four digits changes the value by a multiple of 15 (16 = 1 modulo
-15, so the digits' sum is the value modulo 15): hence a reading is made twice, and the two may differ by less than 15
-units (`rig.drivers.te_technology`).
+15, so the digits' sum is the value modulo 15): hence a reading is made twice, and the two have to agree
+(`rig.drivers.te_technology`).
 """
 
 from __future__ import annotations
@@ -83,7 +83,8 @@ class TeLink:
         self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
         self._in_doubt = True
         self._quiet_s = 0.0  # when the last byte came or went
-        self.arrived_s = self.arrived_before_fence_s = 0.0  # of the last request; of the last but for the fence
+        self.arrived_s = 0.0  # when the last request had arrived
+        self.arrivals_s: list[float] = []  # of the requests of the last sequence, without its fence
         self.resynchronised = 0
 
     @property
@@ -105,13 +106,13 @@ class TeLink:
             self.resynchronise(trials)
         self._in_doubt = True
         uncalled = transport.stale_bytes
-        replies = []
+        replies, self.arrivals_s = [], []
         for code, value in requests:
             reply = self._ask(code, value)
             if value is not None and reply != value:
                 raise OutOfStep(f"{value} was written by code {code.decode()}, and {reply} acknowledged")
             replies.append(reply)
-        self.arrived_before_fence_s = self.arrived_s
+            self.arrivals_s.append(self.arrived_s)
         expected, reply = self._fence()
         if reply != expected:
             raise OutOfStep(f"{reply} came back where {expected} was expected: replies are out of step")

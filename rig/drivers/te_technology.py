@@ -14,10 +14,11 @@ type 2 is fixed alarms, that the deadband takes 0.01 to 99.99.
 TC-48-20: no code is known that reads its units (`units` has to be given), switches its EEPROM off or sets its alarms;
 its output enable reads back by code 64 (not verified: `power_read_code`); the model number (00) is its fence.
 
-A temperature is read twice between fences, and the two have to agree within `agreement_K`, by default 0.14 K, less than
-the 15 units (0.15 K) by which a corruption that the sum misses changes a value. Residual: a burst over the last digit
-and the sum that fits again (1 of 16 x 256), with an error below 0.15 K; on the TC-48-20, with its units of 0.1 K, the
-same. A plate faster than 3 K/s moves more than that between two readings at 9600 Bd, and is never read.
+A temperature is read twice between fences. Two readings within `SAME_K` of each other count; otherwise three are made,
+of which two have to be within `agreement_K` (by default 0.14 K, less than the 15 units by which a corruption that the
+sum misses changes a value), and the middle one counts: a single one that is wrong is never it. Residual: two of them
+hurt alike. A plate faster than 3 K/s moves by more than the agreement between two readings at 9600 Bd, and is never
+read.
 
 At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint three: a period of 0.5 s is right.
 """
@@ -28,8 +29,10 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.controller import Status
+from rig.drivers.confirmed import confirmed
+from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
+from rig.drivers.setpoint_only import SetpointOnly
 from rig.drivers.te_link import Dialect, Request, TeLink
 from rig.errors import Corrupt, Refused
 from rig.ports.open import LineSettings
@@ -40,6 +43,8 @@ TRIALS, OFF_ATTEMPTS = 3, 3
 MODEL_CODE = 9613
 ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
 MAKES_TROUBLE = 0b1011111  # an open second input does not
+CONTROL_SENSOR: Request = (b"01", None)
+SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
 
 
@@ -88,7 +93,7 @@ MODELS = {
 }
 
 
-class TeTechnologyController:
+class TeTechnologyController(SetpointOnly):
     """See `rig.drivers.controller.TemperatureController`.
 
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
@@ -97,8 +102,6 @@ class TeTechnologyController:
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
-    commands_current: ClassVar[bool] = False
-    has_dead_man: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -120,6 +123,7 @@ class TeTechnologyController:
         if units not in (None, "degC", "degF"):
             raise ValueError(f"units {units!r}: 'degC' or 'degF' is expected")
         self._model = table = _model(model)
+        self.NAME = f"a {table.name}"
         self.transport = transport
         self.link = TeLink(
             transport,
@@ -180,13 +184,13 @@ class TeTechnologyController:
             self._set(*model.alarm_type, self._alarm_type)
         self.temperature_limits_degC = (low_degC, high_degC)
 
-    def arm_current(self) -> None:
-        """Refused: it commands power, and the current is unknown."""
-        raise Refused(None, f"a {self._model.name} cannot be told a current; use setpoints")
-
-    def set_current_A(self, current_A: float) -> None:
-        """Refused: it commands power, and the current is unknown."""
-        raise Refused(None, f"a {self._model.name} cannot be told a current; use setpoints")
+    def own_limits(self) -> OwnLimits:
+        """Low and high alarm (58, 57), where the model is known to have them."""
+        if not self._model.limits or self._alarm_type is None:
+            return OwnLimits()
+        self._learn_units()
+        low, high = self._exchange(*((read, None) for _, read in self._model.limits))
+        return OwnLimits(low_degC=self._degC(low), high_degC=self._degC(high))
 
     def arm_setpoint(self) -> None:
         """Output on under the instrument's own regulation, held at the temperature of now."""
@@ -217,20 +221,25 @@ class TeTechnologyController:
         self._set(b"1c", b"50", self._fixed(setpoint_degC))
 
     def read_temperature(self) -> Reading:
-        """Control sensor (01), degC; `time_s` is when the second of two requests had arrived."""
+        """Control sensor (01), degC; `time_s` is when the last of two requests had arrived, or the second of three."""
         self._learn_units()
+        per_K = self._model.per_degC * (1.8 if self._fahrenheit else 1.0)
         for _ in range(TRIALS):
-            first, second, time_s = self._read_pair(b"01")
-            if abs(first - second) <= self._agreement_K * self._model.per_degC * (1.8 if self._fahrenheit else 1.0):
-                value_degC = self._degC(second)
-                quality = Quality.OK if LOWEST_DEGC <= value_degC <= HIGHEST_DEGC else Quality.INVALID
-                return Reading(value_degC if quality is Quality.OK else nan, time_s, quality)
+            first, second = self._exchange(CONTROL_SENSOR, CONTROL_SENSOR)
+            time_s = self.link.arrivals_s[-1]
+            if abs(first - second) <= SAME_K * per_K:
+                return self._temperature(second, time_s)
+            readings = sorted(self._exchange(CONTROL_SENSOR, CONTROL_SENSOR, CONTROL_SENSOR))
+            time_s = self.link.arrivals_s[1]
+            if min(readings[1] - readings[0], readings[2] - readings[1]) <= self._agreement_K * per_K:
+                return self._temperature(readings[1], time_s)
         self.link.doubt()
-        raise Corrupt(f"two readings one after the other are {first} and {second}")
+        raise Corrupt(f"three readings one after the other are {readings}")
 
-    def read_current(self) -> Reading:
-        """Not known: the instrument tells power, not amperes. Nothing is asked."""
-        return Reading(nan, self.transport.clock.now_s(), Quality.INVALID)
+    def _temperature(self, fixed: int, time_s: float) -> Reading:
+        value_degC = self._degC(fixed)
+        quality = Quality.OK if LOWEST_DEGC <= value_degC <= HIGHEST_DEGC else Quality.INVALID
+        return Reading(value_degC if quality is Quality.OK else nan, time_s, quality)
 
     def read_power_percent(self) -> Reading:
         """Power output (02), % of full power, positive heats as far as the instrument's polarity is set so."""
@@ -247,34 +256,21 @@ class TeTechnologyController:
     def off(self) -> bool:
         """Power off, at once and then proven; True if it reads back so twice (46). Never raises."""
         self._armed = False
-        off = (self._model.power_write, 0)
-        for attempt in range(OFF_ATTEMPTS):
-            try:
-                if attempt:
-                    self.transport.reopen()
-                if attempt or self.link.in_doubt:
-                    self.link.shout(*off)
-                read = (self._power_read, None)
-                if self.link.sequence(off, read, read, trials=2)[1:] == [0, 0]:
-                    return True
-            except Exception:
-                self.link.doubt()
-        return False
+        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
 
-    def close(self) -> None:
-        """Let go of the port; the output stays as it is."""
-        self.transport.close()
+    def _off_once(self, attempt: int) -> bool:
+        off, read = (self._model.power_write, 0), (self._power_read, None)
+        if attempt:
+            self.transport.reopen()
+        if attempt or self.link.in_doubt:
+            self.link.shout(*off)
+        return self.link.sequence(off, read, read, trials=2)[1:] == [0, 0]
 
     def _exchange(self, *requests: Request) -> list[int]:
-        replies = self.link.sequence(*requests)
+        replies, arrivals_s = self.link.sequence(*requests), self.link.arrivals_s
         self._look_after_doubt()
+        self.link.arrivals_s = arrivals_s
         return replies
-
-    def _read_pair(self, code: bytes) -> tuple[int, int, float]:
-        first, second = self.link.sequence((code, None), (code, None))
-        time_s = self.link.arrived_before_fence_s
-        self._look_after_doubt()
-        return first, second, time_s
 
     def _set(self, write: bytes, read: bytes, value: int) -> None:
         _, read_back = self.link.sequence((write, value), (read, None))

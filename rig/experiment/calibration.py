@@ -24,7 +24,7 @@ from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
 from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
-from rig.experiment.policies import CurrentProfile, Follow
+from rig.experiment.policies import CurrentProfile, Follow, warmed_up
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
@@ -69,11 +69,13 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     c = configuration.calibration
     low, high = calibration_range(configuration)
     plate = _pulse(loop, configuration)
+    loop.know_plate(plate)
     law = _temperature_law(configuration, plate, c.period_s)
     rate = min(c.rate_K_per_s, _fastest(plate, configuration, low, high))
     now = float(loop.folder.column("temperature_degC")[-1])
     condition = _temperature_target([now, high], rate, c.dwell_s, hold_first=False)
     follow = Follow(law, condition)
+    warmed_up(law)
     loop.phase("condition", follow, condition.duration_s, c.period_s)
     major = _temperature_target([high, low, high, low], rate, c.dwell_s)
     follow.target = major

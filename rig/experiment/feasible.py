@@ -14,6 +14,7 @@ from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.target import Target
 
+UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
 
 
@@ -66,3 +67,36 @@ def order_warning(film: FilmModel, where: object) -> str | None:
         f"{where}: film.radii: {violating} operators of positive weight violate gamma_R - r <= gamma_L + r; "
         "the output jumps at reversals"
     )
+
+
+def memory_warning(film: FilmModel, hot_degC: float, where: object) -> str | None:
+    """A line where the hot end does not saturate the film: its memory stays unknown after the conditioning."""
+    cooled, heated = film.initial_memory(hot_degC, "cooled"), film.initial_memory(hot_degC, "heated")
+    apart = float(film.weights @ np.abs(cooled.plays - heated.plays))
+    if apart < UNKNOWN_DEC:
+        return None
+    return (
+        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, {apart:.2g} decades still depend on what "
+        "was before; expected calibration.temperature_degC to reach above the transition"
+    )
+
+
+def check_cooling(plate: PlateModel, target: Target, configuration: Configuration, where: str) -> str | None:
+    """Beyond I = S T / R_e more current cools less: a target beyond is refused, a limit beyond is told.
+
+    Raises Faults.
+    """
+    if plate.kind != "peltier":
+        return None
+    low, limit = configuration.limits.temperature_degC[0], configuration.limits.current_A
+    most_A = -plate.current_range_A(low, math.inf)[0]
+    if target.quantity == "current" and float(target.values.min()) < -most_A:
+        text = f"{float(target.values.min()):g} A: beyond -{most_A:.3g} A more current cools less "
+        text += f"(I = S T / R_e at {low:g} degC, by the plate model); expected a current above that"
+        raise fault(where, "its lowest current", text)
+    if limit > most_A:
+        return (
+            f"limits.current_A = {limit:g} A: when cooling, no more than {most_A:.3g} A is used, because beyond "
+            "I = S T / R_e of the plate model more current cools less"
+        )
+    return None

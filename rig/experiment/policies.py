@@ -82,3 +82,10 @@ def handed_over(state: LawState, law: Law) -> LawState:
     """The state of one law as the start of another: the estimates stay, the correction begins anew."""
     fresh = law.start(state.temperature_degC, state.memory, state.current_A)
     return replace(fresh, disturbance=state.disturbance if law.settings.name != "feedforward" else 0.0)
+
+
+def warmed_up(law: Law) -> Law:
+    """The law, after a step that nobody sees: what has to be compiled is, before a loop waits for it."""
+    targets = np.zeros(law.settings.preview)
+    law.step(law.start(25.0, None), 25.0, math.nan, 25.0, targets)
+    return law

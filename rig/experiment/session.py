@@ -5,9 +5,9 @@ Order on every way out: output off and confirmed, rows flushed, reason written, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,22 +15,23 @@ from compensator.design import Design
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
-from rig.experiment.feasible import check_plate, check_target, order_warning
+from rig.experiment.extended_model import own_target, plate_extension
+from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
+from rig.experiment.polarity import check_polarity
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
+from rig.experiment.run_record import recorded
 from rig.experiment.tracking import Score, law_and_design, to_temperature, track
-from rig.faults import Faults, fault
+from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import write_columns
 from rig.files.run_folder import RunFolder, default_folder, part_of, prepared_folder
 from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
-from rig.interlock import Limits
-from rig.loop import COLUMNS, Loop, OutputOff, Progress
-from rig.outcome import NotConfirmedOff, Stopped
+from rig.guard.line import UNGUARDED, Guard
+from rig.loop import Loop, Progress, Tick
 from rig.signals import SignalStop
 
-REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 QUANTITY = {
     "track_resistance": "resistance",
     "temperature_profile": "temperature",
@@ -41,13 +42,19 @@ QUANTITY = {
 
 @dataclass(frozen=True)
 class Session:
-    """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile."""
+    """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile.
+
+    on_tick: called with every tick of every run on it. make_folder: what makes a run folder, `RunFolder` or one's own
+    kind of it.
+    """
 
     bench: Bench
     file: ConfigurationFile
     signals: SignalStop
     say: Callable[[str], None]
-    progress: Progress | None
+    progress: Progress | None = None
+    on_tick: Callable[[Tick], None] | None = None
+    make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] | None = None
 
 
 @dataclass
@@ -62,13 +69,6 @@ class Result:
     target: Target | None = None
 
 
-def limits_of(file: ConfigurationFile) -> Limits:
-    """The interlock's limits from the configuration."""
-    table = file.content.limits
-    low, high = table.temperature_degC
-    return Limits(low, high, table.current_A, table.meter_current_A, table.stale_s)
-
-
 def target_of(file: ConfigurationFile) -> Target:
     """The wanted course. Raises Faults."""
     e = file.content.experiment
@@ -80,29 +80,11 @@ def target_of(file: ConfigurationFile) -> Target:
     return target_in_words(e.target, quantity, f"{file.path}: experiment.target")
 
 
-@contextmanager
-def one_run(session: Session, path: Path, what: str) -> Iterator[tuple[Loop, RunFolder]]:
-    """A run folder and a loop on the bench; at the end the output is off and the reason is written down."""
-    bench, file = session.bench, session.file
-    start: dict[str, Any] = {
-        "what": what,
-        "configuration": str(file.path),
-        "settings": file.content.model_dump(mode="json"),
-        "instruments": {name: asdict(identity) for name, identity in bench.identities.items()},
-    }
-    folder = RunFolder(path, start, file.text, COLUMNS)
-    loop = Loop(bench, limits_of(file), folder, session.progress)
-    output = OutputOff(bench.controller, session.signals)
-    try:
-        with output:
-            yield loop, folder
-    except BaseException as error:
-        reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
-        folder.event(loop.elapsed_s(), "stop", str(error), cause=reason)
-        folder.stop(reason, text=str(error), output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
-        folder.abandon()
-        raise
-    folder.stop("done", output_off_confirmed=output.confirmed, ticks=loop.ticks.__dict__)
+def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[tuple[Loop, RunFolder]]:
+    """A run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
+    make = session.make_folder or RunFolder
+    bench, file, signals = session.bench, session.file, session.signals
+    return recorded(bench, file, signals, path, what, session.progress, session.on_tick, make)
 
 
 def calibrate(session: Session, path: Path) -> Calibration:
@@ -111,7 +93,9 @@ def calibrate(session: Session, path: Path) -> Calibration:
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
     _needs_current(session)
+    _tell_dead_man(session)
     with one_run(session, path, "calibration") as (loop, folder):
+        check_polarity(loop, file.content, file.content.calibration.period_s)
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
@@ -125,28 +109,45 @@ def calibrate(session: Session, path: Path) -> Calibration:
     return result
 
 
-def run(file: ConfigurationFile, out: Path | None, say: Callable[[str], None], progress: Progress | None) -> Result:
-    """The experiment that a configuration asks for. Raises Faults, RigError, Outcome."""
+def run(
+    file: ConfigurationFile,
+    out: Path | None,
+    say: Callable[[str], None],
+    progress: Progress | None,
+    guard: Guard = UNGUARDED,
+) -> Result:
+    """The experiment of a configuration, on a bench that is opened for it. Raises Faults, RigError, Outcome."""
+    path = out if out is not None else default_folder(file.content.experiment.name)
+    target, model = wanted(file, say)
+    with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
+        return run_on(Session(bench, file, signals, say, progress), path, target, model)
+
+
+def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:
+    """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
+    result = Result(path, model=model, target=target)
+    _tell_dead_man(session)
+    if session.file.content.experiment.kind == "track_resistance":
+        _track_all(session, path, result)
+    else:
+        _profile(session, path, result)
+    return result
+
+
+def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target, Model | None]:
+    """Target and model of the configured experiment, checked before any port is opened. Raises Faults."""
     e = file.content.experiment
-    path = out if out is not None else default_folder(e.name)
     target = target_of(file)
     model = None
-    if e.kind != "current_profile" and e.model is not None:
+    if e.model is not None:
         needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)
         model = read_model(file.beside(e.model), needs=cast(Any, needs))
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
-    if model is not None and e.kind != "current_profile":
+    if model is not None:
         _check_feasible(file, target, model, say)
-    with prepared_folder(path), SignalStop() as signals, open_bench(file) as bench:
-        result = Result(path, model=model, target=target)
-        session = Session(bench, file, signals, say, progress)
-        if e.kind == "track_resistance":
-            _track_all(session, path, result)
-        else:
-            _profile(session, path, result)
-    return result
+    return target, model
 
 
 def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: Callable[[str], None]) -> None:
@@ -154,12 +155,21 @@ def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: 
     c, where = file.content, f"{file.path}: experiment.target"
     hot = calibration_range(c)[1]
     temperatures = target.values
+    told = check_cooling(model.plate, target, c, where) if model.plate is not None else None
+    if told is not None:
+        say(told)
+    if c.experiment.kind == "current_profile":
+        return
     if c.experiment.kind == "track_resistance":
         assert model.film is not None
-        warning = order_warning(model.film, c.experiment.model)
-        if warning is not None:
-            say(warning)
-        temperatures = check_target(target, model.film, c, hot, where)
+        for warning in (
+            order_warning(model.film, c.experiment.model),
+            memory_warning(model.film, hot, c.experiment.model),
+        ):
+            if warning is not None:
+                say(warning)
+        own = own_target(target, model.film, model.switched())
+        temperatures = check_target(own, model.film, c, hot, where)
         if model.plate is not None and c.experiment.law != "instrument_pid":
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
     if model.plate is not None and c.experiment.law != "instrument_pid":
@@ -186,7 +196,10 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     for name in names:
         where = path if name == e.law else inner / name
         with one_run(session, where, f"law {name}") as (loop, folder):
-            score, design = track(loop, file.content, target, model.film, model.plate, name)
+            loop.know_plate(model.plate)
+            if name == names[0] and result.calibration is None:
+                check_polarity(loop, file.content, e.period_s, model.plate.kind == "peltier")
+            score, design = track(loop, file.content, target, model.film, model.plate, name, model.switched())
         folder.result(law=name, score=score.table(), design=design_table(design))
         _keep(folder, target, model)
         result.scores.append(score)
@@ -221,9 +234,15 @@ def _profile(session: Session, path: Path, result: Result) -> None:
         policy = Setpoints(target)
     else:
         assert plate is not None
-        law, result.designs["temperature"] = law_and_design("temperature", file.content, cast(Any, film), plate)
+        extension = plate_extension(result.model.switched() if result.model else (), plate, e.period_s)
+        law, result.designs["temperature"] = law_and_design(
+            "temperature", file.content, cast(Any, film), plate, extension
+        )
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):
+        if plate is not None:
+            loop.know_plate(plate)
+        check_polarity(loop, file.content, e.period_s, plate is None or plate.kind == "peltier")
         if isinstance(policy, Follow):
             start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)
             policy.state = start.state
@@ -244,6 +263,14 @@ def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
     write_columns(folder.part / "target.csv", {"time_s": target.times_s, COLUMN_OF[target.quantity]: values})
     if model is not None:
         write_model(folder.part / "model.toml", model, "the model that the law used")
+
+
+def _tell_dead_man(session: Session) -> None:
+    """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard."""
+    controller, name = session.bench.controller, session.file.content.bench.controller.driver
+    if not controller.has_dead_man:
+        rest = "the guard process stands in" if session.bench.guard.guarding else "nothing stands in for it"
+        session.say(f"{name}: has no dead man of its own; {rest}")
 
 
 def _needs_current(session: Session) -> None:

@@ -9,6 +9,7 @@ track      the target
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,12 +21,15 @@ from compensator.inverse import Inverse
 from compensator.law import Law, LawName, LawSettings
 from compensator.plate import PlateModel
 from rig.experiment.calibration import calibration_range
-from rig.experiment.policies import Follow, handed_over
+from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
+from rig.experiment.extension import Extension
+from rig.experiment.policies import Follow, handed_over, warmed_up
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Decision, Loop
+from sim.effects.effect import Switched
 
 HOT_DWELL_S = 3.0
 FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
@@ -54,11 +58,21 @@ class Score:
 
 
 def law_and_design(
-    name: LawName, configuration: Configuration, film: FilmModel, plate: PlateModel
+    name: LawName,
+    configuration: Configuration,
+    film: FilmModel,
+    plate: PlateModel,
+    extension: Extension | None = None,
 ) -> tuple[Law, Design]:
-    """A law with its gains, designed to the configured Ms with the bench's dead time."""
+    """A law with its gains, designed to the configured Ms with the bench's dead time.
+
+    extension: the model's effects, for the laws that gain from them.
+    """
+    if name not in COMPENSATED:
+        extension = None
     e, control = configuration.experiment, configuration.control
     dead_time = control.dead_time_s if control.dead_time_s is not None else e.period_s
+    dead_time += extension.delay_s if extension is not None else 0.0
     low, high = configuration.limits.temperature_degC
     limit = configuration.limits.current_A
     if name == "pid":
@@ -79,24 +93,39 @@ def law_and_design(
         disturbance_time_s=control.disturbance_time_s or design.closed_loop_time_s,
         rate_share=control.rate_share,
     )
-    return Law(settings, plate, film), design
+    law = warmed_up(Law(settings, plate, film))
+    return law if extension is None else ExtendedLaw(settings, plate, film, extension), design
 
 
 def track(
-    loop: Loop, configuration: Configuration, target: Target, film: FilmModel, plate: PlateModel, name: LawName
+    loop: Loop,
+    configuration: Configuration,
+    target: Target,
+    film: FilmModel,
+    plate: PlateModel,
+    name: LawName,
+    effects: Sequence[Switched] = (),
 ) -> tuple[Score, Design]:
-    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
+    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards.
+
+    effects: of the model, beyond film and plate.
+    """
     e = configuration.experiment
-    law, design = law_and_design(name, configuration, film, plate)
+    extension = None
+    if effects and name in COMPENSATED:
+        meter = loop.bench.meter
+        extension = Extension(effects, plate, film, e.period_s, lambda: meter.test_current_A if meter else math.nan)
+    law, design = law_and_design(name, configuration, film, plate, extension)
     setpoints = name == "instrument_pid"
-    mover, _ = law_and_design("temperature", configuration, film, plate)
+    mover, _ = law_and_design("temperature", configuration, film, plate, extension)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
         mover = Law(replace(mover.settings, observer_gain=1.0), plate, film)
     hot = calibration_range(configuration)[1]
     state = to_temperature(loop, mover, None, hot, HOT_DWELL_S, "condition", setpoints)
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     assert state.state is not None
-    first = inverse.solve(float(target.values[0]), state.state.memory)
+    own = own_target(target, film, effects if extension is not None else ())
+    first = inverse.solve(float(own.values[0]), state.state.memory)
     if not first.reachable:
         low, high = first.interval or (math.nan, math.nan)
         raise fault(

@@ -34,24 +34,52 @@ class ControllerTable(Table):
     """[bench.controller]: driver by name, port as pyserial opens it.
 
     options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
+    serial_number: the instrument's own; `check` tells where another one answers.
     """
 
     driver: str
     port: str
     baud: int | None = Field(default=None, gt=0)
     options: dict[str, bool | int | float | str] = {}
+    serial_number: str | None = None
     dead_man_s: Positive = 5.0
 
 
 class MeterTable(Table):
-    """[bench.meter]: four_wire, integration time in power-line cycles (nplc); options are the driver's own."""
+    """[bench.meter]: four_wire, integration time in power-line cycles (nplc); options are the driver's own.
+
+    With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
+    "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
+    """
 
     driver: str
     port: str
     baud: int | None = Field(default=None, gt=0)
     options: dict[str, bool | int | float | str] = {}
+    serial_number: str | None = None
     four_wire: bool = True
     nplc: Positive = 1.0
+    quantity: Literal["resistance", "voltage"] = "resistance"
+    output: str | None = None
+    formula: str | None = None
+    range_V: Positive = 10.0
+
+    @model_validator(mode="after")
+    def _whole(self) -> MeterTable:
+        from rig.drivers.formula import formula
+        from rig.drivers.formula_meter import check_output
+
+        given = [name for name in ("output", "formula") if getattr(self, name) is not None]
+        if self.quantity == "resistance":
+            if given:
+                raise ValueError(f"{', '.join(given)}: expected with quantity = 'voltage' only")
+            return self
+        if self.formula is None or self.output is None:
+            raise ValueError("formula, output: expected with quantity = 'voltage'")
+        formula(self.formula)
+        check_output(self.output)
+        self.options.update(formula=self.formula, output=self.output, range_V=self.range_V)
+        return self
 
 
 class BenchTable(Table):
@@ -63,12 +91,19 @@ class BenchTable(Table):
 
 
 class LimitsTable(Table):
-    """[limits]: what the interlock trips on. stale_s: a reading older than this is none."""
+    """[limits]: what the interlock trips on. stale_s: a reading older than this is none.
+
+    rate_K_per_s: faster than any plate; a reading that moved by more is none. runaway_s: for how long the plate may
+    move against the current, or not at all. polarity_share: of current_A, for the pulse before a run; 0: no pulse.
+    """
 
     temperature_degC: Range = (5.0, 100.0)
     current_A: Positive
     meter_current_A: Positive = 1e-3
     stale_s: Positive = 2.0
+    rate_K_per_s: Positive = 20.0
+    runaway_s: Positive = 20.0
+    polarity_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.25
 
 
 class ExperimentTable(Table):
@@ -139,8 +174,21 @@ class HeatSinkTable(Table):
     sink_conductance_ratio_per_s: NotNegative
 
 
+class DetectorTable(Table):
+    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.detector."""
+
+    volts_per_unit: float
+    offset_V: float = 0.0
+    noise_V: NotNegative = 0.0
+
+
 class SimulationTable(Table):
-    """[simulation]: what is true of the simulated rig; the controller does not see it."""
+    """[simulation]: what is true of the simulated rig; the controller does not see it.
+
+    effects: tables with a name of the catalogue and its parameters, each by default the middle of the sizes met;
+    effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
+    meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
+    """
 
     plate: PlateTable = PlateTable(
         seebeck_over_capacity_per_A_s=1.6e-3,
@@ -149,7 +197,11 @@ class SimulationTable(Table):
         ambient_degC=25.0,
     )
     heat_sink_warmup: HeatSinkTable | None = None
+    effects: list[dict[str, float | str]] = []
+    effect_files: list[str] = []
+    meter_current_A: NotNegative | None = None
     film: RelayFilmTable | ModelFilmTable = Field(default=RelayFilmTable(), discriminator="kind")
+    detector: DetectorTable | None = None
     first_degC: float = 25.0
     thermometer_noise_K: NotNegative = 0.005
     ohmmeter_noise_dec: NotNegative = 0.001
@@ -163,6 +215,40 @@ class SimulationTable(Table):
         return data
 
 
+class SweepTable(Table):
+    """[sweep]: what `peltier sweep` varies, every value with every other.
+
+    seeds: of the noise, a list or how many. effects: alternatives, each a list of effects as `simulate --effect` names
+    them. parameters: lists of values for keys of this file, as in "control.ms" = [1.2, 1.4].
+    """
+
+    seeds: int | list[int] = Field(default=1)
+    effects: list[list[str]] = [[]]
+    parameters: dict[str, list[Any]] = {}
+
+
+class ServeTable(Table):
+    """[serve]: the bench daemon, see docs/daemon.md.
+
+    folder: run folders and history.sqlite; configurations: those that may be started; both beside this file, by
+    default runs/ where the daemon was started, and this file's folder. token: for addresses beyond the loopback.
+    hosts: further names by which browsers reach it. port 0: any that is free.
+    """
+
+    name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
+    address: str = "127.0.0.1"
+    port: int = Field(default=8765, ge=0, le=65535)
+    token: str | None = Field(default=None, min_length=16)
+    hosts: list[str] = []
+    folder: str | None = None
+    configurations: str = "."
+    idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
+    raw_days: Positive = 30.0
+    minute_days: Positive = 400.0
+    hour_days: Positive = 4000.0
+    webhook: str | None = Field(default=None, pattern=r"^https?://")
+
+
 class Configuration(Table):
     """A whole configuration file."""
 
@@ -172,6 +258,8 @@ class Configuration(Table):
     control: ControlTable = ControlTable()
     calibration: CalibrationTable = CalibrationTable()
     simulation: SimulationTable = SimulationTable()
+    sweep: SweepTable = SweepTable()
+    serve: ServeTable = ServeTable()
 
     @model_validator(mode="after")
     def _whole(self) -> Configuration:
@@ -210,8 +298,13 @@ class ConfigurationFile:
 def read_configuration(path: Path) -> ConfigurationFile:
     """Read and check a configuration. Raises Faults with a line for each fault."""
     raw = read_toml(path)
-    content = checked(Configuration, raw, path)
-    file = ConfigurationFile(path, path.read_text(encoding="utf-8"), content)
+    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+
+
+def configuration_of(path: Path, text: str, raw: dict[str, Any]) -> ConfigurationFile:
+    """A configuration from its text and what TOML makes of it, as if it were at `path`. Raises Faults."""
+    content = checked(Configuration, _with_own_drivers(path, raw), path)
+    file = ConfigurationFile(path, text, content)
     lines = []
     for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
         if isinstance(name, str) and not file.beside(name).is_file():
@@ -226,14 +319,43 @@ def read_configuration(path: Path) -> ConfigurationFile:
     if not math.isfinite(low + high):
         lines.append(f"{path}: limits.temperature_degC: expected finite numbers")
     lines += _unknown_drivers(path, content)
+    lines += _effect_faults(file)
     if lines:
         raise Faults(lines)
     return file
 
 
+def _effect_faults(file: ConfigurationFile) -> list[str]:
+    """Make the effects of the user's own known; a line for each fault in what is switched on."""
+    table = file.content.simulation
+    if not (table.effects or table.effect_files):
+        return []
+    from rig.files.effect_tables import add_effect_files, switched_effects
+
+    try:
+        add_effect_files(file.beside(name) for name in table.effect_files)
+    except Faults as faults:
+        return faults.lines
+    sink = [{"name": "heat_sink_warmup"}] if table.heat_sink_warmup is not None else []
+    return switched_effects([*table.effects, *sink], f"{file.path}: simulation.effects", complete=False)[1]
+
+
+def _with_own_drivers(path: Path, raw: dict[str, Any]) -> dict[str, Any]:
+    """The same, with the files of drivers of the user's own taken from beside the configuration."""
+    bench = raw.get("bench")
+    if not isinstance(bench, dict):
+        return raw
+    found = dict(bench)
+    for role in ("controller", "meter"):
+        table = bench.get(role)
+        if isinstance(table, dict) and isinstance(table.get("driver"), str) and ".py:" in table["driver"]:
+            found[role] = {**table, "driver": str((path.parent / table["driver"]).absolute())}
+    return {**raw, "bench": found}
+
+
 def _unknown_drivers(path: Path, content: Configuration) -> list[str]:
     """A line for each driver that does not exist."""
-    from rig.drivers.registry import CONTROLLERS, METERS
+    from rig.drivers.registry import CONTROLLERS, METERS, is_own
 
     bench = content.bench
     roles = [("controller", bench.controller.driver, CONTROLLERS)]
@@ -241,7 +363,10 @@ def _unknown_drivers(path: Path, content: Configuration) -> list[str]:
         roles.append(("meter", bench.meter.driver, METERS))
     lines = []
     for role, name, known in roles:
-        if name not in known:
+        if is_own(name):
+            if not Path(name.rpartition(":")[0]).is_file():
+                lines.append(f"{path}: bench.{role}.driver: {name!r}: there is no such file")
+        elif name not in known:
             near = difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {near[0]!r}? " if near else ""
             lines.append(f"{path}: bench.{role}.driver: {name!r}: {hint}expected one of {', '.join(sorted(known))}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tomli_w
 from pydantic import Field, model_validator
@@ -13,6 +13,9 @@ from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.plate import PlateModel
 from rig.faults import Faults
 from rig.files.toml_file import Table, checked, read_toml
+
+if TYPE_CHECKING:
+    from sim.effects.effect import Switched
 
 NotNegative = Annotated[float, Field(ge=0.0)]
 
@@ -126,7 +129,7 @@ class PlateTable(Table):
 
 
 class ModelTable(Table):
-    """A whole model file; [[effects]] are kept as they are, each with a name and its parameters."""
+    """A whole model file; each of [[effects]] has a name of the catalogue and all its parameters."""
 
     film: FilmTable | None = None
     plate: PlateTable | None = None
@@ -141,12 +144,26 @@ class Model:
     plate: PlateModel | None
     effects: tuple[dict[str, float | str], ...] = ()
 
+    def switched(self) -> tuple[Switched, ...]:
+        """The effects with their values. Raises Faults where one is not in the catalogue."""
+        if not self.effects:
+            return ()
+        from rig.files.effect_tables import switched_effects
+
+        found, lines = switched_effects(self.effects, "effects")
+        if lines:
+            raise Faults(lines)
+        return found
+
 
 def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) -> Model:
     """Read and check a model file. Raises Faults; `needs` names the tables that must be there."""
     table = checked(ModelTable, read_toml(path), path)
     lines = [f"{path}: {name}: missing; expected a table [{name}]" for name in needs if getattr(table, name) is None]
-    lines += [f"{path}: effects: expected a name in each" for effect in table.effects if "name" not in effect]
+    if table.effects:
+        from rig.files.effect_tables import switched_effects
+
+        lines += switched_effects(table.effects, f"{path}: effects")[1]
     if lines:
         raise Faults(lines)
     return Model(
@@ -187,7 +204,8 @@ def _film(model: FilmModel) -> dict[str, Any]:
     return table
 
 
-def _plate(model: PlateModel) -> dict[str, Any]:
+def plate_table(model: PlateModel) -> dict[str, Any]:
+    """A plate as its table [plate]."""
     table: dict[str, Any] = {"kind": model.kind}
     if model.kind == "peltier":
         table["seebeck_over_capacity_per_A_s"] = float(model.seebeck_over_capacity_per_A_s)
@@ -205,7 +223,7 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
     if model.film is not None:
         table["film"] = _film(model.film)
     if model.plate is not None:
-        table["plate"] = _plate(model.plate)
+        table["plate"] = plate_table(model.plate)
     if model.effects:
         table["effects"] = [dict(effect) for effect in model.effects]
     head = "".join(f"# {line}\n" for line in comment.splitlines())

@@ -127,9 +127,7 @@ def _plain(refit: FilmRefit, forms: list[Form], fitted: Integers, held: Integers
     return chosen, error
 
 
-def _fitted(
-    refit: FilmRefit, form: Form, theta: Array, fitted: Integers, held: Integers
-) -> tuple[Refit, float]:
+def _fitted(refit: FilmRefit, form: Form, theta: Array, fitted: Integers, held: Integers) -> tuple[Refit, float]:
     """The last solution at theta, and its error in the held-out rows; about its own output where that matters."""
     operators = refit.plays(theta[:4])
     fit = refit.solve(fitted, form, theta, operators)
@@ -164,9 +162,7 @@ def _descended(refit: FilmRefit, rows: Integers, form: Form, theta: Array) -> Ar
     return np.asarray(found.x, dtype=np.float64)
 
 
-def _mixed(
-    refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held: Integers
-) -> tuple[Refit, float]:
+def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held: Integers) -> tuple[Refit, float]:
     """The best dictionary of operators by held-out rows, few preferred; the plain fit if none is better."""
     used = np.zeros(refit.channel.record.rows, dtype=np.bool_)
     used[fitted] = True

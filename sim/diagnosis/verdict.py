@@ -19,6 +19,7 @@ from sim.diagnosis.selection import WORTH, below_meaning
 from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
+BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -124,18 +125,17 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 continue
             upstream = name in chain.split(names)[0]
             left = temperature if upstream else resistance
+            if not upstream and temperature is not None and not temperature.clean and evidence[name] < BEHIND_UNKNOWN:
+                failing[name] = evidence[name]  # the film's temperature itself is not well known
+                continue
             if left is None or left.clean:
                 continue
-            value, share = score(names, not upstream)
-            without, before = score(rest, not upstream)
+            value, without = score(names, not upstream)[0], score(rest, not upstream)[0]
             excess = _excess(chain, names, not upstream) / max(_excess(chain, rest, not upstream), 1e-12)
-            import os
-            if os.environ.get("DBG"): print("    judge", name, "evidence", round(evidence[name], 1), "white", round(value - without, 1), "excess", _excess(chain, names, not upstream), _excess(chain, rest, not upstream), "share", share, before)
             if value - without < SURVIVES or excess > MOST_LEFT:
                 failing[name] = min(value - without, evidence[name])
             else:
                 evidence[name] = min(evidence[name], value - without) if value - without > 0 else evidence[name]
-            del share, before
         if not failing:
             order = tuple(sorted(names, key=lambda n: -evidence[n]))
             return Verdict(order, evidence, temperature, resistance)

@@ -14,6 +14,7 @@ class StillPlant:
         self.temperature_degC = 25.0
         self.sink_degC = 20.0
         self.resistance_ohm = 1e4
+        self.voltage_V = 0.0
         self.current_A = 0.0
         self.test_current_A = 0.0
         self.currents: list[tuple[float, float]] = []
@@ -51,6 +52,10 @@ class StillPlant:
     def read_resistance_ohm(self, test_current_A: float) -> float:
         self.sampled_s = self.time_s
         return self.resistance_ohm
+
+    def read_voltage_V(self) -> float:
+        self.sampled_s = self.time_s
+        return self.voltage_V
 
     def set_test_current_A(self, test_current_A: float) -> None:
         self.test_current_A = test_current_A

@@ -52,8 +52,8 @@ def test_baud_reaches_the_port_and_the_link(attach: Attach, clock: VirtualClock,
     driver.identify()
     if name in METERS:
         driver.configure(True, 0.2, 1e-3)
-        driver.read_resistance()
-        assert driver.read_resistance().time_s == pytest.approx(plant.sampled_s, abs=2e-3)
+        driver.read()
+        assert driver.read().time_s == pytest.approx(plant.sampled_s, abs=2e-3)
     else:
         assert driver.read_temperature().value == 25.0
 

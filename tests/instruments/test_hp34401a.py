@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from conversation import Conversation
+from far_ends import Host
 from still_plant import StillPlant
 
 from rig.clock import VirtualClock
@@ -21,21 +22,6 @@ from sim.instruments.instrument import Instrument
 Attach = Callable[[Instrument], str]
 
 
-class Host:
-    """Speaks to one emulator and keeps the time."""
-
-    def __init__(self, meter: Hp34401A, remote: bool = True) -> None:
-        self.meter = meter
-        self.time_s = 0.0
-        if remote:
-            self.say("SYST:REM")
-
-    def say(self, message: str, patience_s: float = 2.0, end: bytes = b"\n") -> str:
-        self.meter.receive(message.encode() + end, self.time_s)
-        self.time_s += patience_s
-        return self.meter.transmit(self.time_s).decode().removesuffix("\r\n")
-
-
 @pytest.fixture
 def dmm(plant: StillPlant) -> Hp34401A:
     return Hp34401A(plant)
@@ -43,7 +29,9 @@ def dmm(plant: StillPlant) -> Hp34401A:
 
 @pytest.fixture
 def host(dmm: Hp34401A) -> Host:
-    return Host(dmm)
+    host = Host(dmm, end=b"\n")
+    host.say("SYST:REM")
+    return host
 
 
 # ---- emulator -------------------------------------------------------------------------------------
@@ -74,7 +62,7 @@ def test_overload(host: Host, plant: StillPlant) -> None:
 
 
 def test_before_remote_mode_it_takes_little(dmm: Hp34401A) -> None:
-    host = Host(dmm, remote=False)
+    host = Host(dmm, end=b"\n")
     assert host.say("*IDN?").startswith("HEWLETT")
     assert host.say("CONF:RES") == ""
     assert dmm.function == "VOLT"
@@ -195,7 +183,7 @@ def scripted(
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
     meter, conversation = scripted(attach, clock, [*CONFIGURE, READING])
     meter.configure(True, 1.0, 1e-3)
-    assert meter.read_resistance().value == 23456.789
+    assert meter.read().value == 23456.789
     assert meter.test_current_A == 1e-5
     conversation.assert_over()
 
@@ -222,7 +210,7 @@ def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, er
     meter, conversation = scripted(attach, clock, [*CONFIGURE, (READING[0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
-        meter.read_resistance()
+        meter.read()
     conversation.assert_over()
     assert meter.link.in_doubt
 
@@ -269,7 +257,7 @@ def test_test_current_never_exceeds_what_is_allowed(
     del seen[: seen.index(meter.test_current_A) + 1]
     for exponent in range(0, 90, 5):
         plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read_resistance()
+        meter.read()
     assert all(current_A <= max_current_A for current_A in seen)
     assert meter.test_current_A in TEST_CURRENTS_A.values()
 
@@ -277,14 +265,14 @@ def test_test_current_never_exceeds_what_is_allowed(
 def test_ranges_follow_the_film(meter: Hp34401AMeter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = 1e6
-    meter.read_resistance()
+    meter.read()
     for exponent in [*range(60, 15, -1), *range(15, 60)]:
         plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        assert meter.read_resistance().value == pytest.approx(plant.resistance_ohm, rel=1e-8)
-        meter.read_resistance()
+        assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-8)
+        meter.read()
         assert plant.test_current_A == meter.test_current_A
     plant.resistance_ohm = math.inf
-    assert meter.read_resistance().quality is Quality.OVERRANGE
+    assert meter.read().quality is Quality.OVERRANGE
 
 
 def test_messages_are_short_and_alone(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
@@ -301,7 +289,7 @@ def test_messages_are_short_and_alone(attach: Attach, clock: VirtualClock, plant
     for resistance_ohm in (1e8, 1e2, 1e5):
         plant.resistance_ohm = resistance_ohm
         for _ in range(3):
-            meter.read_resistance()
+            meter.read()
     assert not dmm.errors
 
 
@@ -309,22 +297,22 @@ def test_a_meter_that_was_switched_off_gets_its_settings_again(
     meter: Hp34401AMeter, dmm: Hp34401A, clock: VirtualClock
 ) -> None:
     meter.configure(True, 0.2, 1e-3)
-    assert meter.read_resistance().is_number
+    assert meter.read().is_number
     dmm.reset()
     dmm.remote = False
     with pytest.raises(InstrumentError):
-        meter.read_resistance()
-    assert meter.read_resistance().value == pytest.approx(1e4)
+        meter.read()
+    assert meter.read().value == pytest.approx(1e4)
     assert (dmm.function, dmm.settings["FRES:NPLC"], dmm.remote) == ("FRES", 0.2, True)
 
 
 def test_off_stops_the_test_current(meter: Hp34401AMeter, dmm: Hp34401A, plant: StillPlant) -> None:
     meter.configure(True, 0.2, 1e-3)
-    meter.read_resistance()
+    meter.read()
     assert plant.test_current_A > 0.0
     assert meter.off()
     assert plant.test_current_A == 0.0
-    assert meter.read_resistance().value == pytest.approx(1e4)
+    assert meter.read().value == pytest.approx(1e4)
     assert plant.test_current_A == meter.test_current_A
     dmm.choose_function = lambda function: None  # type: ignore[method-assign]
     assert not meter.off()

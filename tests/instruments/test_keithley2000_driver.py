@@ -48,7 +48,7 @@ def scripted(
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
     meter, conversation = scripted(attach, clock, CONFIGURE + READING)
     meter.configure(True, 1.0, 1e-3)
-    reading = meter.read_resistance()
+    reading = meter.read()
     assert (reading.value, reading.quality) == (23456.789, Quality.OK)
     assert meter.test_current_A == 1e-5
     conversation.assert_over()
@@ -118,7 +118,7 @@ def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, er
     meter, conversation = scripted(attach, clock, [*CONFIGURE, (READING[0][0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
-        meter.read_resistance()
+        meter.read()
     conversation.assert_over()
     assert meter.link.in_doubt
 
@@ -134,8 +134,8 @@ def test_after_silence_the_line_is_brought_in_step_first(attach: Attach, clock: 
     meter, conversation = scripted(attach, clock, CONFIGURE + after)
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(TimedOut):
-        meter.read_resistance()
-    assert meter.read_resistance().value == 5e4
+        meter.read()
+    assert meter.read().value == 5e4
     conversation.assert_over()
 
 
@@ -194,7 +194,7 @@ def test_test_current_never_exceeds_what_is_allowed(
     del seen[: seen.index(meter.test_current_A) + 1]  # *CONF* comes up in the instrument's own range
     for exponent in range(0, 90, 5):
         plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read_resistance()
+        meter.read()
     assert all(current_A <= max_current_A for current_A in seen)
     assert meter.test_current_A <= max_current_A
 
@@ -202,44 +202,44 @@ def test_test_current_never_exceeds_what_is_allowed(
 def test_ranges_follow_the_film_over_its_transition(meter: Keithley2000Meter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = 1e6
-    meter.read_resistance()
+    meter.read()
     for exponent in [*range(60, 15, -1), *range(15, 60)]:
         plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        reading = meter.read_resistance()
+        reading = meter.read()
         assert reading.is_number
         assert reading.value == pytest.approx(plant.resistance_ohm, rel=1e-8)
-        again = meter.read_resistance()
+        again = meter.read()
         assert again.is_number
-        assert meter.range_ohm * 0.07 < plant.resistance_ohm < meter.range_ohm or meter.range_ohm == 100.0
+        assert meter.full_scale * 0.07 < plant.resistance_ohm < meter.full_scale or meter.full_scale == 100.0
         assert plant.test_current_A == meter.test_current_A
 
 
 def test_first_reading_after_a_change_of_range_is_settling(meter: Keithley2000Meter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = 5e4
-    assert meter.read_resistance().quality is Quality.OK
+    assert meter.read().quality is Quality.OK
     plant.resistance_ohm = 5e3
-    assert [meter.read_resistance().quality for _ in range(3)] == [Quality.OK, Quality.SETTLING, Quality.OK]
+    assert [meter.read().quality for _ in range(3)] == [Quality.OK, Quality.SETTLING, Quality.OK]
     assert meter.test_current_A == 1e-4
 
 
 def test_overrange_is_a_quality_and_the_next_range_is_tried(meter: Keithley2000Meter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = 3e5
-    reading = meter.read_resistance()
+    reading = meter.read()
     assert (reading.value, reading.quality) == (math.inf, Quality.OVERRANGE)
-    assert meter.read_resistance().value == pytest.approx(3e5)
+    assert meter.read().value == pytest.approx(3e5)
     plant.resistance_ohm = math.inf
     for _ in range(5):
-        assert meter.read_resistance().quality is Quality.OVERRANGE
-    assert meter.range_ohm == 1e8
+        assert meter.read().quality is Quality.OVERRANGE
+    assert meter.full_scale == 1e8
 
 
 @pytest.mark.parametrize("resistance_ohm", [-5.0, 0.0, math.nan, -math.inf])
 def test_impossible_resistance_is_invalid(meter: Keithley2000Meter, plant: StillPlant, resistance_ohm: float) -> None:
     meter.configure(True, 1.0, 1e-3)
     plant.resistance_ohm = resistance_ohm
-    assert meter.read_resistance().quality is Quality.INVALID
+    assert meter.read().quality is Quality.INVALID
 
 
 @pytest.mark.parametrize(
@@ -266,7 +266,7 @@ def test_time_is_the_middle_of_the_integration(
 ) -> None:
     meter.configure(True, 2.0, 1e-3)
     clock.sleep_until_s(10.0)
-    reading = meter.read_resistance()
+    reading = meter.read()
     assert reading.time_s == pytest.approx(plant.sampled_s)
     assert 10.02 < reading.time_s < 10.06
 
@@ -290,16 +290,16 @@ def test_readings_cannot_be_mixed_up(meter: Keithley2000Meter) -> None:
     meter.start_reading()
     with pytest.raises(OutOfStep):
         meter.start_reading()
-    assert meter.read_resistance().is_number
+    assert meter.read().is_number
 
 
 def test_a_meter_that_was_switched_off_gets_its_settings_again(
     meter: Keithley2000Meter, dmm: Keithley2000, clock: VirtualClock
 ) -> None:
     meter.configure(True, 2.0, 1e-3)
-    assert meter.read_resistance().is_number
+    assert meter.read().is_number
     dmm.reset()  # back in DC volts, where a reading would be a number too
     with pytest.raises(OutOfStep):
-        meter.read_resistance()
-    assert meter.read_resistance().value == pytest.approx(1e4)
+        meter.read()
+    assert meter.read().value == pytest.approx(1e4)
     assert (dmm.function, dmm.settings["FRES:NPLC"]) == ("FRES", 2.0)

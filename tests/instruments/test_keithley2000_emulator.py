@@ -5,22 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
+from far_ends import Host
 from still_plant import StillPlant
 
 from sim.instruments.keithley2000 import RANGES, Keithley2000, Range
-
-
-class Host:
-    """Speaks to one emulator and keeps the time."""
-
-    def __init__(self, meter: Keithley2000) -> None:
-        self.meter = meter
-        self.time_s = 0.0
-
-    def say(self, message: str, patience_s: float = 2.0, end: bytes = b"\r") -> str:
-        self.meter.receive(message.encode() + end, self.time_s)
-        self.time_s += patience_s
-        return self.meter.transmit(self.time_s).decode().rstrip("\n")
 
 
 @pytest.fixture

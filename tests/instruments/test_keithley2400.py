@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import pytest
 from conversation import Conversation
+from far_ends import Host
 from still_plant import StillPlant
 
 from rig.clock import VirtualClock
@@ -20,19 +21,6 @@ from sim.instruments.keithley2400 import Keithley2400
 
 Attach = Callable[[Instrument], str]
 NAN, OVERFLOW = "+9.910000E+37", "+9.900000E+37"
-
-
-class Host:
-    """Speaks to one emulator and keeps the time."""
-
-    def __init__(self, meter: Keithley2400) -> None:
-        self.meter = meter
-        self.time_s = 0.0
-
-    def say(self, message: str, patience_s: float = 2.0, end: bytes = b"\r") -> str:
-        self.meter.receive(message.encode() + end, self.time_s)
-        self.time_s += patience_s
-        return self.meter.transmit(self.time_s).decode().removesuffix("\n")
 
 
 @pytest.fixture
@@ -190,7 +178,7 @@ def scripted(
 def test_conversation_of_a_reading(attach: Attach, clock: VirtualClock) -> None:
     meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, READING, CLOSING])
     meter.configure(True, 1.0, 1e-3)
-    assert meter.read_resistance().value == 23456.79
+    assert meter.read().value == 23456.79
     meter.close()
     conversation.assert_over()
 
@@ -217,7 +205,7 @@ def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, er
     meter, conversation = scripted(attach, clock, [*CONFIGURE, OUTPUT_ON, (READING[0], reply)])
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(error):
-        meter.read_resistance()
+        meter.read()
     conversation.assert_over()
     assert meter.link.in_doubt
 
@@ -263,7 +251,7 @@ def test_test_current_never_exceeds_what_is_allowed(
     meter.configure(True, 0.1, max_current_A)
     for exponent in range(0, 90, 5):
         plant.resistance_ohm = 10.0 ** (8.0 - exponent / 10.0)
-        meter.read_resistance()
+        meter.read()
     assert 0.0 < max(seen) <= max_current_A
     assert seen[-1] == (meter.test_current_A if stays_on else 0.0)
 
@@ -271,26 +259,26 @@ def test_test_current_never_exceeds_what_is_allowed(
 def test_ranges_follow_the_film(meter: Keithley2400Meter, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-2)
     plant.resistance_ohm = 1e6
-    meter.read_resistance()
+    meter.read()
     for exponent in [*range(60, 15, -1), *range(15, 60)]:
         plant.resistance_ohm = 10.0 ** (exponent / 10.0)
-        assert meter.read_resistance().value == pytest.approx(plant.resistance_ohm, rel=1e-6)
-        meter.read_resistance()
+        assert meter.read().value == pytest.approx(plant.resistance_ohm, rel=1e-6)
+        meter.read()
         assert plant.test_current_A == meter.test_current_A
     plant.resistance_ohm = math.inf
-    assert meter.read_resistance().quality is Quality.OVERRANGE
+    assert meter.read().quality is Quality.OVERRANGE
     plant.resistance_ohm = math.nan
-    assert meter.read_resistance().quality is Quality.INVALID
+    assert meter.read().quality is Quality.INVALID
 
 
 def test_output_is_off_before_and_after(meter: Keithley2400Meter, smu: Keithley2400, plant: StillPlant) -> None:
     meter.configure(True, 1.0, 1e-3)
     assert plant.test_current_A == 0.0
-    meter.read_resistance()
+    meter.read()
     assert plant.test_current_A == 1e-5
     assert meter.off() is True
     assert plant.test_current_A == 0.0
-    assert meter.read_resistance().value == pytest.approx(1e4)
+    assert meter.read().value == pytest.approx(1e4)
     meter.close()
     assert plant.test_current_A == 0.0
     meter.close()
@@ -298,7 +286,7 @@ def test_output_is_off_before_and_after(meter: Keithley2400Meter, smu: Keithley2
 
 def test_off_is_not_confirmed_by_an_output_that_reads_on(meter: Keithley2400Meter, smu: Keithley2400) -> None:
     meter.configure(True, 1.0, 1e-3)
-    meter.read_resistance()
+    meter.read()
     smu.switch_output = lambda on: None  # type: ignore[method-assign]
     assert meter.off() is False
 
@@ -315,30 +303,30 @@ def test_an_output_that_was_switched_off_by_hand_is_a_refusal(
 ) -> None:
     meter.configure(True, 1.0, 1e-3)
     for _ in range(3):  # until the range has settled
-        meter.read_resistance()
+        meter.read()
     smu.switch_output(False)
     with pytest.raises(Refused, match="OUTPUT off") as refused:
-        meter.read_resistance()
+        meter.read()
     assert refused.value.code == 803
     assert plant.test_current_A == 0.0
-    assert meter.read_resistance().value == pytest.approx(1e4)
+    assert meter.read().value == pytest.approx(1e4)
 
 
 def test_a_meter_that_was_switched_off_gets_its_settings_again(meter: Keithley2400Meter, smu: Keithley2400) -> None:
     meter.configure(True, 2.0, 1e-3)
-    meter.read_resistance()
+    meter.read()
     smu.reset()
     with pytest.raises(InstrumentError):
-        meter.read_resistance()
-    assert meter.read_resistance().value == pytest.approx(1e4)
+        meter.read()
+    assert meter.read().value == pytest.approx(1e4)
     assert (smu.settings["NPLC"], smu.output_is_on) == (2.0, True)
 
 
 def test_another_current_than_the_ranges_is_found_out(meter: Keithley2400Meter, smu: Keithley2400) -> None:
     meter.configure(True, 1.0, 1e-3)
     for _ in range(3):
-        meter.read_resistance()
+        meter.read()
     smu.choose_range(2e5)  # behind our back
     with pytest.raises(OutOfStep, match="sourced"):
-        meter.read_resistance()
-    assert meter.read_resistance().value == pytest.approx(1e4)
+        meter.read()
+    assert meter.read().value == pytest.approx(1e4)

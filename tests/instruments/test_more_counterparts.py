@@ -256,7 +256,7 @@ def test_our_own_meters_on_a_pseudo_terminal(name: str, serve: Serve, plant: Sti
     meter = open_meter(name, serve(emulated_meter(name, plant)), RealClock(), framing="8N1")  # a terminal has no other
     meter.identify()
     meter.configure(True, 0.2, 1e-3)
-    assert meter.read_resistance().value == 1e4
+    assert meter.read().value == 1e4
     assert plant.test_current_A == 1e-5
     assert meter.off()
     assert plant.test_current_A == 0.0

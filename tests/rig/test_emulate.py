@@ -49,7 +49,7 @@ def test_the_rig_drives_what_emulate_serves(tmp_path: Path, root: Path) -> None:
         meter = open_meter("keithley2000", words[1][2], clock)
         assert meter.identify().model.endswith("2000")
         meter.configure(True, 0.1, 1e-3)
-        readings = [meter.read_resistance() for _ in range(4)]
+        readings = [meter.read() for _ in range(4)]
         assert readings[-1].is_number
         assert 1e3 < readings[-1].value < 1e6
         assert controller.read_temperature().value > before + 0.1

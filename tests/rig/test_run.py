@@ -217,8 +217,8 @@ def test_the_folder_stands_alone(peltier: Peltier, tmp_path: Path) -> None:
     with netcdf_file(folder / "record.nc", mmap=False) as nc:
         phase = nc.variables["phase"]
         words = phase.flag_meanings.decode().split()
-        assert words == ["condition", "approach", "settle", "track"]
-        assert phase[-1] == 3
+        assert words == ["polarity", "condition", "approach", "settle", "track"]
+        assert phase[-1] == 4
 
 
 def test_a_temperature_profile_is_scored_against_what_was_asked(peltier: Peltier, tmp_path: Path) -> None:

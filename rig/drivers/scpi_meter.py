@@ -1,4 +1,4 @@
-"""What SCPI meters have in common as ohmmeters: ranges by test current, and a reading that is given twice.
+"""What SCPI meters have in common: resistance ranges by test current, a voltage range, a reading that is given twice.
 
 The instrument's own autorange would pick the test current by itself; here the driver picks the range, so
 that the test current never exceeds what was allowed and is known for every reading. A reading asks for its
@@ -12,12 +12,13 @@ bursts at a share p of the answers, less than p^2 / 16 / 256, 16 for the place a
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import isfinite, nan
-from typing import ClassVar
+from typing import Any, ClassVar
 
+from rig.drivers.confirmed import confirmed
 from rig.drivers.identity import Identity
-from rig.drivers.meter import resistance_reading
+from rig.drivers.meter import LOG_RESISTANCE, resistance_reading, voltage_reading
 from rig.drivers.scpi import ScpiLink
 from rig.errors import Corrupt, OutOfStep, Refused
 from rig.ports.open import LineSettings
@@ -31,16 +32,24 @@ APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-
 OFF_ATTEMPTS = 3
 
 
-class ScpiOhmmeter:
-    """See `rig.drivers.meter.ResistanceMeter`. A meter says in class attributes and hooks how it is spoken to.
+class ScpiMeter:
+    """See `rig.drivers.meter.Meter`. A meter says in class attributes and hooks how it is spoken to.
 
-    test_currents_A: full scale, ohm -> test current, A. first_range_ohm: where ranging begins. OVERRANGE: of full
-    scale, what a range still shows. READ: the two questions of a reading. NUMBER: how a reading is written.
+    line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A.
+    first_range_ohm: where ranging begins. What is None is as the class says: LINK, how it is spoken to; OVERRANGE: of
+    full scale, what a range still shows; VOLTS: its name for DC volts; READ: the two questions of a reading; NUMBER:
+    how a reading is written.
     """
 
     LINE: ClassVar[LineSettings]
+    LINK: ClassVar[Mapping[str, Any]] = {}
     NAME: ClassVar[str]
+    TEST_CURRENTS_A: ClassVar[Mapping[float, float]]
+    FIRST_RANGE_OHM: ClassVar[float] = 1e5
+    VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     OVERRANGE: ClassVar[float] = 1.2
+    VOLTS: ClassVar[str] = "VOLT"
+    QUOTE: ClassVar[str] = '"'
     READ: ClassVar[str] = ":READ?;:FETC?"
     SENSE: ClassVar[str] = ":SENS:"
     NUMBER: ClassVar[re.Pattern[str]] = re.compile(r"[+-]\d\.\d{4,10}E[+-]\d\d")
@@ -48,15 +57,24 @@ class ScpiOhmmeter:
     def __init__(
         self,
         transport: Transport,
-        link: ScpiLink,
         *,
-        test_currents_A: Mapping[float, float],
-        first_range_ohm: float,
+        line: LineSettings | None = None,
+        test_currents_A: Mapping[float, float] | None = None,
+        first_range_ohm: float | None = None,
+        first_token: int | None = None,
     ) -> None:
         self.transport = transport
-        self.link = link
-        self._test_currents_A = dict(sorted(test_currents_A.items()))
-        self._first_range_ohm = first_range_ohm
+        self.link = ScpiLink(
+            transport,
+            byte_s=(self.LINE if line is None else line).byte_s,
+            first_token=first_token,
+            after_resynchronisation=self._look_after_doubt,
+            **self.LINK,
+        )
+        currents_A = self.TEST_CURRENTS_A if test_currents_A is None else test_currents_A
+        self._test_currents_A = dict(sorted(currents_A.items()))
+        self._first_range_ohm = self.FIRST_RANGE_OHM if first_range_ohm is None else first_range_ohm
+        self._reads_volts = False
         self._ranges: list[float] = []
         self._index = 0
         self._chosen = 0
@@ -88,17 +106,31 @@ class ScpiOhmmeter:
 
     def _settings_message(self) -> str:
         """A question for all settings."""
-        raise NotImplementedError
+        sense = self.SENSE + self._function
+        return f"{self.SENSE}FUNC?;{sense}:NPLC?;{sense}:RANG:AUTO?;{sense}:RANG?"
 
     def _as_configured(self, settings: list[str]) -> bool:
         """Whether the answers to `_settings_message` are what is configured."""
-        raise NotImplementedError
+        if len(settings) != 4:
+            return False
+        function, nplc, automatic, full_scale = settings
+        return (
+            function.strip("\"'") == self._function
+            and is_number(nplc, self._nplc)
+            and is_number(automatic, 0.0)
+            and is_number(full_scale, self._ranges[self._index])
+        )
 
     def _rest(self) -> bool:
-        """Stop the test current; whether the meter says that it has stopped."""
-        raise NotImplementedError
+        """Stop the test current; whether the meter says that it has stopped. By default: read volts."""
+        volts = f"{self.SENSE}FUNC {self.QUOTE}{self.VOLTS}{self.QUOTE};{self.SENSE}FUNC?"
+        return self.link.ask(volts).strip("\"'").startswith("VOLT")
 
-    def _value_ohm(self, text: str) -> float:
+    def _range_text(self, index: int) -> str:
+        full_scale = self._ranges[index]
+        return f"{full_scale:.0f}" if full_scale >= 1.0 else f"{full_scale:g}"
+
+    def _value(self, text: str) -> float:
         """The number in a reading's text. Corrupt where it is none."""
         if self.NUMBER.fullmatch(text) is None:
             raise Corrupt(f"{text!r} is no reading")
@@ -107,13 +139,20 @@ class ScpiOhmmeter:
     # ---- what the rig asks for ------------------------------------------------------------------
 
     @property
-    def test_current_A(self) -> float:
-        """Of the range that the last reading was taken in, A; nan before `configure`."""
-        return self._test_currents_A[self._ranges[self._index]] if self._ranges else nan
+    def output(self) -> str:
+        """Readings are resistances, in ohm, unless `configure_voltage` was called."""
+        return "voltage_V" if self._reads_volts else LOG_RESISTANCE
 
     @property
-    def range_ohm(self) -> float:
-        """Full scale of that range, ohm."""
+    def test_current_A(self) -> float:
+        """Of the range that the last reading was taken in, A; none flows for volts; nan before `configure`."""
+        if not self._ranges:
+            return nan
+        return 0.0 if self._reads_volts else self._test_currents_A[self._ranges[self._index]]
+
+    @property
+    def full_scale(self) -> float:
+        """Full scale of that range, ohm or V."""
         return self._ranges[self._index] if self._ranges else nan
 
     def identify(self) -> Identity:
@@ -132,16 +171,27 @@ class ScpiOhmmeter:
         if not allowed:
             least_A = min(self._test_currents_A.values())
             raise ValueError(f"a test current of {max_test_current_A} A is below the least, {least_A} A")
+        nearest = min(allowed, key=lambda ohm: abs(ohm - self._first_range_ohm))
+        self._configure(self._function_for(four_wire), four_wire, nplc, allowed, nearest)
+
+    def configure_voltage(self, nplc: float, range_V: float, four_wire: bool = False) -> None:
+        """DC volts in the lowest range that has `range_V`, which is kept; no test current. ValueError, Refused."""
+        self._check_nplc(nplc)
+        full_V = next((full for full in self.VOLTAGE_RANGES_V if range_V <= full), nan)
+        if not (range_V > 0.0 and isfinite(full_V)):
+            raise ValueError(
+                f"a range of {range_V} V: more than 0 and at most {self.VOLTAGE_RANGES_V[-1]:g} is expected"
+            )
+        self._configure(self.VOLTS, four_wire, nplc, [full_V], full_V)
+
+    def _configure(self, function: str, four_wire: bool, nplc: float, ranges: list[float], first: float) -> None:
         self._ranges = []
         if self.link.in_doubt:
             self.link.resynchronise()
-        self._function = self._function_for(four_wire)
-        self._four_wire = four_wire
-        self._nplc = nplc
-        self._ranges = allowed
-        self._index = self._chosen = min(
-            range(len(allowed)), key=lambda index: abs(allowed[index] - self._first_range_ohm)
-        )
+        self._reads_volts = function == self.VOLTS
+        self._function, self._four_wire, self._nplc = function, four_wire, nplc
+        self._ranges = ranges
+        self._index = self._chosen = ranges.index(first)
         try:
             self._apply()
         except BaseException:
@@ -158,47 +208,42 @@ class ScpiOhmmeter:
         self._settling = self._chosen != self._index
         if self._settling:
             header = f"{self.SENSE}{self._function}:RANG"
-            message = f"{header} {self._ranges[self._chosen]:.0f};{header}?;{message}"
+            message = f"{header} {self._range_text(self._chosen)};{header}?;{message}"
         self._message = message
         self.link.start(message, APERTURES * self._nplc * LINE_PERIOD_S + MARGIN_S)
         self._index = self._chosen
 
     def finish_reading(self) -> Reading:
-        """The reading that was begun, ohm; `time_s` is the middle of the integration."""
+        """The reading that was begun, ohm or V; `time_s` is the middle of the integration."""
         time_s = self.link.arrived_s + COMMAND_S + 0.5 * self._nplc * LINE_PERIOD_S
         *before, first, second = ("", *self.link.finish().split(";"))
         try:
             if first != second:
                 raise Corrupt(f"{first!r} and {second!r} are not twice the same reading")
-            value_ohm = self._value_ohm(first)
+            value = self._value(first)
         except Corrupt:
             self.link.doubt()
             raise
-        full_scale_ohm = self._ranges[self._index]
-        if self._settling and (len(before) != 2 or not is_number(before[1], full_scale_ohm)):
+        full_scale = self._ranges[self._index]
+        if self._settling and (len(before) != 2 or not is_number(before[1], full_scale)):
             self.link.doubt()
-            raise OutOfStep(f"range {full_scale_ohm:g} ohm was asked for, and {before[1:]} came back")
-        reading = resistance_reading(value_ohm, time_s, 1.05 * self.OVERRANGE * full_scale_ohm)
+            raise OutOfStep(f"range {full_scale:g} ohm was asked for, and {before[1:]} came back")
+        judged = voltage_reading if self._reads_volts else resistance_reading
+        reading = judged(value, time_s, 1.05 * self.OVERRANGE * full_scale)
         self._choose_next_range(reading)
         if self._settling and reading.quality is Quality.OK:
             return Reading(reading.value, time_s, Quality.SETTLING)
         return reading
 
-    def read_resistance(self) -> Reading:
-        """Begin a reading and wait for it, ohm."""
+    def read(self) -> Reading:
+        """Begin a reading and wait for it, ohm or V."""
         self.start_reading()
         return self.finish_reading()
 
     def off(self) -> bool:
         """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
         self._rests = True
-        for _ in range(OFF_ATTEMPTS):
-            try:
-                if self._rest():
-                    return True
-            except Exception:
-                self.link.doubt()
-        return False
+        return confirmed(lambda _: self._rest(), OFF_ATTEMPTS, self.link.doubt)
 
     def close(self) -> None:
         """Let go of the port."""

@@ -1,0 +1,61 @@
+"""peltier replay RUN [--config OTHER.toml]: the law again over a recorded run.
+
+The run's readings go into its law once more, and every command is compared bit for bit with the one that was sent.
+With --config, another configuration runs on the run's twin instead: a simulated rig with the film, plate and effects of
+the run's model.toml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rig.command.record_arguments import add_json_argument, writable_parent
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
+    parser.add_argument("--config", type=Path, metavar="OTHER.toml", help="another configuration, on the run's twin")
+    parser.add_argument("--out", type=Path, metavar="RECORD.csv", help="with --config: its record")
+    add_json_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.command.say import Voice
+    from rig.experiment.replayed import replay_run
+
+    voice = Voice(options.json)
+    if options.config is not None:
+        return _twin(options, voice)
+    replay, _ = replay_run(options.run)
+    same = replay.compared - replay.different
+    voice.say(f"{same} of {replay.compared} commands are the same, bit for bit")
+    if replay.different:
+        voice.say(f"largest difference {replay.largest:.3g}, the first at {replay.first_different_s:g} s")
+    voice.report({"format": "peltier-replay/1", "run": options.run, **replay.__dict__})
+    return 0 if replay.different == 0 else 1
+
+
+def _twin(options: argparse.Namespace, voice: object) -> int:
+    from rig.command.say import Voice
+    from rig.experiment.replayed import twin_configuration
+    from rig.experiment.simulated import simulate, tracking_error
+    from rig.files.record_file import write_columns
+
+    assert isinstance(voice, Voice)
+    if options.out is not None:
+        writable_parent(options.out)
+    file = twin_configuration(options.run, options.config)
+    with voice.progress(virtual=True) as progress:
+        simulated = simulate(file, lambda text: print(text, file=sys.stderr, flush=True), progress)
+    if options.out is not None:
+        write_columns(options.out, simulated.columns)
+        voice.say(f"record: {options.out}, {simulated.rows} rows")
+    error = tracking_error(simulated)
+    for name, value in error.items():
+        voice.say(f"{name}: {value:.4g}")
+    voice.report({"format": "peltier-replay/1", "run": options.run, "configuration": options.config, **error})
+    if simulated.ended is not None:
+        raise simulated.ended
+    return 0

@@ -1,0 +1,29 @@
+"""peltier reset --reason TEXT: clear a latched trip or stop. The queue goes on then, so look at it first."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from rig.daemon.asking import bench_argument, checked, one_daemon
+from rig.daemon.client import NoDaemon
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--reason", required=True, metavar="TEXT", help="why it is safe to go on; it is kept")
+    bench_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    try:
+        with one_daemon(options.bench) as client:
+            answer = client.ask("reset", reason=options.reason)
+    except NoDaemon as error:
+        print(f"peltier reset: {error}", file=sys.stderr)
+        return 1
+    if answer.get("status") == 409:
+        print(f"peltier reset: {answer['faults'][0]}", file=sys.stderr)
+        return 1
+    waiting = checked(answer)["queue"]
+    print(f"reset; {waiting} jobs wait and go on now" if waiting else "reset; no job waits")
+    return 0

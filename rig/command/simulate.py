@@ -1,0 +1,69 @@
+"""peltier simulate CONFIG [--effect NAME[:param=value,...]]... --out RECORD.csv: the experiment on the simulated rig.
+
+Whatever the ports are, the configured experiment runs on simulated instruments in virtual time; a current_profile runs
+without instruments, so that its rows are exact. Effects of --effect come to those of the configuration; a parameter
+that is left out takes the geometric middle of the sizes met.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from rig.command.record_arguments import add_json_argument, writable_parent
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, metavar="CONFIG")
+    parser.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:param=value,...]",
+        help="switch an effect of the catalogue on, as in film_lag:tau_s=3 (repeatable)",
+    )
+    parser.add_argument(
+        "--effect-file",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="a Python file with an effect of one's own, to be switched on by --effect (repeatable)",
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="of the noise; default: as configured")
+    parser.add_argument("--out", type=Path, required=True, metavar="RECORD.csv")
+    add_json_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.command.say import Voice
+    from rig.experiment.simulated import read_simulation, simulate
+    from rig.files.record_file import write_columns
+
+    writable_parent(options.out)
+    voice = Voice(options.json)
+    file = read_simulation(options.config, options.effect, options.effect_file, options.seed)
+
+    def tell(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    with voice.progress(virtual=True) as progress:
+        simulated = simulate(file, tell, progress)
+    write_columns(options.out, simulated.columns)
+    for effect in simulated.effects:
+        parameters = ", ".join(f"{name} = {value:g}" for name, value in effect.values().items())
+        voice.say(f"{effect.name}: {parameters}")
+    voice.say(f"record: {options.out}, {simulated.rows} rows")
+    voice.report(
+        {
+            "format": "peltier-simulation/1",
+            "record": options.out,
+            "rows": simulated.rows,
+            "seed": file.content.simulation.seed,
+            "effects": [{"name": e.name, "parameters": e.values()} for e in simulated.effects],
+        }
+    )
+    if simulated.ended is not None:
+        raise simulated.ended
+    return 0

@@ -1,0 +1,155 @@
+"""Readings that are none: frozen, or jumping. They are marked by their quality, with the reason in words.
+
+frozen   the same number, to the last bit, again and again. An instrument whose readings have always differed (its
+         noise turns them round) is frozen after `ENOUGH` alike. One that steps coarsely, or has no noise, is frozen
+         when meanwhile something else says that the quantity has moved: more current has flowed than at their
+         beginning, by so much that it would have moved by several steps, or the other instrument's reading has moved.
+jumping  a temperature that moved faster than any plate: nothing is believed until it is again where the plate can be.
+         A resistance that moved by half a decade at once: the film may do so, so it is believed when it comes thrice.
+
+What no instrument can read (nan, a negative resistance, an open sensor) its driver has marked already.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from rig.reading import Quality, Reading
+
+ENOUGH = 10  # readings alike
+LONGEST_ALIKE = 4  # of an instrument that is never still: what it has shown
+LEARNING = 20  # readings, before it is judged so
+LOOK_BACK_S = 20.0
+LEAST_K = 0.5
+LEAST_JUMP_K = 1.0
+STEPS = 4.0  # of a coarse instrument, that a movement or a jump has to have
+LEAST_JUMP_DEC, LEAST_JUMP_DEC_PER_S = 0.5, 5.0
+AGREEING_DEC = 0.3
+THRICE = 3
+OTHER_DEC, OTHER_K = 0.1, 3.0  # that the other instrument has to have moved by
+STEEPEST_DEC_PER_K = 2.0  # of a film: for less, a coarse thermometer need not have moved
+
+
+class Sameness:
+    """How often a number came again, what is usual for its instrument, and what else has moved meanwhile."""
+
+    def __init__(self) -> None:
+        self.step = math.inf  # the smallest difference that was seen
+        self._last = math.nan
+        self._last_change = 0.0
+        self._alike = 1
+        self._longest = 1
+        self._changes = 0
+        self._turns = 0
+        self._since_s = self._time_s = 0.0
+        self._drives: list[float] = []  # the first ones of those alike
+        self._first_other = math.nan
+        self._drive = 0.0
+        self.frozen = False  # as its owner found; until another number comes
+
+    def take(self, value: float, time_s: float, drive: float, other: float) -> tuple[int, float, float]:
+        """How many are alike, the drive's integral meanwhile, over its mean at first, and the other's movement.
+
+        drive: what moves the quantity (nan: not known). other: the other instrument's reading (nan: none).
+        """
+        elapsed, self._time_s = time_s - self._time_s, time_s
+        if value != self._last:
+            self._learn(value)
+            self._alike, self.frozen = 0, False
+        self._alike += 1
+        if self._alike == 1 or time_s - self._since_s > LOOK_BACK_S:
+            self._since_s, self._drives, self._drive, self._first_other = time_s, [], 0.0, other
+        if len(self._drives) < ENOUGH // 2:
+            self._drives.append(drive)
+        change = drive - sum(self._drives) / len(self._drives)
+        moved = abs(other - self._first_other)
+        if not math.isnan(change):
+            self._drive += change * elapsed
+        return self._alike, self._drive, 0.0 if math.isnan(moved) else moved
+
+    @property
+    def never_still(self) -> bool:
+        """Whether its readings have differed practically always, to and fro."""
+        return self._changes >= LEARNING and self._longest <= LONGEST_ALIKE and self._turns > 0.3 * self._changes
+
+    def _learn(self, value: float) -> None:
+        change = value - self._last
+        if not math.isfinite(change):
+            self._last = value
+            return
+        self.step = min(self.step, abs(change))
+        self._longest = max(self._longest, self._alike if self._alike < ENOUGH else 1)
+        self._changes += 1
+        self._turns += change * self._last_change < 0.0
+        self._last, self._last_change = value, change
+
+
+class ThermometerTrust:
+    """Judges temperatures (degC).
+
+    rate_K_per_s: faster than any plate. gain_K_per_A_s: how fast a current moves the plate, at least about.
+    """
+
+    def __init__(self, rate_K_per_s: float, gain_K_per_A_s: float) -> None:
+        self.rate_K_per_s, self.gain_K_per_A_s = rate_K_per_s, gain_K_per_A_s
+        self._same = Sameness()
+        self._good: Reading | None = None
+
+    def judge(self, reading: Reading, current_A: float, log_resistance: float) -> tuple[Reading, str]:
+        """The reading, with its quality lowered where it is none, and why.
+
+        current_A: sent since the reading before, nan where it is not known. log_resistance: log10 of the film's, now.
+        """
+        if not reading.is_number:
+            return reading, f"it is {reading.quality}"
+        value, now = reading.value, reading.time_s
+        alike, charge, moved_dec = self._same.take(value, now, current_A, log_resistance)
+        step = self._same.step if math.isfinite(self._same.step) else 0.0
+        if alike >= ENOUGH:
+            should_have = abs(charge) * self.gain_K_per_A_s > STEPS * step + LEAST_K
+            told = moved_dec > max(OTHER_DEC, STEEPEST_DEC_PER_K * STEPS * step)
+            self._same.frozen |= self._same.never_still or should_have or told
+            if self._same.frozen:
+                return replace(reading, quality=Quality.STALE), f"frozen at {value!r} degC, {alike} times alike"
+        if self._good is not None:
+            room = max(LEAST_JUMP_K, STEPS * step) + self.rate_K_per_s * (now - self._good.time_s)
+            if abs(value - self._good.value) > room:
+                why = f"{value:.3f} degC is a jump from {self._good.value:.3f} degC"
+                return replace(reading, quality=Quality.INVALID), why
+        self._good = reading
+        return reading, ""
+
+
+class OhmmeterTrust:
+    """Judges resistances (ohm); or another quantity, of which only frozen readings are known for none."""
+
+    def __init__(self, resistance: bool = True) -> None:
+        self._resistance = resistance
+        self._same = Sameness()
+        self._good = self._jumped = math.nan  # log10 of ohm
+        self._good_s = 0.0
+        self._times = 0
+
+    def judge(self, reading: Reading, temperature_degC: float) -> tuple[Reading, str]:
+        """The reading, with its quality lowered where it is none, and why. temperature_degC: read now, or nan."""
+        if not reading.is_number:
+            if reading.quality is Quality.OVERRANGE:
+                self._good = math.nan
+            return reading, f"it is {reading.quality}"
+        value, now = reading.value, reading.time_s
+        alike, _, moved_K = self._same.take(value, now, math.nan, temperature_degC)
+        self._same.frozen |= alike >= ENOUGH and (self._same.never_still or moved_K > OTHER_K)
+        if self._same.frozen:
+            return replace(reading, quality=Quality.STALE), f"frozen at {value!r}, {alike} times alike"
+        if not self._resistance or value <= 0.0:
+            return reading, ""
+        y = math.log10(value)
+        if abs(y - self._good) > LEAST_JUMP_DEC + LEAST_JUMP_DEC_PER_S * (now - self._good_s):
+            self._times = self._times + 1 if abs(y - self._jumped) < AGREEING_DEC else 1
+            self._jumped = y
+            if self._times < THRICE:
+                why = f"{value:.6g} ohm is a jump from {10.0**self._good:.6g} ohm"
+                return replace(reading, quality=Quality.INVALID), why
+        self._good, self._good_s, self._times = y, now, 0
+        return reading, ""

@@ -1,0 +1,274 @@
+"""What the bench shows and what it is told: the desk between the bench's threads and everybody else.
+
+Its methods may be called from any thread and never wait for an instrument, but for `stop`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from rig.clock import Clock
+from rig.daemon.admission import admit
+from rig.daemon.announce import Announcer
+from rig.daemon.gate import Gate, Off
+from rig.daemon.job import Job, JobStopped, Queue, new_id
+from rig.daemon.latch import STOPPED, Latch, after_restart, tripped
+from rig.daemon.webhook import post
+from rig.faults import Faults
+from rig.files.configuration import ConfigurationFile
+from rig.files.run_folder import default_folder
+from rig.history.store import Retention, Store
+from rig.history.writer import Writer
+from rig.loop import Ticks
+from rig.outcome import Tripped
+from rig.version import __version__
+
+HISTORY = "history.sqlite"
+ENDED = "the daemon ended; nothing resumes by itself"
+
+
+class Desk:
+    """The bench's state, its queue, its latch and its history."""
+
+    def __init__(self, file: ConfigurationFile, clock: Clock, notes: list[str]) -> None:
+        serve = file.content.serve
+        self.file, self.clock = file, clock
+        self.folder = history_folder(file)
+        self.configurations = file.beside(serve.configurations)
+        self.virtual = file.content.virtual_time
+        self._epoch_s = time.time() - clock.now_s()  # of simulated time alone
+        self.announcer = Announcer()
+        self.gate = Gate(clock.now_s if not self.virtual else time.monotonic)
+        retention = Retention(serve.raw_days, serve.minute_days, serve.hour_days)
+        store = Store(self.folder / HISTORY, retention)
+        self.notes = [*notes, *([store.damage] if store.damage else [])]
+        self.queue = Queue(self._jobs_of_before(store))
+        last = store.last_trip()
+        self.latch: Latch | None = after_restart(last[1], last[0]) if last else None
+        self.writer = Writer(store, self._committed, self._history_failed)
+        self.recent: deque[dict[str, Any]] = deque(maxlen=200)
+        self.wake = threading.Event()
+        self.ticks = Ticks()
+        self.output, self.confirmed = "unknown", False
+        self.online = False
+        self.offline_because = ""
+        self.in_loop = False
+        self.memory_since_s: float | None = None
+        self.model = model_of(file)
+        self.instruments: dict[str, str] = {}
+        self.has_dead_man = False
+        self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
+        self.last_cycle_s = clock.now_s()
+        self._began_s = self.label_s()
+        self._live: dict[str, Any] = {}
+        self.lock = threading.RLock()
+
+    def label_s(self) -> float:
+        """Unix seconds now: a label, never a basis of control."""
+        return self._epoch_s + self.clock.now_s() if self.virtual else time.time()
+
+    def live_by(self, clock: Clock) -> None:
+        """The clock of a bench that was opened; simulated time goes on where it was."""
+        label_s = self.label_s()
+        self.clock = clock
+        self._epoch_s = label_s - clock.now_s()
+        self.last_cycle_s = clock.now_s()
+
+    def _jobs_of_before(self, store: Store) -> list[dict[str, Any]]:
+        """What waited or ran when the daemon ended does not go on."""
+        jobs = store.jobs()
+        for job in jobs:
+            if job["state"] in ("queued", "running"):
+                job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
+                store.save_job(job)
+        return jobs
+
+    # -- what happens on the bench -------------------------------------------------------------------------------
+
+    def row(self, row: dict[str, Any]) -> None:
+        """A completed control cycle: to the history, and published when it is committed there."""
+        self.ticks.done += 1
+        self.last_cycle_s = self.clock.now_s()
+        self._live = row
+        self.writer.row(row)
+
+    def _committed(self, row: dict[str, Any]) -> None:
+        self.recent.append(row)
+        latch = self.latch
+        if latch is not None and latch.number is not None and latch.take(row):
+            with contextlib.suppress(sqlite3.Error):  # the next row tells of a full disk
+                self.writer.store.save_trip(latch.document(), latch.number)
+        self.announcer.tell("row", row)
+
+    def _history_failed(self, text: str) -> None:
+        """In the writer's thread: the output off first, then told."""
+        text = f"the history cannot be written: {text}"
+        if self.in_loop:
+            self.gate.stop(Tripped("history", text, self.clock.now_s()))
+        self.changed()
+
+    def trip(self, cause: str, text: str) -> None:
+        """Latch a trip with the rows around it, tell everybody, hold the queue."""
+        with self.lock:
+            if self.latch is not None and self.latch.state != STOPPED:
+                return
+            latch = self.latch = tripped(cause, text, self.label_s(), self.recent)
+
+        def save(store: Store) -> None:
+            latch.number = store.save_trip(latch.document(), latch.number)
+
+        self.writer.do(save)
+        self.announcer.tell("trip", latch.table())
+        self.changed()
+        if self.file.content.serve.webhook is not None:
+            told = {"name": self.file.content.serve.name, **latch.table(), "output": self.output}
+            post(self.file.content.serve.webhook, {"event": "trip", **told}, self.note)
+
+    def note(self, text: str) -> None:
+        """Something that people should know, among the warnings; the last ten stay."""
+        self.notes = [*[note for note in self.notes if note != text], text][-10:]
+        self.changed()
+
+    def job_changed(self, job: Job) -> None:
+        """Keep and tell what became of a job."""
+        table = job.table()
+        self.writer.do(lambda store: store.save_job(table))
+        self.announcer.tell("job", table)
+        self.changed()
+
+    def changed(self) -> None:
+        """Tell the state."""
+        self.announcer.tell("state", self.state())
+
+    # -- what people ask for -------------------------------------------------------------------------------------
+
+    def stop(self, by: str) -> Off:
+        """The output off at once, the running job ended, the queue held until a reset."""
+        with self.lock:  # first, so that no job starts in between
+            if self.latch is None:
+                self.latch = Latch(STOPPED, "stop", f"stopped by {by}", self.label_s())
+        off = self._switched_off(JobStopped(f"stopped by {by}"))
+        self.wake.set()
+        self.changed()
+        return off
+
+    def _switched_off(self, why: JobStopped) -> Off:
+        off = self.gate.stop(why)
+        self.output, self.confirmed = ("off", True) if off.confirmed else ("unknown", False)
+        return off
+
+    def reset(self, reason: str) -> bool:
+        """Clear what is latched; False where nothing is."""
+        with self.lock:
+            latch = self.latch
+            if latch is None:
+                return False
+            latch.cleared_s, latch.cleared_because = self.label_s(), reason
+            self.latch = None
+        if latch.state != STOPPED:
+            self.writer.do(lambda store: store.save_trip(latch.document(), latch.number))
+        self.wake.set()
+        self.changed()
+        return True
+
+    def submit(self, file: ConfigurationFile, name: str | None = None, out: Path | None = None) -> Job:
+        """Put an experiment into the queue. Raises Faults."""
+        admit(file, self.file)
+        e = file.content.experiment
+        if out is not None and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+            raise Faults([f"{out}: --out: exists and is not empty; expected a new folder"])
+        folder = out if out is not None else default_folder(e.name, self.folder)
+        job = Job(new_id(), name or e.name, e.kind, file, folder, self.label_s())
+        if not self.queue.add(job):
+            raise Faults(["queue: full; expected fewer jobs that wait"])
+        self.job_changed(job)
+        self.wake.set()
+        return job
+
+    def cancel(self, number: str, by: str) -> Job | None:
+        """Take a job out of the queue, or end it when it runs; None where there is no such job."""
+        job = self.queue.remove(number)
+        if job is not None:
+            job.state, job.reason, job.ended_s = "stopped", f"taken out of the queue by {by}", self.label_s()
+            job.exit_status = JobStopped.exit_status
+            self.queue.keep(job)
+            self.job_changed(job)
+            return job
+        with self.lock:  # no other job starts in between
+            running = self.queue.running
+            if running is None or running.id != number:
+                return None
+            self._switched_off(JobStopped(f"ended by {by}"))
+        self.wake.set()
+        return running
+
+    # -- what people see -----------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """The bench at this moment (docs/bench_api.md)."""
+        limits, latch, job, phase = self.file.content.limits, self.latch, self.queue.running, self.phase
+        word = latch.state if latch is not None else "running" if job is not None else "idle"
+        if not self.online:
+            word = "offline" if word in ("idle", "running") else word
+        row = self._live if self.writer.failure is not None or not self.recent else self.recent[-1]
+        shown = ("time_s", "temperature_degC", "setpoint_degC", "current_A", "resistance_ohm", "target_ohm", "quality")
+        reading = {name: row.get(name) for name in shown}
+        if self.writer.failure is not None:
+            reading["quality"] = "not recorded"
+        now_s, label_s = self.clock.now_s(), self.label_s()
+        doing: dict[str, Any] | None = None
+        if job is not None:
+            name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
+            doing = {"id": job.id, "name": job.name, "kind": job.kind, "phase": name}
+            doing |= {"done_s": min(now_s - began_s, total_s), "total_s": total_s}
+        return {
+            "time_s": label_s,
+            "version": __version__,
+            "name": self.file.content.serve.name,
+            "uptime_s": max(0.0, label_s - self._began_s),
+            "state": word,
+            "output": self.output,
+            "output_confirmed": self.confirmed,
+            "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
+            "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
+            "job": doing,
+            "queue": len(self.queue),
+            "reading": reading,
+            "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
+            "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
+            "instruments": self.instruments,
+            "ticks": dict(self.ticks.__dict__),
+            "memory_known": self.memory_since_s is not None,
+            "viewers": 0,
+            "warnings": self.warnings(),
+            "cycle_age_s": now_s - self.last_cycle_s,
+        }
+
+    def warnings(self) -> list[str]:
+        """What people should know."""
+        found = list(self.notes)
+        if not self.online and self.offline_because:
+            found.append(f"offline: {self.offline_because}")
+        if self.writer.failure is not None:
+            found.append(f"the history cannot be written, {self.writer.dropped} rows lost: {self.writer.failure}")
+        if self.online and not self.has_dead_man:
+            found.append("the controller has no dead man of its own")
+        return found
+
+
+def history_folder(file: ConfigurationFile) -> Path:
+    """Where run folders and the history are: serve.folder beside the configuration, else runs/ where it was started."""
+    folder = file.content.serve.folder
+    return file.beside(folder) if folder is not None else Path("runs").absolute()
+
+
+def model_of(file: ConfigurationFile) -> Path | None:
+    """The film's model that a configuration names."""
+    name = file.content.experiment.model
+    return file.beside(name).absolute() if name is not None else None

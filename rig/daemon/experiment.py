@@ -1,0 +1,74 @@
+"""The experiments of `peltier run`, on a bench that is open already: the same code, another owner of the ports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rig.bench import Bench
+from rig.experiment.session import Result, Session, design_table, run_on, wanted
+from rig.files.configuration import ConfigurationFile
+from rig.files.run_folder import RunFolder, prepared_folder
+from rig.loop import Tick
+from rig.signals import SignalStop
+
+
+class Watcher:
+    """Told of a job's runs: when a loop begins, its phases and ticks, and when the output is off again."""
+
+    def began(self) -> None:
+        """A loop has the bench from now on."""
+
+    def phase(self, name: str, duration_s: float) -> None:
+        """A phase begins, of so many seconds."""
+
+    def tick(self, tick: Tick) -> None:
+        """A control cycle was completed."""
+
+    def ended(self, confirmed: bool | None, missed: int) -> None:
+        """The loop is over and the output was commanded off; so many ticks were missed."""
+
+
+def run_watched(
+    bench: Bench, file: ConfigurationFile, path: Path, say: Callable[[str], None], watcher: Watcher
+) -> Result:
+    """The experiment that a configuration asks for, into a folder. Raises Faults, RigError, Outcome."""
+
+    class Watched(RunFolder):
+        def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
+            super().__init__(path, start, configuration_text, columns)
+            watcher.began()
+
+        def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
+            super().event(time_s, kind, text, **more)
+            if kind == "phase":
+                watcher.phase(text, float(more.get("duration_s", 0.0)))
+
+        def stop(self, reason: str, **more: Any) -> None:
+            watcher.ended(more.get("output_off_confirmed"), int(more.get("ticks", {}).get("missed", 0)))
+            super().stop(reason, **more)
+
+    target, model = wanted(file, say)
+    with prepared_folder(path):
+        session = Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)
+        return run_on(session, path, target, model)
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """What came out, as `peltier run --json` tells it."""
+    calibration = result.calibration
+    return {
+        "format": "peltier-run-result/1",
+        "folder": result.folder,
+        "scores": {score.law: score.table() for score in result.scores},
+        "designs": {name: design_table(design) for name, design in result.designs.items()},
+        "calibration": None
+        if calibration is None
+        else {
+            "model": calibration.model_path,
+            "check_rmse_dec": calibration.check_rmse_dec,
+            "rows_fitted": calibration.rows_fitted,
+            "rows_checked": calibration.rows_checked,
+        },
+    }

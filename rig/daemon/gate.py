@@ -1,0 +1,131 @@
+"""The gate between experiments and the controller: STOP passes it at any moment, nothing else after.
+
+A job's thread and STOP share one wire. Every exchange holds the gate's lock; STOP closes the gate, waits for the
+exchange that is under way, and commands the output off there and then, whatever the job's thread is doing. At its next
+call the job finds the gate closed and ends by the exception that the gate was closed with.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+from rig.clock import Clock
+from rig.drivers.controller import TemperatureController
+from rig.drivers.meter import ResistanceMeter
+
+PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
+ALWAYS_OPEN = {"off", "close"}
+
+
+@dataclass(frozen=True)
+class Off:
+    """What switching off gave: whether the controller confirmed it, and how long it took (s)."""
+
+    confirmed: bool
+    took_s: float
+
+
+class Gate:
+    """The lock, the controller behind it, and why it is closed."""
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._now_s = clock
+        self._lock = threading.RLock()
+        self._controller: TemperatureController | None = None
+        self.closed: BaseException | None = None
+        self.changed = threading.Event()  # wakes who sleeps at the gate
+
+    def attach(self, controller: TemperatureController | None) -> None:
+        """The controller that STOP acts on from now on; None where there is none."""
+        with self._lock:
+            self._controller = controller
+
+    def stop(self, why: BaseException) -> Off:
+        """Close the gate and command the output off, from any thread; the first reason stays."""
+        begin = self._now_s()
+        if self.closed is None:
+            self.closed = why
+        self.changed.set()
+        confirmed = False
+        if self._lock.acquire(timeout=PATIENCE_S):
+            try:
+                confirmed = self._controller is not None and self._controller.off()
+            finally:
+                self._lock.release()
+        return Off(confirmed, self._now_s() - begin)
+
+    def open(self) -> None:
+        """Let a job pass."""
+        self.closed = None
+        self.changed.clear()
+
+    def check(self) -> None:
+        """Raises what the gate was closed with."""
+        if self.closed is not None:
+            raise self.closed
+
+    def controller_for_jobs(self, controller: TemperatureController) -> TemperatureController:
+        """The controller as a job sees it."""
+        return cast(TemperatureController, _Gated(controller, self._lock, self.check))
+
+    def controller_for_idling(self, controller: TemperatureController) -> TemperatureController:
+        """The controller as the idle loop sees it: one exchange at a time, the gate open or closed."""
+        return cast(TemperatureController, _Gated(controller, self._lock, _pass))
+
+    def meter_for_jobs(self, meter: ResistanceMeter) -> ResistanceMeter:
+        """The meter as a job sees it. It has a wire of its own, so that STOP need not wait for a reading."""
+        return cast(ResistanceMeter, _Gated(meter, None, self.check))
+
+
+class StoppableClock:
+    """A clock whose sleeper STOP wakes; it also knows how late the last sleepers were."""
+
+    def __init__(self, clock: Clock, gate: Gate, real: bool) -> None:
+        self._clock, self._gate, self._real = clock, gate, real
+        self.latest_s = 0.0
+
+    def now_s(self) -> float:
+        """Seconds of the clock below."""
+        return self._clock.now_s()
+
+    def sleep_until_s(self, time_s: float) -> None:
+        """Sleep. Raises what the gate is closed with."""
+        self._gate.check()
+        remaining_s = time_s - self._clock.now_s()
+        if remaining_s <= 0.0 or not self._real:
+            self._clock.sleep_until_s(time_s)
+        elif self._gate.changed.wait(remaining_s):
+            self._gate.check()
+            self._clock.sleep_until_s(time_s)
+        self.latest_s = max(self.latest_s, self._clock.now_s() - time_s)
+
+
+def _pass() -> None:
+    """The gate of those who may always."""
+
+
+class _Gated:
+    """An instrument whose every method first asks the gate and holds the lock."""
+
+    def __init__(self, instrument: Any, lock: Any, check: Callable[[], None]) -> None:
+        self._instrument, self._lock, self._check = instrument, lock, check
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._instrument, name)
+        if not callable(value):
+            return value
+        check, lock = (_pass if name in ALWAYS_OPEN else self._check), self._lock
+
+        def passed(*args: Any, **more: Any) -> Any:
+            if lock is None:
+                check()
+                return value(*args, **more)
+            with lock:
+                check()
+                return value(*args, **more)
+
+        self.__dict__[name] = passed
+        return passed

@@ -1,0 +1,136 @@
+"""`peltier run` on ports that a daemon holds: the experiment becomes its job, and is followed to its end.
+
+    status = handed_over(options.config, options.out, options.json)
+    if status is not None:
+        return status
+
+Import-light, so that it can be asked before the bench's own code is loaded. The exit status is the job's: what
+`peltier run` would have given. Ctrl-C ends the job as it would end a run.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import tomllib
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rig.daemon.asking import report, teller
+from rig.daemon.client import Client, NoDaemon, daemons
+from rig.faults import Faults
+
+NOT_CONFIRMED = 11
+SILENCE_S = 60.0  # a daemon tells its state every 5 s
+
+
+def handed_over(config: Path, out: Path | None, json_target: str | None = None) -> int | None:
+    """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults."""
+    ports = _ports(config)
+    for client in daemons() if ports else []:
+        with client:
+            try:
+                who = client.ask("who")
+            except NoDaemon:
+                continue
+            if {os.path.realpath(port) for port in who.get("ports", [])} & ports:
+                with Client(client.path, SILENCE_S) as stream:
+                    return _followed(client, stream, config, out, json_target)
+    return None
+
+
+def _ports(config: Path) -> set[str]:
+    """Real ports that the configuration names; none where it cannot be read: whoever reads it in earnest tells why."""
+    try:
+        with config.open("rb") as file:
+            bench = tomllib.load(file)["bench"]
+        ports = [bench[role]["port"] for role in ("controller", "meter") if role in bench]
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {os.path.realpath(port) for port in ports if isinstance(port, str) and not port.startswith("sim://")}
+
+
+class _Interrupted(Exception):
+    """A signal came."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        super().__init__(f"stopped by {signal.Signals(number).name}")
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise _Interrupted(number)
+
+
+def _followed(client: Client, told: Client, config: Path, out: Path | None, json_target: str | None) -> int:
+    """`client` answers, `told` tells what happens."""
+    stream = teller(json_target)
+    events = told.events(SILENCE_S)
+    next(events)  # the state: from here on nothing is missed
+    more = {"out": str(out.absolute())} if out is not None else {}
+    answer = client.ask("submit", path=str(config.absolute()), **more)
+    if not answer.get("ok"):
+        raise Faults(answer.get("faults", []))
+    job = answer["job"]
+    print(
+        f"handed over to the daemon {client.path.stem}, which holds the ports, as job {job['id']}",
+        file=stream,
+        flush=True,
+    )
+    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        job = _until_it_ends(events, job, stream)
+    except _Interrupted as stopped:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+        return _ended_by(client, job["id"], stopped.number)
+    except NoDaemon as error:
+        print(f"peltier run: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
+        return NOT_CONFIRMED
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if job["exit_status"] == 0:
+        followed = client.ask("follow", id=job["id"])
+        report(json_target, followed.get("result") or {})
+        print(f"output off, confirmed by the controller\nreport: {job['folder']}/report.html", file=stream, flush=True)
+    else:
+        place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
+        print(f"peltier run: {job['reason']}{place}", file=sys.stderr)
+    return int(job["exit_status"])
+
+
+def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
+    """What is said meanwhile, and the job as it ended. Raises NoDaemon."""
+    phase = ""
+    for message in events:
+        data = message["data"]
+        if message["event"] == "say" and data["id"] == job["id"]:
+            print(data["text"], file=stream, flush=True)
+        elif message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
+            ended: dict[str, Any] = data
+            return ended
+        elif message["event"] == "state" and data["job"] and data["job"]["id"] == job["id"]:
+            doing = data["job"]
+            if doing["phase"] != phase and doing["total_s"] >= 60.0:
+                print(f"{doing['phase']}: {doing['total_s'] / 60.0:.1f} min", file=sys.stderr, flush=True)
+            phase = doing["phase"]
+    raise NoDaemon("the daemon tells nothing any more")
+
+
+def _ended_by(client: Client, number: str, signal_number: int) -> int:
+    """End the job; 128 + n where the output is off, confirmed."""
+    name = signal.Signals(signal_number).name
+    try:
+        client.ask("cancel", id=number, by=name)
+        state = client.ask("state").get("state", {})
+    except NoDaemon as error:
+        print(f"peltier run: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
+        return NOT_CONFIRMED
+    if state.get("output") != "off":
+        print("peltier run: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
+        return NOT_CONFIRMED
+    print(f"peltier run: stopped by {name}; output off, confirmed by the controller", file=sys.stderr)
+    return 128 + signal_number

@@ -1,0 +1,122 @@
+"""A job: an experiment that somebody asked for, and what became of it; the queue of those that wait."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.files.configuration import ConfigurationFile
+from rig.outcome import Outcome
+
+KEPT = 200
+MOST_QUEUED = 100
+WAITING, RUNNING = "queued", "running"
+
+
+class JobStopped(Outcome):
+    """Somebody stopped the job; the output is off."""
+
+    exit_status = 1
+    cause = "stopped"
+
+
+@dataclass
+class Job:
+    """One experiment. Times are Unix seconds."""
+
+    id: str
+    name: str
+    kind: str
+    file: ConfigurationFile
+    out: Path
+    queued_s: float
+    state: str = WAITING
+    started_s: float | None = None
+    ended_s: float | None = None
+    reason: str | None = None
+    folder: Path | None = None
+    exit_status: int | None = None
+    result: dict[str, Any] | None = None
+    said: list[str] = field(default_factory=list)
+
+    def table(self) -> dict[str, Any]:
+        """As others see it."""
+        folder = self.folder
+        return {
+            "id": self.id,
+            "name": self.name,
+            "kind": self.kind,
+            "state": self.state,
+            "queued_s": self.queued_s,
+            "started_s": self.started_s,
+            "ended_s": self.ended_s,
+            "reason": self.reason,
+            "folder": str(folder) if folder is not None else None,
+            "report": f"/runs/{self.id}/report.html" if folder and (folder / "report.html").is_file() else None,
+            "exit_status": self.exit_status,
+        }
+
+
+def new_id() -> str:
+    """A name for a job that is in no other's way."""
+    return secrets.token_hex(4)
+
+
+class Queue:
+    """Jobs that wait, the one that runs, and the last that ended; safe for any thread."""
+
+    def __init__(self, ended: list[dict[str, Any]]) -> None:
+        self._lock = threading.Lock()
+        self._waiting: list[Job] = []
+        self._ended = ended[-KEPT:]
+        self._known: dict[str, Job] = {}
+        self.running: Job | None = None
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, job: Job) -> bool:
+        """Put a job at the end; False where too many wait."""
+        with self._lock:
+            if len(self._waiting) >= MOST_QUEUED:
+                return False
+            self._waiting.append(job)
+            self._known[job.id] = job
+            while len(self._known) > KEPT + MOST_QUEUED:
+                self._known.pop(next(iter(self._known)))
+            return True
+
+    def next(self) -> Job | None:
+        """The job that is to run now, taken out of the queue."""
+        with self._lock:
+            if self.running is None and self._waiting:
+                self.running = self._waiting.pop(0)
+            return self.running
+
+    def remove(self, number: str) -> Job | None:
+        """A waiting job, taken out."""
+        with self._lock:
+            for k, job in enumerate(self._waiting):
+                if job.id == number:
+                    return self._waiting.pop(k)
+        return None
+
+    def find(self, number: str) -> Job | None:
+        """A job of this daemon's life, whatever became of it."""
+        return self._known.get(number)
+
+    def keep(self, job: Job) -> None:
+        """A job that has ended."""
+        with self._lock:
+            if self.running is job:
+                self.running = None
+            self._ended = [*self._ended, job.table()][-KEPT:]
+
+    def tables(self) -> list[dict[str, Any]]:
+        """All of them, the newest first: those that wait, the one that runs, those that ended."""
+        with self._lock:
+            running = [self.running] if self.running is not None else []
+            return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]

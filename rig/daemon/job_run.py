@@ -1,0 +1,152 @@
+"""One job on the bench, in a thread of its own: what `peltier run` does, watched."""
+
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import replace
+from typing import Any
+
+from rig.bench import Bench
+from rig.daemon.desk import Desk, model_of
+from rig.daemon.experiment import Watcher, run_watched, summary
+from rig.daemon.gate import StoppableClock
+from rig.daemon.job import Job, JobStopped
+from rig.daemon.row import quality_of
+from rig.errors import RigError
+from rig.faults import Faults
+from rig.files.run_folder import part_of
+from rig.loop import Tick
+from rig.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.reading import Quality
+
+
+class JobRun(Watcher):
+    """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile."""
+
+    def __init__(self, desk: Desk, bench: Bench, job: Job, idling: threading.RLock) -> None:
+        self._desk, self._job, self._idling = desk, job, idling
+        self._raw = bench
+        clock = StoppableClock(bench.clock, desk.gate, not bench.virtual)
+        self._clock = clock
+        self._bench = replace(
+            bench,
+            clock=clock,
+            controller=desk.gate.controller_for_jobs(bench.controller),
+            meter=desk.gate.meter_for_jobs(bench.meter) if bench.meter is not None else None,
+        )
+        self._conditioned = False
+        self.thread = threading.Thread(target=self._work, name="job", daemon=True)
+
+    def _work(self) -> None:
+        desk, job = self._desk, self._job
+        job.state, job.started_s = "running", desk.label_s()
+        desk.job_changed(job)
+        trip: tuple[str, str] | None = None
+        desk.model = model_of(job.file) or desk.model
+        try:
+            self._configure(job.file.content)
+            result = run_watched(self._bench, job.file, job.out, self._say, self)
+            job.state, job.exit_status, job.folder = "done", 0, result.folder
+            job.result = summary(result)
+            if result.calibration is not None:
+                desk.model = result.calibration.model_path
+        except JobStopped as stopped:
+            job.state, job.reason, job.exit_status = "stopped", str(stopped), stopped.exit_status
+        except Stopped as stopped:
+            job.state, job.reason, job.exit_status = "stopped", f"the daemon was {stopped}", stopped.exit_status
+        except Tripped as tripped:
+            job.state, job.reason, job.exit_status = "tripped", str(tripped), tripped.exit_status
+            trip = (tripped.cause, str(tripped))
+        except NotConfirmedOff as error:
+            job.state, job.reason, job.exit_status = "tripped", str(error), error.exit_status
+            desk.output, desk.confirmed = "unknown", False
+            trip = ("not_confirmed_off", str(error))
+        except Faults as faults:
+            job.state, job.reason, job.exit_status = "failed", "; ".join(faults.lines), 2
+        except RigError as error:
+            job.state, job.reason, job.exit_status = "failed", str(error), 1
+            trip = (type(error).__name__.lower(), f"the run lost an instrument: {error}")
+        except BaseException as error:
+            job.state, job.exit_status = "failed", 1
+            job.reason = f"{type(error).__name__}: {error}"
+            trip = ("program_fault", job.reason)
+        self._conclude(trip)
+
+    def _conclude(self, trip: tuple[str, str] | None) -> None:
+        desk, job = self._desk, self._job
+        if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
+            desk.in_loop, desk.phase = False, None
+            desk.output, desk.confirmed = ("off", True) if job.exit_status != 11 else ("unknown", False)
+        desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
+        job.ended_s = desk.label_s()
+        if job.folder is None and part_of(job.out).is_dir():
+            job.folder = part_of(job.out)
+        if trip is not None:
+            desk.trip(*trip)
+        desk.queue.keep(job)
+        desk.job_changed(job)
+        desk.wake.set()
+
+    def _configure(self, content: Any) -> None:
+        """The job's limits and integration time; the output stays off."""
+        dead_man_s = self._desk.file.content.bench.controller.dead_man_s
+        with self._idling:
+            self._bench.controller.configure(content.limits.current_A, content.limits.temperature_degC, dead_man_s)
+            table = content.bench.meter
+            if self._bench.meter is not None and table is not None:
+                self._bench.meter.configure(table.four_wire, table.nplc, content.limits.meter_current_A)
+
+    def _say(self, text: str) -> None:
+        self._job.said.append(text)
+        self._desk.announcer.tell("say", {"id": self._job.id, "text": text})
+
+    # -- told by the run -----------------------------------------------------------------------------------------
+
+    def began(self) -> None:
+        """The idle loop lets go of the bench."""
+        with self._idling:
+            self._desk.in_loop = True
+        self._desk.output, self._desk.confirmed = "on", True
+        self._desk.changed()
+
+    def phase(self, name: str, duration_s: float) -> None:
+        """A phase begins; after `condition` the film's memory is known."""
+        desk = self._desk
+        if self._conditioned and desk.memory_since_s is None:
+            desk.memory_since_s = desk.label_s()
+        self._conditioned = self._conditioned or name == "condition"
+        desk.phase = (name, desk.clock.now_s(), duration_s)
+        desk.changed()
+
+    def tick(self, tick: Tick) -> None:
+        """To the history, with the time of day in place of the run's."""
+        desk, decision, resistance = self._desk, tick.decision, tick.resistance
+        known = tick.temperature.is_number
+        seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
+        meter = self._bench.meter
+        desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
+        desk.row(
+            {
+                "time_s": desk.label_s(),
+                "temperature_degC": tick.temperature.value if known else math.nan,
+                "resistance_ohm": resistance.value if seen and resistance is not None else math.nan,
+                "current_A": 0.0 if decision.done else tick.current_A,
+                "meter_current_A": meter.test_current_A if meter is not None else math.nan,
+                "setpoint_degC": decision.setpoint_degC,
+                "reference_degC": decision.reference_degC,
+                "target_ohm": decision.target_ohm,
+                "predicted_ohm": decision.predicted_ohm,
+                "quality": quality_of(tick.temperature, resistance),
+                "phase": tick.phase,
+                "job": self._job.id,
+            }
+        )
+
+    def ended(self, confirmed: bool | None, missed: int) -> None:
+        """The bench belongs to the idle loop again."""
+        desk = self._desk
+        desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
+        desk.ticks.missed += missed
+        desk.in_loop, desk.phase = False, None
+        desk.changed()

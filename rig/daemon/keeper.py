@@ -1,0 +1,249 @@
+"""The bench process's main thread: holds the ports, reads the instruments while nothing runs, starts what waits.
+
+The output is commanded off before anything else and after everything else. While the instruments are away it asks for
+them again every few seconds, and arrives with the output off.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import threading
+
+from rig.bench import Bench, open_bench
+from rig.daemon.desk import Desk
+from rig.daemon.job_run import JobRun
+from rig.daemon.row import quality_of
+from rig.daemon.systemd import Notifier
+from rig.drivers.controller import TemperatureController
+from rig.errors import Disconnected, InstrumentError, PortHeld, RigError
+from rig.files.configuration import ConfigurationFile
+from rig.guard.line import UNGUARDED, Guard
+from rig.outcome import NotConfirmedOff, Stopped
+from rig.reading import Quality, Reading, missing
+from rig.signals import SignalStop
+
+TRY_AGAIN_S = 3.0  # between attempts to open the ports
+SILENT_TICKS = 5  # without any answer, before the ports are opened anew
+CHECK_OUTPUT_TICKS = 10
+JOB_ENDS_S = 10.0  # for a job's thread to notice that the gate is closed
+
+
+class Keeper:
+    """Keeps the bench until a signal ends it."""
+
+    def __init__(self, file: ConfigurationFile, desk: Desk, notifier: Notifier, guard: Guard = UNGUARDED) -> None:
+        self._file, self._desk, self._notifier, self._guard = file, desk, notifier, guard
+        self._idling = threading.RLock()
+        self._run: JobRun | None = None
+        self._opened = False
+        self._signals = SignalStop()
+        self._ending = False
+
+    def keep(self) -> None:
+        """Hold the bench for ever. Raises Stopped on a signal, PortHeld and Faults at the first opening."""
+        desk = self._desk
+        with SignalStop() as signals:
+            self._signals = signals
+            desk.writer.start()
+            try:
+                while True:
+                    self._once()
+                    self._wait_to_try_again()
+                    self._see_whether_to_end()
+            finally:
+                desk.online = False
+                desk.writer.stop()
+                desk.announcer.close()
+
+    def end(self) -> None:
+        """End as on SIGTERM, from another thread."""
+        self._ending = True
+        self._desk.wake.set()
+
+    def _see_whether_to_end(self) -> None:
+        """Raises Stopped: for a signal that came while the output was being switched off, or for `end`."""
+        self._signals.expose()
+        if self._ending:
+            raise Stopped(signal.SIGTERM)
+
+    def _once(self) -> None:
+        """Open the bench and keep it until it is lost."""
+        desk = self._desk
+        try:
+            with open_bench(self._file, self._guard) as bench:
+                self._opened = True
+                self._attach(bench)
+                try:
+                    self._hold(bench)
+                except BaseException as error:
+                    self._release(error)
+                    raise
+        except PortHeld as error:
+            if not self._opened:
+                raise
+            self._lost(error)
+        except NotConfirmedOff as error:
+            desk.output, desk.confirmed = "unknown", False
+            self._lost(error)
+            if isinstance(error.__cause__, Stopped):
+                raise
+        except RigError as error:
+            self._lost(error)
+
+    def _attach(self, bench: Bench) -> None:
+        desk = self._desk
+        desk.gate.attach(bench.controller)
+        desk.instruments = {role: str(identity) for role, identity in bench.identities.items()}
+        desk.has_dead_man = bench.controller.has_dead_man
+        desk.output, desk.confirmed = "off", True
+        desk.online, desk.offline_because = True, ""
+        desk.live_by(bench.clock)
+        self._notifier.ready("the bench is held, the output is off")
+        desk.changed()
+
+    def _release(self, error: BaseException) -> None:
+        """The output off and the job over, before the ports are closed."""
+        desk = self._desk
+        off = desk.gate.stop(error)
+        if not off.confirmed:
+            desk.output, desk.confirmed = "unknown", False
+        if self._run is not None:
+            self._run.thread.join(JOB_ENDS_S)
+            self._run = None
+        desk.gate.attach(None)
+
+    def _lost(self, error: BaseException) -> None:
+        desk = self._desk
+        news = desk.online or not desk.offline_because
+        desk.online, desk.offline_because = False, str(error)
+        desk.memory_since_s = None
+        if news:
+            desk.changed()
+
+    def _hold(self, bench: Bench) -> None:
+        """Tick after tick, until the bench is lost (RigError) or a signal comes (Stopped)."""
+        desk, clock = self._desk, bench.clock
+        period = self._file.content.serve.idle_period_s
+        controller = desk.gate.controller_for_idling(bench.controller)
+        idle = _Idle(bench, controller, desk)
+        due = clock.now_s()
+        while True:
+            self._see_whether_to_end()
+            if self._jobs(bench, controller):
+                due = clock.now_s()
+            busy = desk.in_loop or (bench.virtual and self._run is not None)
+            if clock.now_s() >= due:
+                if not busy:
+                    with self._idling:
+                        if not desk.in_loop:
+                            idle.tick(clock.now_s() - due)
+                missed = int((clock.now_s() - due) / period)
+                desk.ticks.missed += 0 if busy else missed
+                due += (missed + 1) * period
+            if clock.now_s() - desk.last_cycle_s < 2.0 * period + 1.0:
+                self._notifier.cycle()
+            if not bench.virtual:
+                self._pause(due - clock.now_s())
+            elif self._run is None:
+                clock.sleep_until_s(due)
+            else:
+                self._pause(0.02)
+
+    def _wait_to_try_again(self) -> None:
+        desk = self._desk
+        if desk.virtual:
+            desk.clock.sleep_until_s(desk.clock.now_s() + TRY_AGAIN_S)
+        else:
+            self._pause(TRY_AGAIN_S)
+
+    def _pause(self, seconds: float) -> None:
+        """Sleep, or until somebody asks for something."""
+        if self._desk.wake.wait(max(0.0, seconds)):
+            self._desk.wake.clear()
+
+    def _jobs(self, bench: Bench, controller: TemperatureController) -> bool:
+        """See to the job that ended, and start the next where nothing is latched; whether one ended."""
+        desk, ended = self._desk, self._run is not None
+        if self._run is not None:
+            if self._run.thread.is_alive():
+                return False
+            self._run = None
+            limits = self._file.content.limits
+            dead_man_s = self._file.content.bench.controller.dead_man_s
+            with self._idling:
+                controller.configure(limits.current_A, limits.temperature_degC, dead_man_s)
+        with desk.lock:
+            if desk.latch is not None or desk.writer.failure is not None or not desk.confirmed:
+                return ended
+            desk.gate.open()
+            job = desk.queue.next()
+        if job is not None:
+            self._run = JobRun(desk, bench, job, self._idling)
+            self._run.thread.start()
+        return ended
+
+
+class _Idle:
+    """Reading both instruments while nothing runs, and seeing that the output is off."""
+
+    def __init__(self, bench: Bench, controller: TemperatureController, desk: Desk) -> None:
+        self._bench, self._controller, self._desk = bench, controller, desk
+        self._silent = self._count = 0
+
+    def tick(self, late_s: float) -> None:
+        """One control cycle. Raises Disconnected where the instruments are gone or silent."""
+        desk, bench = self._desk, self._bench
+        desk.ticks.latest_s = max(desk.ticks.latest_s, late_s)
+        self._see_that_it_is_off()
+        temperature = self._reading("thermometer", self._controller.read_temperature)
+        resistance = None
+        if bench.meter is not None:
+            resistance = self._reading("ohmmeter", bench.meter.read)
+        self._silent = self._silent + 1 if temperature.quality is Quality.MISSING else 0
+        if self._silent >= SILENT_TICKS:
+            raise Disconnected(f"no answer of the controller in {self._silent} ticks")
+        overrange = resistance is not None and resistance.quality is Quality.OVERRANGE
+        desk.row(
+            {
+                "time_s": desk.label_s(),
+                "temperature_degC": temperature.value if temperature.is_number else math.nan,
+                "resistance_ohm": resistance.value
+                if resistance is not None and (resistance.is_number or overrange)
+                else math.nan,
+                "current_A": 0.0,
+                "meter_current_A": bench.meter.test_current_A if bench.meter is not None else math.nan,
+                "quality": quality_of(temperature, resistance),
+                "phase": "idle",
+            }
+        )
+
+    def _see_that_it_is_off(self) -> None:
+        """Now and then, and at every tick until it is confirmed."""
+        desk = self._desk
+        self._count += 1
+        if desk.confirmed and self._count % CHECK_OUTPUT_TICKS:
+            return
+        if desk.confirmed:
+            try:
+                if not self._controller.status().output_is_on:
+                    return
+            except Disconnected:
+                raise
+            except InstrumentError:
+                return
+            desk.note("the output was on though nothing ran, by somebody else's hand; it was switched off")
+        confirmed = self._controller.off()
+        desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
+        desk.changed()
+
+    def _reading(self, name: str, read: object) -> Reading:
+        assert callable(read)
+        try:
+            reading = read()
+            assert isinstance(reading, Reading)
+            return reading
+        except Disconnected:
+            raise
+        except InstrumentError:
+            return missing(self._bench.clock.now_s())

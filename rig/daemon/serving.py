@@ -1,0 +1,75 @@
+"""`peltier serve` put together: the bench process, its socket, and the web process."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack, closing
+
+from rig.bench import open_bench
+from rig.clock import RealClock
+from rig.daemon.answers import Answers
+from rig.daemon.control_socket import ControlSocket
+from rig.daemon.desk import Desk, history_folder
+from rig.daemon.keeper import Keeper
+from rig.daemon.places import socket_to_make
+from rig.daemon.systemd import Notifier
+from rig.daemon.web_process import WebProcess
+from rig.errors import PortHeld, RigError
+from rig.faults import fault
+from rig.files.configuration import ConfigurationFile
+from rig.guard.line import Guard
+from rig.history.alone import alone
+from rig.outcome import NotConfirmedOff
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+REAL_TIME = "bench.time: a daemon lives in real time, whatever the configuration says"
+
+
+def bench_of(
+    file: ConfigurationFile, address: str | None = None, port: int | None = None
+) -> tuple[ConfigurationFile, list[str]]:
+    """The configuration as the daemon takes it, and what people should know of that. Raises Faults."""
+    content = file.content
+    changes = {key: value for key, value in (("address", address), ("port", port)) if value is not None}
+    serve = content.serve.model_copy(update=changes)
+    if not 0 <= serve.port <= 65535:
+        raise fault("--port", str(serve.port), "expected 0 to 65535")
+    if serve.address not in LOOPBACK and serve.token is None:
+        raise fault(file.path, "serve.token", f"missing; address {serve.address} is not the loopback: expected a token")
+    notes = [REAL_TIME] if content.bench.time == "virtual" else []
+    bench = content.bench.model_copy(update={"time": "real"})
+    real = content.model_copy(update={"serve": serve, "bench": bench})
+    return ConfigurationFile(file.path.absolute(), file.text, real), notes
+
+
+def _off_first(file: ConfigurationFile, guard: Guard) -> None:
+    """The output off before a large history is checked. What goes wrong here the keeper meets again, and tells.
+
+    Raises PortHeld.
+    """
+    try:
+        with open_bench(file, guard):
+            pass
+    except PortHeld:
+        raise
+    except (RigError, NotConfirmedOff):
+        return
+
+
+def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
+    """The bench process: socket first, so that a second daemon is told; then the ports and the page. Until a signal."""
+    with ExitStack() as stack:
+        place = socket_to_make(file.content.serve.name)
+        listener = stack.enter_context(closing(ControlSocket(place)))
+        stack.enter_context(alone(history_folder(file)))
+        _off_first(file, guard)
+        desk = Desk(file, RealClock(), notes)
+        for note in desk.notes:
+            print(f"peltier serve: {note}", file=sys.stderr, flush=True)
+        notifier = stack.enter_context(closing(Notifier()))
+        listener.start(Answers(desk))
+        web = WebProcess(place, desk.note)
+        stack.callback(web.stop)
+        web.start()
+        Keeper(file, desk, notifier, guard).keep()
+    return 0

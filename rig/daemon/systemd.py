@@ -1,0 +1,51 @@
+"""Telling systemd: READY=1 once, WATCHDOG=1 after completed control cycles, STATUS for `systemctl status`.
+
+The protocol of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. Without it nothing is sent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+
+EVERY_S = 1.0  # at most one WATCHDOG=1 in this time
+
+
+class Notifier:
+    """Where systemd listens, if it does."""
+
+    def __init__(self) -> None:
+        address = os.environ.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + address[1:] if address.startswith("@") else address
+        self._fed_s = -EVERY_S
+        self._socket: socket.socket | None = None
+        if self._address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+
+    def tell(self, text: str) -> None:
+        """Send lines such as "READY=1"; never raises, never waits."""
+        if self._socket is not None:
+            with contextlib.suppress(OSError):
+                self._socket.sendto(text.encode(), self._address)
+
+    def ready(self, status: str) -> None:
+        """The bench is held and its output is off."""
+        self.tell(f"READY=1\nSTATUS={status}")
+
+    def cycle(self) -> None:
+        """A control cycle was completed: the only thing that feeds the watchdog."""
+        if self._socket is None:
+            return
+        now_s = time.monotonic()
+        if now_s - self._fed_s >= EVERY_S:
+            self._fed_s = now_s
+            self.tell("WATCHDOG=1")
+
+    def close(self) -> None:
+        """Tell nothing more."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None

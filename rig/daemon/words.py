@@ -1,0 +1,68 @@
+"""A bench's state in words, for `status` and `watch`. Import-light."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+
+def number(value: float | None, unit: str, digits: int) -> str:
+    """A value with its unit, or a dash."""
+    if value is None or not math.isfinite(value):
+        return f"- {unit}"
+    return f"{value:.{digits}f} {unit}"
+
+
+def resistance(value: float | None) -> str:
+    """A resistance in ohm, kohm or Mohm."""
+    if value is None or not math.isfinite(value):
+        return "- ohm"
+    for factor, unit in ((1e6, "Mohm"), (1e3, "kohm")):
+        if abs(value) >= factor:
+            return f"{value / factor:.4g} {unit}"
+    return f"{value:.4g} ohm"
+
+
+def span(seconds: float) -> str:
+    """A time span in the units that people use."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    if seconds < 7200.0:
+        return f"{seconds / 60.0:.0f} min"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
+
+
+def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
+    """(what, how it is) of a state, in the order in which people ask."""
+    reading, job, ticks = state["reading"], state["job"], state["ticks"]
+    confirmed = "confirmed by the controller" if state["output_confirmed"] else "NOT CONFIRMED"
+    found = [
+        ("state", str(state["state"])),
+        ("output", f"{state['output']}, {confirmed}"),
+    ]
+    for key in ("trip", "stop"):
+        if state.get(key):
+            found.append((key, f"{state[key]['text']} ({span(state['time_s'] - state[key]['at_s'])} ago)"))
+    if job is not None:
+        done = f", {span(job['done_s'])} of {span(job['total_s'])}" if job["total_s"] else ""
+        found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
+    wanted = number(reading.get("setpoint_degC"), "degC", 3)
+    found += [
+        ("queue", f"{state['queue']} waiting"),
+        ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
+        ("current", number(reading.get("current_A"), "A", 3)),
+        ("resistance", f"{resistance(reading.get('resistance_ohm'))}, wanted {resistance(reading.get('target_ohm'))}"),
+        ("reading", f"{reading.get('quality')}, {_age(state)}"),
+        ("film's memory", "known" if state["memory_known"] else "not known until the film was conditioned"),
+        ("ticks", f"{ticks['done']} done, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.1f} ms late"),
+        ("dead man", number(state["dead_man_s"], "s", 1) if state["dead_man_s"] else "none: the controller has none"),
+        *[(role, text) for role, text in state["instruments"].items()],
+        ("up", span(state["uptime_s"])),
+        *[("warning", text) for text in state["warnings"]],
+    ]
+    return found
+
+
+def _age(state: dict[str, Any]) -> str:
+    taken = state["reading"].get("time_s")
+    return "never" if taken is None else f"{span(max(0.0, state['time_s'] - taken))} ago"

@@ -1,0 +1,41 @@
+"""Who answers at a port: each driver asks in turn, in its own protocol and at its own line settings.
+
+What is asked changes nothing, but it is sent to whatever is there: only where the user says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from rig.clock import Clock
+from rig.drivers.identity import Identity
+from rig.drivers.registry import open_controller, open_meter
+from rig.errors import InstrumentError
+
+# role, driver, options; those whose frames are checked first
+TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("controller", "meerstetter", {}),
+    ("controller", "te_technology", {"model": "tc-36-25", "drain_s": 0.1}),
+    ("controller", "te_technology", {"model": "tc-48-20", "drain_s": 0.1}),
+    ("meter", "keithley2000", {}),
+    ("meter", "keithley2400", {}),
+    ("meter", "hp34401a", {}),
+    ("controller", "srs_ldc500", {}),
+)
+
+
+def tries(port: str, clock: Clock) -> Iterator[tuple[str, Identity | None]]:
+    """(driver, who answered or None), one after the other, until somebody answers. PortHeld, Disconnected."""
+    for role, driver, options in TRIED:
+        opener = open_controller if role == "controller" else open_meter
+        instrument = opener(driver, port, clock, **options)
+        try:
+            identity = instrument.identify()
+        except InstrumentError:
+            yield driver, None
+        else:
+            yield driver, identity
+            return
+        finally:
+            instrument.transport.close()

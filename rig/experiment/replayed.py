@@ -1,0 +1,140 @@
+"""The law again over a recorded run: the same readings in, its commands compared with those that were sent."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from rig.experiment.extended_model import plate_extension
+from rig.experiment.policies import Follow
+from rig.experiment.session import QUANTITY
+from rig.experiment.simulated import simulated_configuration
+from rig.experiment.tracking import law_and_design, to_temperature, track
+from rig.faults import fault
+from rig.files.configuration import ConfigurationFile, configuration_of
+from rig.files.model_file import plate_table, read_model
+from rig.files.record_file import Record, read_record
+from rig.files.target import read_target
+from rig.files.toml_file import read_toml
+from rig.loop import Loop, Policy
+
+FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
+
+
+@dataclass
+class Replay:
+    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints)."""
+
+    compared: int = 0
+    different: int = 0
+    largest: float = 0.0
+    first_different_s: float | None = None
+
+
+@dataclass
+class RecordedLoop:
+    """What a law's experiment sees of a loop, out of a record: each phase gives the policy its rows once more."""
+
+    record: Record
+    phases: list[dict[str, Any]]
+    replay: Replay = field(default_factory=Replay)
+
+    def __post_init__(self) -> None:
+        self._meter = SimpleNamespace(test_current_A=math.nan)
+        self.bench = SimpleNamespace(meter=self._meter)
+        self.folder = self
+
+    def column(self, name: str) -> Any:
+        """A column of the record, as of a run folder."""
+        return np.array(self.record.text_columns[name]) if name in self.record.text_columns else self.record[name]
+
+    def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
+        """The rows of the next phase of this name; those that were not recorded any more are left out."""
+        while self.phases and self.phases[0]["text"] != name:
+            self.phases.pop(0)
+        if not self.phases:
+            return
+        begin = self.phases.pop(0)["time_s"]
+        end = self.phases[0]["time_s"] if self.phases else math.inf
+        time = self.record["time_s"]
+        for row in np.flatnonzero((time >= begin) & (time < end)):
+            tick = math.floor((time[row] - begin) / period_s)
+            degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
+            self._meter.test_current_A = float(self.record["meter_current_A"][row])
+            output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
+            decision = policy.decide(tick * period_s, degC, output)
+            if decision.done or decision.wait:
+                continue
+            sent = "setpoint_degC" if decision.use_setpoint else "current_A"
+            self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+
+    def _compare(self, now: float, then: float, time_s: float) -> None:
+        replay = self.replay
+        replay.compared += 1
+        if now != then and not (math.isnan(now) and math.isnan(then)):
+            replay.different += 1
+            replay.largest = max(replay.largest, abs(now - then))
+            if replay.first_different_s is None:
+                replay.first_different_s = time_s
+
+
+def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
+    """The commands of a run's law against its record. Raises Faults where the folder is not of such a run."""
+    for name in FILES:
+        if not (folder / name).is_file():
+            raise fault(folder / name, "", "no such file; expected the folder of a run with a target and a model")
+    file = _configuration(folder)
+    e = file.content.experiment
+    model = read_model(folder / "model.toml", needs=("plate",))
+    assert model.plate is not None
+    target = read_target(folder / "target.csv", QUANTITY[e.kind])
+    lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()
+    events = [json.loads(line) for line in lines]
+    loop = RecordedLoop(read_record(folder / "record.csv"), [event for event in events if event["event"] == "phase"])
+    stand_in = cast(Loop, loop)
+    if e.kind == "track_resistance":
+        if model.film is None:
+            raise fault(folder / "model.toml", "film", "missing")
+        started = json.loads((folder / "run.json").read_text(encoding="utf-8"))["start"]["what"]
+        law = started.removeprefix("law ")
+        track(stand_in, file.content, target, model.film, model.plate, law, model.switched())
+    elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
+        extension = plate_extension(model.switched(), model.plate, e.period_s)
+        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension)
+        policy = Follow(law, target)
+        start = to_temperature(stand_in, law, None, float(target.values[0]), e.settle_s, "approach", False)
+        policy.state = start.state
+        loop.phase("profile", policy, target.duration_s, e.period_s)
+    else:
+        raise fault(folder / "config.toml", "experiment.kind", f"{e.kind!r} with this law has no command of ours")
+    return loop.replay, file
+
+
+def _configuration(folder: Path) -> ConfigurationFile:
+    """The run's configuration; the files beside it may be gone, what matters of them is in the folder."""
+    path = folder / "config.toml"
+    raw = read_toml(path)
+    raw.get("experiment", {}).update(model="model.toml", target="target.csv")
+    raw.pop("simulation", None)
+    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+
+
+def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:
+    """Another configuration on the twin that a run's model makes of its film and plate. Raises Faults."""
+    where = (folder / "model.toml").resolve()
+    model = read_model(where, needs=("film", "plate"))
+    assert model.plate is not None
+    raw = read_toml(other)
+    experiment = raw.setdefault("experiment", {})
+    experiment.setdefault("model", str(where))
+    simulation = raw.setdefault("simulation", {})
+    simulation |= {"film": {"kind": "model", "model": str(where)}, "plate": plate_table(model.plate)}
+    simulation.pop("heat_sink_warmup", None)
+    simulation.pop("effects", None)
+    return simulated_configuration(other, raw, [], None)

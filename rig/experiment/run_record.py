@@ -1,0 +1,104 @@
+"""A run folder and a loop on the bench, and what is written down when the run ends, whatever ends it.
+
+Order on every way out: output off and confirmed, rows flushed, reason and trip written, files closed. A disk that is
+full, or gone, stops none of this: what cannot be written is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rig.bench import Bench
+from rig.faults import Faults
+from rig.files.configuration import ConfigurationFile
+from rig.files.run_folder import RunFolder, plain_json
+from rig.interlock import Limits
+from rig.loop import Loop, OutputOff, Progress, Tick, columns_of
+from rig.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.signals import SignalStop
+
+REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
+TRIP_S = 60.0  # of rows before a trip, kept beside its cause
+
+
+def limits_of(file: ConfigurationFile) -> Limits:
+    """The interlock's limits from the configuration."""
+    table = file.content.limits
+    low, high = table.temperature_degC
+    return Limits(low, high, table.current_A, table.meter_current_A, table.stale_s, table.rate_K_per_s, table.runaway_s)
+
+
+@contextmanager
+def recorded(
+    bench: Bench,
+    file: ConfigurationFile,
+    signals: SignalStop,
+    path: Path,
+    what: str,
+    progress: Progress | None = None,
+    on_tick: Callable[[Tick], None] | None = None,
+    make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] = RunFolder,
+) -> Iterator[tuple[Loop, RunFolder]]:
+    """A run folder and a loop; at the end the output is off, and the reason is written down."""
+    start: dict[str, Any] = {
+        "what": what,
+        "configuration": str(file.path),
+        "settings": file.content.model_dump(mode="json"),
+        "instruments": {name: asdict(identity) for name, identity in bench.identities.items()},
+        "dead_man": bench.controller.has_dead_man,
+        "guarded": bench.guard.guarding,
+    }
+    folder = make_folder(path, start, file.text, columns_of(bench))
+    loop = Loop(bench, limits_of(file), folder, progress, on_tick)
+    output = OutputOff(bench.controller, signals, bench.guard)
+    try:
+        with output:
+            yield loop, folder
+        folder.stop("done", **_ending(loop, output))
+    except BaseException as error:
+        if isinstance(error, Tripped):
+            loop.tripped = error
+        for step in (folder.flush, partial(_write_reason, folder, loop, output, error), folder.abandon):
+            try:
+                step()
+            except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
+                error.add_note(f"{folder.part} is not whole: {problem}")
+        raise
+
+
+def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:
+    return {
+        "output_off_confirmed": output.confirmed,
+        "ticks": loop.ticks.__dict__,
+        "readings_rejected": loop.rejected,
+    }
+
+
+def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException) -> None:
+    reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
+    folder.event(loop.elapsed_s(), "stop", str(error), cause=reason)
+    if loop.tripped is not None:
+        folder.keep("trip.json", trip_text(loop, loop.tripped))
+    folder.stop(reason, text=str(error), **_ending(loop, output))
+
+
+def trip_text(loop: Loop, trip: Tripped) -> str:
+    """A trip as JSON: cause, text, time of the run (s), limits, and the rows of the last `TRIP_S` seconds."""
+    rows = loop.folder.rows
+    since_s = rows[-1][0] - TRIP_S if rows else 0.0
+    return plain_json(
+        {
+            "format": "peltier-trip/1",
+            "cause": trip.cause,
+            "text": str(trip),
+            "time_s": loop.elapsed_s(),
+            "limits": asdict(loop.limits),
+            "columns": loop.folder.columns,
+            "rows": [row for row in rows if row[0] >= since_s],
+        }
+    )

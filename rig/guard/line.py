@@ -1,0 +1,120 @@
+"""What the working process tells its guard, a line of JSON at a time through a pipe.
+
+    begun     the working process holds its `LastBreath`
+    holds     before a port is opened: role, driver, port, options; from now on the guard answers for it
+    let_go    the output is off, confirmed, and the port is closed; or it was never ours
+    busy      the output is armed: `alive` has to come from now on
+    idle      the output is off, confirmed; nothing has to come
+    .         alive: a tick of the loop was completed
+
+A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
+way out. On Linux the kernel sends SIGTERM at that moment besides, so that nobody has to wait for a tick.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from typing import Any, Final, Protocol
+
+from rig.guard.last_breath import LastBreath
+from rig.outcome import Outcome
+
+ALIVE: Final = b".\n"
+
+
+class GuardGone(Outcome):
+    """The guard process has died: without it nothing goes on."""
+
+
+class Guard(Protocol):
+    """What a bench and its loop tell; no method waits."""
+
+    guarding: bool
+
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
+        """A port is about to be opened, by `rig.drivers.registry.open_controller` or `open_meter` with these."""
+
+    def let_go(self) -> None:
+        """No port is ours any more, and the output that was is off, confirmed."""
+
+    def busy(self) -> None:
+        """The output may come on: ticks have to be completed from now on."""
+
+    def idle(self) -> None:
+        """The output is off, confirmed."""
+
+    def alive(self) -> None:
+        """A tick was completed. Raises GuardGone where the guard has died."""
+
+
+class _Unguarded:
+    """Nobody is told: simulated ports, or a system without fork."""
+
+    guarding = False
+
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
+        pass
+
+    def let_go(self) -> None:
+        pass
+
+    def busy(self) -> None:
+        pass
+
+    def idle(self) -> None:
+        pass
+
+    def alive(self) -> None:
+        pass
+
+
+UNGUARDED: Final[Guard] = _Unguarded()
+
+
+class GuardLine:
+    """The pipe to the guard. writer: its file descriptor; guard_pid: the guard's process number.
+
+    last_breath: what the guard waits for, held from now on.
+    """
+
+    guarding = True
+
+    def __init__(self, writer: int, guard_pid: int, last_breath: LastBreath | None = None) -> None:
+        self._writer = writer
+        self._guard_pid = guard_pid
+        self._last_breath = last_breath
+        os.set_blocking(writer, False)
+        if last_breath is not None:
+            last_breath.hold()
+            self._tell(event="begun")
+
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
+        self._tell(event="holds", role=role, driver=driver, port=port, options=options)
+
+    def let_go(self) -> None:
+        self._tell(event="let_go")
+
+    def busy(self) -> None:
+        self._tell(event="busy")
+
+    def idle(self) -> None:
+        self._tell(event="idle")
+
+    def alive(self) -> None:
+        try:
+            os.write(self._writer, ALIVE)
+        except BlockingIOError:  # the guard is behind: what it has not read yet says the same
+            pass
+        except OSError:
+            raise GuardGone(f"the guard process {self._guard_pid} has died") from None
+
+    def _tell(self, **message: Any) -> None:
+        """Short lines go through a pipe whole. A guard that has died is noticed by `alive`, never on the way out."""
+        with contextlib.suppress(BrokenPipeError):
+            os.set_blocking(self._writer, True)
+            try:
+                os.write(self._writer, json.dumps(message).encode() + b"\n")
+            finally:
+                os.set_blocking(self._writer, False)

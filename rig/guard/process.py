@@ -1,0 +1,237 @@
+"""`guarded`: fork, let the child hold the ports, and be there when it dies.
+
+The guard forwards INT, TERM, HUP and QUIT, and passes the child's exit status on. When the child ends, of whatever,
+without having said that it let go of the output with the output confirmed off, the guard opens the controller's port
+itself and commands it off: exit status 11 where that is not confirmed, else 128 + n for a child that died of signal n.
+A child that has armed the output and completes no tick for `silence_s`, or is suspended, is ended: the dead man of
+instruments that have none of their own. Ctrl-Z is ignored, an armed output cannot be put to sleep.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import json
+import os
+import selectors
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+
+from rig.guard.last_breath import LastBreath
+from rig.guard.line import UNGUARDED, Guard, GuardLine
+from rig.guard.takeover import Held, prepare, switch_off
+from rig.signals import CAUGHT
+
+NOT_CONFIRMED = 11
+FAILED = 1
+SILENCE_S = 30.0
+PATIENCE_S = 10.0
+GRACE_S = 3.0  # from SIGTERM to SIGKILL for a child that hangs
+PR_SET_PDEATHSIG = 1
+
+
+def guarded(work: Callable[[Guard], int], *, silence_s: float = SILENCE_S, patience_s: float = PATIENCE_S) -> int:
+    """Do `work` in a child process under guard; returns the exit status.
+
+    Call it from the main thread, before threads and large imports. It returns in the guard, and in the child as well,
+    with what `work` returned (or raises what it raised): nothing but the way out may follow. silence_s: an armed loop
+    that completes no tick for so long is ended. patience_s: for how long off is commanded until it is confirmed.
+    Where there is no fork `work` is done without a guard, and that is told.
+    """
+    if not hasattr(os, "fork") or threading.current_thread() is not threading.main_thread():
+        print("no guard process here: the output depends on this process alone", file=sys.stderr)
+        return work(UNGUARDED)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    reader, writer = os.pipe()
+    last_breath = _last_breath()
+    with _Signals() as signals:
+        guard_pid = os.getpid()
+        child = os.fork()
+        if child:
+            os.close(writer)
+            return _Watch(child, reader, signals, last_breath, silence_s, patience_s).until_it_ends()
+    os.close(reader)
+    _die_with(guard_pid)
+    return work(GuardLine(writer, guard_pid, last_breath))
+
+
+def _last_breath() -> LastBreath | None:
+    """None where the system has none: the guard then hears of a death some ms later."""
+    try:
+        return LastBreath()
+    except (OSError, AttributeError):
+        return None
+
+
+def _die_with(guard_pid: int) -> None:
+    """SIGTERM to this process when the guard dies (Linux); elsewhere the broken pipe tells."""
+    if sys.platform == "linux":
+        with contextlib.suppress(OSError, AttributeError):
+            ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+    if os.getppid() != guard_pid:  # it died before that
+        os._exit(128 + signal.SIGTERM)
+
+
+class _Signals:
+    """Context in which signals only wake `select`, as bytes in a pipe; Ctrl-Z is ignored, for the child as well."""
+
+    def __enter__(self) -> _Signals:
+        self.reader, self.writer = os.pipe()
+        os.set_blocking(self.reader, False)
+        os.set_blocking(self.writer, False)
+        self._pid = os.getpid()
+        self._wakeup = signal.set_wakeup_fd(self.writer, warn_on_full_buffer=False)
+        self._before = {n: signal.signal(n, lambda number, frame: None) for n in (*CAUGHT, signal.SIGCHLD)}
+        self._suspend = signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """As before, in the guard and in the child; in the child Ctrl-Z stays ignored."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(self._wakeup)
+        if os.getpid() == self._pid:
+            signal.signal(signal.SIGTSTP, self._suspend)
+        os.close(self.reader)
+        os.close(self.writer)
+
+
+class _Watch:
+    """The guard's own loop."""
+
+    def __init__(
+        self,
+        child: int,
+        reader: int,
+        signals: _Signals,
+        last_breath: LastBreath | None,
+        silence_s: float,
+        patience_s: float,
+    ) -> None:
+        self._child, self._reader, self._signals, self._last_breath = child, reader, signals, last_breath
+        self._silence_s, self._patience_s = silence_s, patience_s
+        self._held: dict[str, Held] = {}
+        self._busy = False
+        self._heard_s = time.monotonic()
+        self._end_s: float | None = None  # when a child that hangs is killed
+        self._text = b""
+        self._switched: tuple[bool, str] | None = None
+
+    def until_it_ends(self) -> int:
+        """Wait for the child's end; what it left on is switched off then."""
+        os.set_blocking(self._reader, False)
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._reader, selectors.EVENT_READ)
+            selector.register(self._signals.reader, selectors.EVENT_READ)
+            while True:
+                for key, _ in selector.select(self._wait_s()):
+                    if key.fd == self._signals.reader:
+                        self._hear()
+                    elif not self._listen():
+                        selector.unregister(self._reader)
+                ended, code = os.waitpid(self._child, os.WNOHANG | os.WUNTRACED)
+                if ended and os.WIFSTOPPED(code):
+                    self._suspended()
+                elif ended:
+                    break
+                self._look_for_silence()
+        self._listen()
+        os.close(self._reader)
+        return self._status(os.waitstatus_to_exitcode(code))
+
+    def _wait_s(self) -> float | None:
+        due = [self._end_s] if self._end_s is not None else []
+        if self._busy and self._end_s is None:
+            due.append(self._heard_s + self._silence_s)
+        return max(min(due) - time.monotonic(), 0.0) if due else None
+
+    def _hear(self) -> None:
+        """Signals are passed on; a 0 is the child's last breath."""
+        with contextlib.suppress(BlockingIOError):
+            for number in os.read(self._signals.reader, 256):
+                if number in CAUGHT:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(self._child, number)
+                elif number == 0:
+                    self._listen()
+                    self._switch_off(0.0)
+
+    def _switch_off(self, patience_s: float) -> None:
+        """Once the child is dead: the output that it did not let go of goes off."""
+        controller = self._held.get("controller")
+        if controller is not None and not (self._switched and self._switched[0]):
+            self._switched = switch_off(controller, patience_s, locked=patience_s > 0.0)
+
+    def _listen(self) -> bool:
+        """Take in what the child has told; False at the end of the pipe."""
+        while True:
+            try:
+                data = os.read(self._reader, 65536)
+            except BlockingIOError:
+                return True
+            if not data:
+                return False
+            self._heard_s = time.monotonic()
+            *lines, self._text = (self._text + data).split(b"\n")
+            for line in lines:
+                if line != b".":
+                    self._take(json.loads(line))
+
+    def _take(self, message: dict[str, object]) -> None:
+        event = message.pop("event")
+        if event == "begun" and self._last_breath is not None:
+            self._last_breath.write_when_it_ends(self._signals.writer)
+        elif event == "holds":
+            held = Held(**message)  # type: ignore[arg-type]
+            self._held[held.role] = held
+            with contextlib.suppress(Exception):  # tried again, and told, when it is needed
+                prepare(held)
+        elif event == "let_go":
+            self._held, self._busy = {}, False
+        else:
+            self._busy = event == "busy"
+            self._heard_s = time.monotonic()
+
+    def _look_for_silence(self) -> None:
+        now = time.monotonic()
+        if self._end_s is not None:
+            if now >= self._end_s:
+                os.kill(self._child, signal.SIGKILL)
+                self._end_s = now + GRACE_S
+        elif self._busy and now - self._heard_s >= self._silence_s:
+            _tell(f"process {self._child}: no tick for {self._silence_s:g} s with the output armed: ending it")
+            os.kill(self._child, signal.SIGTERM)
+            self._end_s = now + GRACE_S
+
+    def _suspended(self) -> None:
+        """A process that is suspended controls nothing."""
+        if self._held:
+            _tell(f"process {self._child} was suspended while it holds the controller: ending it")
+            os.kill(self._child, signal.SIGKILL)
+
+    def _status(self, code: int) -> int:
+        """The exit status, after the output was switched off where the child did not say that it is."""
+        status = 128 - code if code < 0 else code
+        controller, meter = self._held.get("controller"), self._held.get("meter")
+        if controller is None:
+            return status
+        self._switch_off(self._patience_s)
+        confirmed, problem = self._switched or (False, "")
+        how = f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
+        if not confirmed:
+            text = f"process {self._child} {how}, and {problem}. Switch the controller off by hand."
+            _tell(f"OUTPUT NOT CONFIRMED OFF: {text}")
+            return NOT_CONFIRMED
+        _tell(f"process {self._child} {how}; output off, confirmed by the controller")
+        if meter is not None:
+            switch_off(meter, 0.0)
+        return FAILED if status == NOT_CONFIRMED else status
+
+
+def _tell(text: str) -> None:
+    with contextlib.suppress(OSError):  # the terminal may have gone as well
+        print(f"peltier guard: {text}", file=sys.stderr, flush=True)

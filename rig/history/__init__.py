@@ -1,0 +1,1 @@
+"""What the bench measured, for months: SQLite with roll-ups, retention and an integrity check."""

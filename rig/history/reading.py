@@ -1,0 +1,141 @@
+"""Reading the history: rows of a stretch of time, thinned to as many points as a picture needs."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rig.history.tables import BUCKETS_S, QUANTITIES, connect_to_read
+
+MOST_POINTS = 5000
+SHOWN = tuple(name for name in QUANTITIES if name != "meter_current_A")
+MOST_RAW = 400_000  # rows that are averaged for one answer; beyond, the roll-ups answer
+ROUND_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+    connection = connect_to_read(path)
+    try:
+        yield connection
+    finally:
+        connection.close()
+
+
+def stretch(path: Path, from_s: float, to_s: float, points: int) -> dict[str, Any]:
+    """Columns from `from_s` to `to_s` (Unix seconds) in at most `points` buckets.
+
+    Raw rows (bucket_s 0) where they are few enough, else mean, low and high of a bucket of `bucket_s` seconds, from raw
+    rows or from the roll-ups. Raises sqlite3.Error, and ValueError for an empty stretch.
+    """
+    if not (math.isfinite(from_s) and math.isfinite(to_s) and from_s < to_s):
+        raise ValueError("from, to: expected two finite times, from < to")
+    points = max(2, min(points, MOST_POINTS))
+    with _reading(path) as connection:
+        rows = connection.execute(
+            "SELECT count(*) FROM (SELECT 1 FROM raw WHERE time_s >= ? AND time_s <= ? LIMIT ?)",
+            (from_s, to_s, MOST_RAW + 1),
+        ).fetchone()[0]
+        oldest = connection.execute("SELECT min(time_s) FROM raw").fetchone()[0]
+        has_raw = oldest is not None and (oldest <= from_s or _rolled_before(connection, oldest) is None)
+        if rows <= points and has_raw:
+            return _raw(connection, from_s, to_s)
+        width = (to_s - from_s) / points
+        if has_raw and rows <= MOST_RAW:
+            return _averaged(connection, from_s, to_s, _rounded(width))
+        table = "minute" if width <= 1200.0 else "hour"
+        return _rolled(connection, table, from_s, to_s, max(BUCKETS_S[table], _rounded(width)))
+
+
+def _rounded(width_s: float) -> int:
+    """A width that people count in, at least as wide."""
+    for width in ROUND_S:
+        if width >= width_s:
+            return width
+    return math.ceil(width_s / 3600.0) * 3600
+
+
+def _rolled_before(connection: sqlite3.Connection, time_s: float) -> int | None:
+    row = connection.execute("SELECT 1 FROM minute WHERE start_s < ? LIMIT 1", (time_s - 60.0,)).fetchone()
+    return row[0] if row else None
+
+
+def _raw(connection: sqlite3.Connection, from_s: float, to_s: float) -> dict[str, Any]:
+    found = connection.execute(
+        f"SELECT time_s, {', '.join(SHOWN)} FROM raw WHERE time_s >= ? AND time_s <= ? ORDER BY time_s", (from_s, to_s)
+    ).fetchall()
+    columns: dict[str, Any] = {}
+    for k, name in enumerate(SHOWN):
+        values = [finite(row[k + 1]) for row in found]
+        columns[name] = {"mean": values, "low": values, "high": values}
+    return {"time_s": [row[0] for row in found], "columns": columns, "bucket_s": 0}
+
+
+def _averaged(connection: sqlite3.Connection, from_s: float, to_s: float, width_s: int) -> dict[str, Any]:
+    parts = ", ".join(f"avg({q}), min({q}), max({q})" for q in SHOWN)
+    found = connection.execute(
+        f"SELECT cast(time_s / {width_s} AS INTEGER) * {width_s} AS start, {parts} FROM raw "
+        "WHERE time_s >= ? AND time_s <= ? GROUP BY start ORDER BY start",
+        (from_s, to_s),
+    ).fetchall()
+    return _buckets(found, width_s)
+
+
+def _rolled(connection: sqlite3.Connection, table: str, from_s: float, to_s: float, width_s: int) -> dict[str, Any]:
+    parts = ", ".join(
+        f"sum({q}_mean * count) / sum(CASE WHEN {q}_mean IS NULL THEN NULL ELSE count END), min({q}_low), max({q}_high)"
+        for q in SHOWN
+    )
+    found = connection.execute(
+        f"SELECT start_s / {width_s} * {width_s} AS start, {parts} FROM {table} "
+        "WHERE start_s >= ? AND start_s <= ? GROUP BY start ORDER BY start",
+        (from_s - BUCKETS_S[table], to_s),
+    ).fetchall()
+    return _buckets(found, width_s)
+
+
+def _buckets(found: list[tuple[Any, ...]], width_s: int) -> dict[str, Any]:
+    columns = {
+        name: {of: [finite(row[3 * k + j + 1]) for row in found] for j, of in enumerate(("mean", "low", "high"))}
+        for k, name in enumerate(SHOWN)
+    }
+    return {"time_s": [row[0] + width_s / 2.0 for row in found], "columns": columns, "bucket_s": width_s}
+
+
+def finite(value: float | None) -> float | None:
+    """JSON has neither infinity nor not-a-number."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def loop_points(path: Path, from_s: float, points: int) -> list[tuple[float, float, float]]:
+    """(time s, temperature degC, resistance ohm) since a time, every so many rows that `points` are left."""
+    with _reading(path) as connection:
+        found = connection.execute(
+            "SELECT time_s, temperature_degC, resistance_ohm FROM raw WHERE time_s >= ? "
+            "AND temperature_degC IS NOT NULL AND resistance_ohm > 0 AND resistance_ohm < 1e30 ORDER BY time_s",
+            (from_s,),
+        ).fetchall()
+    step = max(1, math.ceil(len(found) / points))
+    return found[::step]
+
+
+def trips(path: Path, count: int = 50) -> list[dict[str, Any]]:
+    """The last trips with the rows around them and how they were cleared, the newest first."""
+    with _reading(path) as connection:
+        found = connection.execute("SELECT document FROM trip ORDER BY id DESC LIMIT ?", (count,)).fetchall()
+    return [json.loads(row[0]) for row in found]
+
+
+def temperatures(path: Path, after_s: float, most: int) -> list[tuple[float, float]]:
+    """(time s, temperature degC) after a time, in order."""
+    with _reading(path) as connection:
+        return connection.execute(
+            "SELECT time_s, temperature_degC FROM raw WHERE time_s > ? AND temperature_degC IS NOT NULL "
+            "ORDER BY time_s LIMIT ?",
+            (after_s, most),
+        ).fetchall()

@@ -1,0 +1,16 @@
+"""The page of the bench: plain HTML, CSS and ES modules, and uPlot; no build step, nothing from outside.
+
+`STATIC` is the folder to serve. `index.html` belongs at `/` and refers to its neighbours by relative addresses
+(`style.css`, `app.js`, `vendor/...`); requests for data go to `/api/...`. `CONTENT_SECURITY_POLICY` is the strictest
+header that the page works under: no inline script or style, nothing from another origin, no frame around it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+STATIC = Path(__file__).resolve().parent / "static"
+
+CONTENT_SECURITY_POLICY = (
+    "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+)

@@ -1,0 +1,64 @@
+// STOP: one press, no question asked, said again until the bench has answered or ten seconds have passed.
+
+import { ask, inWords, Refused } from "./api.js";
+import { $, sayOrHide } from "./dom.js";
+import { duration } from "./format.js";
+
+const INSIST_S = 10;
+const ANSWER_S = 16; // the bench itself waits 15 s for its instruments
+const SLOW_MS = 1000;
+const BY_HAND = "Switch the controller off by hand.";
+let busy = false;
+
+/** Press STOP. `answered` is told when the bench has answered, so that the state is read anew. */
+async function press(answered) {
+  if (busy) return;
+  busy = true;
+  const button = $("stop");
+  button.dataset.busy = "";
+  const begin = performance.now();
+  const slow = setTimeout(() => sayOrHide($("stop-said"), "STOP was sent. The bench has not answered yet."), SLOW_MS);
+  let wait_ms = 100;
+  for (let count = 1; ; count += 1) {
+    try {
+      const answer = await ask("POST", "/api/stop", {}, { timeout_s: ANSWER_S, urgent: true });
+      const took_ms = performance.now() - begin;
+      const took = took_ms < 1000 ? `${Math.round(took_ms)} ms` : duration(took_ms / 1000);
+      clearTimeout(slow);
+      const sure = answer?.off === true && answer?.confirmed === true;
+      sayOrHide($("stop-said"), sure ? null : `STOP was sent, but the output is NOT CONFIRMED off. ${BY_HAND}`);
+      document.dispatchEvent(new CustomEvent("stopped", { detail: { sure, took } }));
+      break;
+    } catch (fault) {
+      clearTimeout(slow);
+      const over = performance.now() - begin > INSIST_S * 1000;
+      const certain = fault instanceof Refused && fault.status < 500; // asking again would change nothing
+      const next = over || certain ? `${BY_HAND} Or press STOP again.` : `Trying again (${count}) …`;
+      sayOrHide($("stop-said"), `STOP did not reach the bench: ${inWords(fault)}. ${next}`);
+      if (over || certain) break;
+      await new Promise((resolve) => setTimeout(resolve, wait_ms));
+      wait_ms = Math.min(1000, wait_ms * 2);
+    }
+  }
+  delete button.dataset.busy;
+  busy = false;
+  answered();
+}
+
+const inField = (node) => node instanceof Element && node.matches("input:not([type=checkbox]), textarea, select");
+
+/** The button, and the keys Escape and Shift+S. */
+export function setUpStop(answered) {
+  $("stop").addEventListener("click", () => press(answered));
+  document.addEventListener("keydown", (event) => {
+    if (event.isComposing || event.repeat || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.key === "Escape") {
+      event.preventDefault();
+      if (inField(event.target)) event.target.blur();
+      else press(answered);
+    } else if (event.key === "S" && event.shiftKey && !inField(event.target)) {
+      event.preventDefault();
+      press(answered);
+    }
+  });
+}

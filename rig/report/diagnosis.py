@@ -1,0 +1,140 @@
+"""The report of a diagnosis: the verdict in one sentence, its evidence, what is gained, what is left, what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rig.files.run_folder import plain_json
+from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
+from rig.report.diagnosis_words import CHANNELS, judged_channels, left_over, listed, parameter, sentence
+from rig.report.page import bullets, paragraph, section, table, tiles, write_page
+
+if TYPE_CHECKING:
+    from sim.diagnosis.diagnose import Diagnosis
+
+RUNNERS_UP = 6
+
+
+def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
+    """report.html and diagnosis.json in a folder that is there."""
+    (folder / "diagnosis.json").write_text(plain_json(diagnosis.document()) + "\n", encoding="utf-8")
+    residual = residual_figures(folder, diagnosis)
+    parts = [
+        paragraph(_facts(diagnosis, source), "note"),
+        tiles(_numbers(diagnosis)),
+        section("Effects", _effects(diagnosis), *_changes(diagnosis)),
+        section("What the repair gains", gain_figure(folder, diagnosis)),
+        section("What is left, and what to do next", *_left(diagnosis)),
+        section("What was wrong", *residual),
+    ]
+    if diagnosis.record.output is not None:
+        parts.append(section("The loop", loop_figure(folder, diagnosis)))
+    parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
+    write_page(folder / "report.html", f"Diagnosis of {Path(source).name}", sentence(diagnosis), parts)
+
+
+def _facts(diagnosis: Diagnosis, source: str) -> str:
+    record = diagnosis.record
+    hours = record.time_s[-1] / 3600.0
+    length = f"{hours:.2g} h" if hours >= 1.0 else f"{record.time_s[-1]:.0f} s"
+    text = f"{source}: {record.rows} rows over {length}, one each {record.interval_s:.3g} s"
+    gaps = record.first_rows.size - 1
+    return f"{text}, {gaps} gaps." if gaps else f"{text}."
+
+
+def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    found = [(diagnosis.verdict.replace("_", " "), "verdict")]
+    for what, unit, channel in judged_channels(diagnosis):
+        scale, prefix = (1e3, "m") if channel.rmse_base < 0.3 else (1.0, "")
+        before, after = scale * channel.rmse_base, scale * channel.rmse_extended
+        arrow = f"{before:.3g} \N{RIGHTWARDS ARROW} {after:.3g} {prefix}{unit}"
+        if not diagnosis.judged.names:
+            arrow = f"{after:.3g} {prefix}{unit}"
+        found.append((arrow, f"error of {what} on held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
+    if diagnosis.film is not None:
+        found.append((f"D(T): {diagnosis.film['memoryless']}", f"film of {diagnosis.film['operators']} operators"))
+    return found
+
+
+def _effects(diagnosis: Diagnosis) -> str:
+    """The table of effects."""
+    if not diagnosis.findings:
+        return paragraph("None is named.")
+    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "not told from"]
+    rows = []
+    for f in diagnosis.findings:
+        values = ";\n".join(parameter(name, value, ci) for name, (value, ci) in f.parameters.items())
+        gains = [
+            f"{CHANNELS[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
+            for key, g in f.gain.items()
+        ]
+        other = ", ".join(f.indistinguishable_from) or "\N{EN DASH}"
+        gained = ", ".join(gains) or "\N{EN DASH}"
+        rows.append([f.name, values, f"{f.evidence:,.0f}", f"{f.false_alarm:.2g}", gained, other])
+    return table(head, rows)
+
+
+def _changes(diagnosis: Diagnosis) -> list[str]:
+    """What each effect is, in words."""
+    known = diagnosis.chain.effects
+    found = [known[f.name] for f in diagnosis.findings if f.name in known]
+    words = [f"{effect.name} ({effect.link}): {effect.changes}." for effect in found]
+    if not words:
+        return []
+    return [
+        bullets(words),
+        paragraph(
+            "Evidence: the fall of the log-likelihood when the effect is taken out and all else is fitted anew.",
+            "note",
+        ),
+    ]
+
+
+def _left(diagnosis: Diagnosis) -> list[str]:
+    left = left_over(diagnosis)
+    parts = [bullets(left)] if left else [paragraph("Nothing is left beyond the noise.")]
+    warnings = []
+    for w in diagnosis.warnings:
+        when = f" ({w.from_s:.0f} to {w.to_s:.0f} s)" if w.from_s is not None and w.to_s is not None else ""
+        warnings.append(f"Warning, {w.code.replace('_', ' ')}{when}: {w.text}")
+    if warnings:
+        parts.append(bullets(warnings))
+    if diagnosis.next_experiment:
+        parts += [paragraph("Next:"), bullets(diagnosis.next_experiment)]
+    return parts
+
+
+def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
+    """(channel, effects, log-likelihood less than that of the verdict) of the other sets that were fitted."""
+    chain, names = diagnosis.chain, frozenset(diagnosis.judged.names)
+    upstream, downstream = chain.split(names)
+    found = []
+    if chain.first is not None:
+        own = chain.first.fit(upstream).minus_log
+        others = {s: f.minus_log - own for s, f in chain.first.fits.items() if s != upstream}
+        found += [(CHANNELS["temperature_K"][0], s, behind) for s, behind in others.items()]
+    if chain.record.output is not None:
+        search = chain.last(upstream)
+        score = search.fit(downstream).score
+        others = {s: score - f.score for s, f in search.fits.items() if s != downstream}
+        found += [(CHANNELS["resistance_dec"][0], s, behind) for s, behind in others.items()]
+    return [(what, listed(sorted(s)) if s else "none", behind) for what, s, behind in found]
+
+
+def _runners_up(diagnosis: Diagnosis) -> list[str]:
+    others, parts = alternatives(diagnosis), []
+    for what, _ in CHANNELS.values():
+        mine = sorted((o for o in others if o[0] == what), key=lambda o: o[2])
+        if not mine:
+            continue
+        bare = [o for o in mine if o[1] == "none"]
+        chosen = mine[:RUNNERS_UP] + [o for o in bare if o not in mine[:RUNNERS_UP]]
+        rows = [[name, f"{behind:,.1f}" if behind > 0.0 else f"better by {-behind:.1f}"] for _, name, behind in chosen]
+        parts.append(paragraph(f"{what}:"))
+        parts.append(table(["effects", "log-likelihood behind the verdict"], rows))
+    note = (
+        "Sets of effects that were fitted to the end in place of those named. One with more effects may fit slightly "
+        "better; an effect is named only where it brings more than what clean records show."
+    )
+    return [*parts, paragraph(note, "note")] if parts else [paragraph("No other set of effects was worth a fit.")]

@@ -1,0 +1,156 @@
+"""Figures of a diagnosis: what is gained, residuals of the base and of the extended model, the loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from compensator.functions import Array
+from rig.report.diagnosis_words import CHANNELS, judged_channels
+from rig.report.figures import COLOURS, SETTINGS, saved
+from rig.report.page import figure
+
+if TYPE_CHECKING:
+    from sim.diagnosis.diagnose import Diagnosis
+
+BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
+MOST_DOTS = 4000
+MILLI = 0.3  # below it a figure is in thousandths
+
+
+def grid(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
+    """A figure 10 inches wide with axes in a grid, shape (rows, columns)."""
+    with mpl.rc_context(cast(Any, SETTINGS)):
+        fig = Figure(figsize=(10.0, height), layout="constrained", dpi=110)
+        axes = fig.subplots(rows, columns, squeeze=False, **options)
+    return fig, axes
+
+
+def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """Held-out error before, after, and the noise, a panel for each channel."""
+    channels = judged_channels(diagnosis)
+    fig, axes = grid(1, len(channels), 1.7)
+    for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
+        scale, prefix = _scale(channel.rmse_base)
+        values = [scale * v for v in (channel.noise, channel.rmse_extended, channel.rmse_base)]
+        names = ["noise", "extended model", "base model"]
+        axis.barh(names, values, color=[NOISE, EXTENDED, BASE], height=0.62)
+        for k, value in enumerate(values):
+            axis.annotate(f" {value:.3g}", (value, k), va="center", fontsize=9.5)
+        axis.set_xlim(0.0, 1.14 * max(values))
+        axis.set_title(f"{what}: error on held-out rows / {prefix}{unit}", fontsize=10, loc="left")
+        axis.grid(visible=False, axis="y")
+        axis.tick_params(axis="y", length=0)
+    caption = (
+        "Root mean square error of a simulation over the whole record, on rows that no fit has seen, beside the noise."
+    )
+    return figure(saved(fig, folder, "gain"), caption)
+
+
+def _scale(size: float) -> tuple[float, str]:
+    return (1e3, "m") if size < MILLI else (1.0, "")
+
+
+def shown(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
+    """What the model with these effects shows in every row, by channel."""
+    first, last = diagnosis.chain.fits(names)
+    out: dict[str, Array] = {}
+    if first is not None:
+        out["temperature_K"] = first.shown_degC
+    if last is not None:
+        out["resistance_dec"] = last.shown
+    return out
+
+
+def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
+    """Measured less shown, in K and in decades of R, nan where there is no reading; shape (rows,) each."""
+    record, out = diagnosis.record, {}
+    for key, values in shown(diagnosis, names).items():
+        if key == "temperature_K":
+            out[key] = np.where(record.temperature_used, record.temperature_degC - values, np.nan)
+        elif record.output is not None:
+            out[key] = np.where(record.output_used, values - record.output, np.nan)
+    return out
+
+
+def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
+    """Residuals against time, temperature, rate and current, a figure for each channel."""
+    names = frozenset(diagnosis.judged.names)
+    before, after = residuals(diagnosis, frozenset()), residuals(diagnosis, names)
+    return [_residual(folder, diagnosis, key, before[key], after[key]) for key in after]
+
+
+def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
+    """What residuals are shown against."""
+    record = diagnosis.record
+    temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    good = np.isfinite(temperature)
+    even = np.interp(record.time_s, record.time_s[good], temperature[good])
+    width = 9 if record.rows > 200 else 3
+    smooth = np.convolve(np.pad(even, width // 2, mode="edge"), np.ones(width) / width, "valid")
+    rate = np.gradient(smooth, record.time_s)
+    found = [("time / s", record.time_s), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
+    if record.current_A is not None:
+        found.append(("current / A", record.current_A))
+    elif record.test_current_A is not None:
+        found.append(("test current / A", record.test_current_A))
+    return found
+
+
+def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after: Array) -> str:
+    what, unit = CHANNELS[key]
+    against = _against(diagnosis)
+    fig, axes = grid(2, 2, 4.6, sharey=True)
+    spread = float(np.nanpercentile(np.abs(before), 99.5))
+    scale, prefix = _scale(spread)
+    good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
+    index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
+    same = not diagnosis.judged.names
+    for axis, (label, x) in zip(axes.flat, against, strict=False):
+        axis.plot(x[index], scale * before[index], ".", color=BASE, markersize=2.2, rasterized=True, label="base model")
+        if not same:
+            axis.plot(
+                x[index], scale * after[index], ".", color=EXTENDED, markersize=1.6, rasterized=True, label="extended"
+            )
+        axis.set_xlabel(label)
+        axis.set_ylim(-1.3 * scale * spread, 1.3 * scale * spread)
+    for axis in list(axes.flat)[len(against) :]:
+        axis.set_visible(False)
+    for axis in axes[:, 0]:
+        axis.set_ylabel(f"measured - model / {prefix}{unit}")
+    axes[0, 0].legend(loc="upper right", markerscale=4, fontsize=9, ncols=2)
+    caption = f"What is left in {what}: against time, temperature, rate and current. Grey: base model"
+    caption += "." if same else "; red: with the effects named."
+    return figure(saved(fig, folder, f"residual_{key}"), caption)
+
+
+def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """Resistance over temperature, measured and as the extended model shows it."""
+    record, names = diagnosis.record, frozenset(diagnosis.judged.names)
+    assert record.output is not None
+    fig, axes = grid(1, 2, 3.6)
+    path = diagnosis.chain.last(diagnosis.chain.split(names)[0]).channel.path
+    temperature = path.at(record.time_s)
+    good = np.flatnonzero(record.output_used)
+    index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
+    panels = (("base model", BASE, frozenset()), ("extended model", EXTENDED, names))
+    for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
+        _loop(axis, temperature[index], record.output[index], shown(diagnosis, group)["resistance_dec"][index])
+        axis.lines[-1].set(color=colour, label=name)
+        axis.legend(loc="upper right", markerscale=4, fontsize=9)
+        axis.set_xlabel("plate's temperature / \N{DEGREE SIGN}C")
+    axes[0, 0].set_ylabel("resistance / ohm")
+    if not names:
+        axes[0, 1].remove()
+    return figure(saved(fig, folder, "loop"), "The loop as measured, and as base and extended model show it.")
+
+
+def _loop(axis: Axes, temperature: Array, output: Array, model: Array) -> None:
+    colour = COLOURS["measured"]
+    axis.semilogy(temperature, 10.0**-output, ".", markersize=2, color=colour, rasterized=True, label="measured")
+    axis.semilogy(temperature, 10.0**-model, "-", linewidth=0.9, rasterized=True)

@@ -1,0 +1,108 @@
+"""A diagnosis in words: the verdict in one sentence, each effect with its parameters, what is left, what to do next."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim.diagnosis.diagnose import Channel, Diagnosis, Finding
+
+CHANNELS = {"temperature_K": ("temperature", "K"), "resistance_dec": ("log R", "dec")}
+NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
+SHORTFALL = "does not carry over to rows that no fit has seen; the record says too little of the film or the plate"
+
+
+def listed(words: list[str]) -> str:
+    """one, two and three."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def number(value: float) -> str:
+    """Four digits that matter, no needless exponent."""
+    return f"{value:.4g}"
+
+
+def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
+    """tau_s 2.27 (2.25 to 2.29)."""
+    text = f"{name} {number(value)}"
+    return text if interval is None else f"{text} ({number(interval[0])} to {number(interval[1])})"
+
+
+def parameters(finding: Finding) -> str:
+    """All parameters of an effect with their 95 % intervals."""
+    return ", ".join(parameter(name, value, ci) for name, (value, ci) in finding.parameters.items())
+
+
+def named(finding: Finding) -> str:
+    """The effect with its values, and what it cannot be told from."""
+    values = ", ".join(f"{name} {value:.3g}" for name, (value, _) in finding.parameters.items())
+    text = f"{finding.name} ({values})"
+    if finding.indistinguishable_from:
+        text += f", which this record cannot tell from {listed(finding.indistinguishable_from)}"
+    return text
+
+
+def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
+    """(what, unit, channel) of each channel that the record has."""
+    found = []
+    for key, (what, unit) in CHANNELS.items():
+        channel = diagnosis.channels[key]
+        if channel is not None:
+            found.append((what, unit, channel))
+    return found
+
+
+def left_over(diagnosis: Diagnosis) -> list[str]:
+    """What is left in each channel; and where held-out rows are worse than the noise though nothing was seen left."""
+    lines = []
+    for key, (what, _) in CHANNELS.items():
+        text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
+        if text is not None:
+            lines.append(f"{what}: {text}")
+        elif channel is not None and channel.rmse_extended > NOISY * channel.noise:
+            times = channel.rmse_extended / channel.noise
+            lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: what was fitted {SHORTFALL}")
+    return lines
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict."""
+    left = [f"{CHANNELS[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
+    names = [named(f) for f in diagnosis.findings]
+    rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
+    if diagnosis.verdict == "clean":
+        return "Clean: no effect is seen, and nothing is left beyond the noise."
+    if diagnosis.verdict == "explained":
+        these = "them" if len(names) > 1 else "it"
+        return f"Explained: {listed(names)}; with {these} nothing is left beyond the noise."
+    if diagnosis.verdict == "partly_unexplained":
+        return f"Partly unexplained: {listed(names)}; besides, {rest}."
+    return f"Unexplained: {rest}; none is blamed."
+
+
+def gain_line(what: str, unit: str, channel: Channel) -> str:
+    """Held-out error before and after beside the noise."""
+    return (
+        f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "
+        f"noise {number(channel.noise)} {unit} ({channel.samples_holdout} held-out rows)"
+    )
+
+
+def lines(diagnosis: Diagnosis) -> list[str]:
+    """The whole diagnosis for a terminal."""
+    out = [sentence(diagnosis)]
+    for f in diagnosis.findings:
+        other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
+        out.append(f"  {f.name}: {parameters(f)}; evidence {f.evidence:.4g}, false alarms {f.false_alarm:.2g}{other}")
+    out += [gain_line(*one) for one in judged_channels(diagnosis)]
+    if diagnosis.film is not None:
+        film = diagnosis.film
+        out.append(f"film: D(T) {film['memoryless']}, {film['operators']} operators with weight")
+    out += [f"left: {text}" for text in left_over(diagnosis)]
+    out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
+    out += [f"next: {text}" for text in diagnosis.next_experiment]
+    return out
+
+
+def _when(from_s: float | None, to_s: float | None) -> str:
+    return "" if from_s is None or to_s is None else f" (from {from_s:.0f} to {to_s:.0f} s)"

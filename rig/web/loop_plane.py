@@ -1,0 +1,115 @@
+"""The film in the (T, R) plane: the last hour's points, its model's major loop, and where its memory stands.
+
+The memory is the model's, driven by the temperatures of the history since the film was last saturated; it is brought up
+to date with each question. numba is imported when there is a model, and not before.
+"""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from rig.history.reading import loop_points, temperatures
+
+HOUR_S = 3600.0
+POINTS = 1500
+CURVE_POINTS = 121
+TURN_K = 0.1  # a move back by less is noise
+MOST_ROWS = 500_000  # that are caught up with in one question
+
+
+class LoopPlane:
+    """Answers `GET /api/loop` from a history; safe for several threads."""
+
+    def __init__(self, history: Path) -> None:
+        self._history = history
+        self._lock = threading.Lock()
+        self._key: tuple[object, ...] = ()
+        self._film: _Followed | None = None
+
+    def document(
+        self, model: str | None, memory_since_s: float | None, limits_degC: list[float], now_s: float
+    ) -> dict[str, Any]:
+        """memory_since_s: since when the film's memory is known, Unix s; None: it is not. Raises sqlite3.Error."""
+        points = loop_points(self._history, now_s - HOUR_S, POINTS)
+        found: dict[str, Any] = {
+            "temperature_degC": [point[1] for point in points],
+            "resistance_ohm": [point[2] for point in points],
+            "model": None,
+            "memory": None,
+        }
+        with self._lock:
+            key = (model, memory_since_s, tuple(limits_degC))
+            if key != self._key:
+                self._key, self._film = key, _followed(model, memory_since_s, limits_degC)
+            if self._film is not None:
+                found["model"] = self._film.curves
+                found["memory"] = self._film.memory(self._history)
+        return found
+
+
+def _followed(model: str | None, since_s: float | None, limits_degC: list[float]) -> _Followed | None:
+    """The film of a model file; None where there is no such file, or no film in it, or not with a resistance."""
+    if model is None or not Path(model).is_file():
+        return None
+    from rig.faults import Faults
+    from rig.files.model_file import read_model
+
+    try:
+        film = read_model(Path(model)).film
+        return _Followed(film, since_s, limits_degC) if film is not None else None
+    except (Faults, OSError, ValueError):
+        return None
+
+
+class _Followed:
+    """A film model, its major loop as curves, and its memory as far as the history was followed."""
+
+    def __init__(self, film: Any, since_s: float | None, limits_degC: list[float]) -> None:
+        import numpy as np
+
+        low, high = limits_degC
+        self._model, self._limits = film, (low, high)
+        self._at_s, self._memory, self._turn_degC, self._branch = since_s, None, 0.0, "falling"
+        up = np.linspace(low, high, CURVE_POINTS)
+        rising, _ = film.simulate(up, film.initial_memory(low, "heated"))
+        falling, _ = film.simulate(up[::-1], film.initial_memory(high, "cooled"))
+        self.curves = {
+            "temperature_degC": up.tolist(),
+            "rising_ohm": (10.0**-rising).tolist(),
+            "falling_ohm": (10.0 ** -falling[::-1]).tolist(),
+        }
+
+    def memory(self, history: Path) -> dict[str, Any] | None:
+        """Where the film stands now; None where that is not known."""
+        import numpy as np
+
+        from compensator.inverse import Inverse
+
+        if self._at_s is None:
+            return None
+        rows = temperatures(history, self._at_s, MOST_ROWS)
+        if rows:
+            self._at_s = rows[-1][0]
+            values = np.array([row[1] for row in rows])
+            if self._memory is None:
+                self._memory = self._model.initial_memory(float(values[0]), "cooled")
+                self._turn_degC = float(values[0])
+            self._memory = self._model.simulate(values, self._memory)[1]
+            for value in values:
+                self._look_where_it_goes(float(value))
+        if self._memory is None:
+            return None
+        interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
+        reachable = sorted(10.0**-output for output in interval) if interval is not None else None
+        return {"temperature_degC": self._memory.input_degC, "branch": self._branch, "reachable_ohm": reachable}
+
+    def _look_where_it_goes(self, degC: float) -> None:
+        """turn: the farthest that it has gone on its branch."""
+        forward = degC - self._turn_degC if self._branch == "rising" else self._turn_degC - degC
+        if forward > 0.0:
+            self._turn_degC = degC
+        elif forward < -TURN_K:
+            self._turn_degC = degC
+            self._branch = "falling" if self._branch == "rising" else "rising"

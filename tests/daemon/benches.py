@@ -1,0 +1,158 @@
+"""A daemon in this process, for tests: simulated instruments, real time, a socket and a page of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import http.client
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from rig.clock import RealClock
+from rig.daemon.answers import Answers
+from rig.daemon.control_socket import ControlSocket
+from rig.daemon.desk import Desk
+from rig.daemon.keeper import Keeper
+from rig.daemon.serving import bench_of
+from rig.daemon.systemd import Notifier
+from rig.files.configuration import read_configuration
+from rig.outcome import Stopped
+from rig.web.serving import serve
+from tests.rig.small import write_bench
+
+LONGEST_S = 60.0  # of patience on a busy computer
+SERVE = '[serve]\nport = 0\nfolder = "kept"\nidle_period_s = 0.1\n'
+HEADERS = {"Content-Type": "application/json", "X-Peltier": "1"}
+
+
+def write_current(
+    folder: Path, target: str = '["start 0 A", "hold 60 s"]', name: str = "config", more: str = ""
+) -> Path:
+    """A bench with a current profile, which needs no model and begins at once."""
+    path = write_bench(folder, target=target, more=more)
+    text = path.read_text().replace('kind = "track_resistance"\nmodel = "model.toml"', 'kind = "current_profile"')
+    text = text.replace("current_A = 4.0", "current_A = 4.0\npolarity_share = 0.0")  # its pulse takes seconds
+    path = folder / f"{name}.toml"
+    path.write_text(text.replace("\nperiod_s = 0.1", "\nperiod_s = 0.05"))
+    return path
+
+
+def until(true: Callable[[], Any], what: str = "it") -> Any:
+    """Wait until something is so; its value."""
+    end_s = time.monotonic() + LONGEST_S
+    while time.monotonic() < end_s:
+        value = true()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f"{what} did not come true in {LONGEST_S} s")
+
+
+class RunningBench:
+    """Desk, socket and keeper, and the page when it is asked for."""
+
+    def __init__(self, path: Path, socket: Path) -> None:
+        self.file, notes = bench_of(read_configuration(path))
+        self.socket = socket
+        self._listener = ControlSocket(socket)
+        self.desk = Desk(self.file, RealClock(), notes)
+        self.keeper = Keeper(self.file, self.desk, Notifier())
+        self._thread = threading.Thread(target=self._keep, daemon=True)
+        self._listener.start(Answers(self.desk))
+        self._thread.start()
+        self._web: threading.Thread | None = None
+        self.url = ""
+
+    def _keep(self) -> None:
+        with contextlib.suppress(Stopped):
+            self.keeper.keep()
+
+    def state(self) -> dict[str, Any]:
+        """As the page gets it."""
+        return self.desk.state()
+
+    def until_state(self, word: str) -> dict[str, Any]:
+        """Wait for a state."""
+        return until(lambda: self.state() if self.state()["state"] == word else None, word)
+
+    def until_phase(self, name: str) -> None:
+        """Wait for a phase of the running job."""
+        until(lambda: (self.state()["job"] or {}).get("phase") == name, name)
+
+    def serve(self) -> None:
+        """Begin the page."""
+
+        def told(url: str) -> None:
+            self.url = url
+
+        self._web = threading.Thread(target=lambda: asyncio.run(serve(self.socket, told, lambda: None)), daemon=True)
+        self._web.start()
+        until(lambda: self.url, "the page")
+
+    def ask(
+        self, method: str, path: str, body: Any = None, headers: dict[str, str] | None = None, raw: bytes | None = None
+    ) -> tuple[int, Any]:
+        """(status, answer) of a request."""
+        status, _, answer = self.ask_fully(method, path, body, headers, raw)
+        return status, answer
+
+    def ask_fully(
+        self, method: str, path: str, body: Any = None, headers: dict[str, str] | None = None, raw: bytes | None = None
+    ) -> tuple[int, dict[str, str], Any]:
+        """(status, headers, answer) of a request."""
+        given = HEADERS if headers is None else headers
+        data = raw if raw is not None else json.dumps(body).encode() if body is not None else None
+        connection = http.client.HTTPConnection(urlsplit(self.url).netloc, timeout=LONGEST_S)
+        try:
+            connection.request(method, path, data, given)
+            answer = connection.getresponse()
+            text = answer.read()
+        finally:
+            connection.close()
+        found = {name.lower(): value for name, value in answer.getheaders()}
+        return answer.status, found, json.loads(text) if "json" in found.get("content-type", "") else text
+
+    def events(self, count: int) -> list[tuple[str, Any]]:
+        """The first server-sent events."""
+        connection = http.client.HTTPConnection(urlsplit(self.url).netloc, timeout=LONGEST_S)
+        found: list[tuple[str, Any]] = []
+        try:
+            connection.request("GET", "/api/events")
+            stream = connection.getresponse()
+            name = ""
+            while len(found) < count:
+                line = stream.readline().decode().rstrip("\n")
+                if line.startswith("event: "):
+                    name = line[7:]
+                elif line.startswith("data: "):
+                    found.append((name, json.loads(line[6:])))
+        finally:
+            connection.close()
+        return found
+
+    def close(self) -> None:
+        """End, the output off."""
+        self.keeper.end()
+        self._thread.join(LONGEST_S)
+        self._listener.close()
+        if self._web is not None:
+            self._web.join(LONGEST_S)
+        assert not self._thread.is_alive()
+
+
+@contextlib.contextmanager
+def running(path: Path, web: bool = False) -> Iterator[RunningBench]:
+    """A bench that is idle, and ends at the end."""
+    bench = RunningBench(path, path.parent / "bench.sock")
+    try:
+        until(lambda: bench.desk.online and bench.desk.recent, "the bench")
+        if web:
+            bench.serve()
+        yield bench
+    finally:
+        bench.close()

@@ -1,0 +1,228 @@
+"""The history: roll-ups that agree with the rows, retention, damage, a full disk, a kill."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.history import reading
+from rig.history.store import DAY_S, Retention, Store
+from rig.history.tables import connect_to_read
+from rig.history.writer import Writer
+
+NOON_S = 1_790_000_000.0 // 3600 * 3600
+
+
+def row(time_s: float, temperature_degC: float = 25.0, **more: Any) -> dict[str, Any]:
+    return {"time_s": time_s, "temperature_degC": temperature_degC, "phase": "idle", "quality": "good", **more}
+
+
+def stored(path: Path, rows: list[dict[str, Any]], retention: Retention | None = None) -> Store:
+    store = Store(path, retention or Retention())
+    store.add(rows)
+    return store
+
+
+def test_roll_ups_hold_mean_low_and_high_of_their_rows(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    rows = [row(NOON_S + 0.5 * k, 25.0 + math.sin(k), resistance_ohm=math.nan) for k in range(2 * 3600 * 2)]
+    store = stored(path, rows)
+    store.roll_up(NOON_S + 7200.0)
+    store.close()
+    connection = connect_to_read(path)
+    for table, width in (("minute", 120), ("hour", 7200)):
+        found = connection.execute(
+            f"SELECT count, temperature_degC_mean, temperature_degC_low, temperature_degC_high, resistance_ohm_mean "
+            f"FROM {table} ORDER BY start_s"
+        ).fetchall()
+        assert len(found) == len(rows) // width
+        for k, (count, mean, low, high, ohm) in enumerate(found):
+            part = [r["temperature_degC"] for r in rows[k * width : (k + 1) * width]]
+            assert count == width
+            assert mean == pytest.approx(sum(part) / width, abs=1e-12)
+            assert (low, high, ohm) == (min(part), max(part), None)
+    connection.close()
+
+
+@settings(max_examples=15, deadline=None)
+@given(steps=st.lists(st.floats(0.05, 400.0), min_size=5, max_size=60), cuts=st.sets(st.integers(1, 50), max_size=4))
+def test_roll_ups_are_the_same_however_often_it_was_killed(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[float], cuts: set[int]
+) -> None:
+    folder = tmp_path_factory.mktemp("cut")
+    found = []
+    for name, at in (("whole", set()), ("cut", cuts)):
+        store, time_s = Store(folder / name, Retention()), NOON_S
+        for k, step in enumerate(steps):
+            time_s += step
+            store.add([row(time_s, float(k))])
+            store.roll_up(time_s)
+            if k in at:  # as after a kill: nothing is closed, another begins
+                store = Store(folder / name, Retention())
+        store.roll_up(time_s, everything=True)
+        connection = connect_to_read(folder / name)
+        found.append([connection.execute(f"SELECT * FROM {t} ORDER BY 1").fetchall() for t in ("minute", "hour")])
+        connection.close()
+        store.close()
+    assert found[0] == found[1]
+
+
+def test_a_long_stretch_comes_from_the_roll_ups_and_keeps_its_extremes(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    rows = [row(NOON_S + 40.0 * k, 25.0) for k in range(20 * 2160)]
+    rows[25_000]["temperature_degC"] = 90.0
+    store = stored(path, rows, Retention(raw_days=1.0))
+    end = rows[-1]["time_s"]
+    store.roll_up(end, everything=True)
+    while store.retain(end):
+        pass
+    store.close()
+    found = reading.stretch(path, NOON_S, end, 300)
+    column = found["columns"]["temperature_degC"]
+    assert found["bucket_s"] >= 60
+    assert len(found["time_s"]) <= 301
+    assert max(column["high"]) == 90.0
+    assert min(column["low"]) == 25.0
+    assert reading.stretch(path, end - 600.0, end, 300)["bucket_s"] == 0
+
+
+def test_retention_deletes_what_is_older_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    rows = [row(NOON_S + 3600.0 * k) for k in range(24 * 20)]
+    end = rows[-1]["time_s"]
+    store = stored(path, rows, Retention(raw_days=2.0, minute_days=5.0, hour_days=10.0))
+    store.roll_up(end, everything=True)
+    while store.retain(end):
+        pass
+    store.close()
+    connection = connect_to_read(path)
+    for table, column, days in (("raw", "time_s", 2), ("minute", "start_s", 5), ("hour", "start_s", 10)):
+        count, oldest = connection.execute(f"SELECT count(*), min({column}) FROM {table}").fetchone()
+        assert count == 24 * days + 1
+        assert oldest >= end - days * DAY_S
+    connection.close()
+
+
+@pytest.mark.parametrize("how", ["header", "middle", "empty", "text"])
+def test_a_damaged_file_is_put_aside_and_told(tmp_path: Path, how: str) -> None:
+    path = tmp_path / "history.sqlite"
+    stored(path, [row(NOON_S + k, resistance_ohm=float(k)) for k in range(5000)]).close()
+    data = bytearray(path.read_bytes())
+    if how == "header":
+        data[:50] = b"\xff" * 50
+    elif how == "middle":
+        data[20_000:60_000] = os.urandom(40_000)
+    path.write_bytes(b"" if how == "empty" else b"no database" * 99 if how == "text" else bytes(data))
+    store = Store(path, Retention())
+    if how == "empty":
+        assert store.damage is None  # as a new one
+    else:
+        assert "damaged" in str(store.damage)
+        assert len(list(tmp_path.glob("history.sqlite.damaged-*"))) >= 1
+    store.add([row(NOON_S)])
+    store.close()
+    assert reading.stretch(path, NOON_S - 1, NOON_S + 1, 10)["time_s"] == [NOON_S]
+
+
+def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    shown: list[float] = []
+    told: list[str] = []
+    missing: list[float] = []
+
+    def publish(one: dict[str, Any]) -> None:
+        connection = connect_to_read(path)
+        if not connection.execute("SELECT 1 FROM raw WHERE time_s = ?", (one["time_s"],)).fetchone():
+            missing.append(one["time_s"])
+        connection.close()
+        shown.append(one["time_s"])
+
+    writer = Writer(Store(path, Retention()), publish, told.append)
+    writer.start()
+    for k in range(50):
+        writer.row(row(NOON_S + k))
+    assert writer.settle()
+    assert shown == [NOON_S + k for k in range(50)]
+    writer.do(lambda store: store.limit_size(1))
+    for k in range(50, 2000):
+        writer.row(row(NOON_S + k))
+    assert writer.settle()
+    assert len(told) == 1
+    assert "full" in told[0]
+    assert writer.dropped > 0
+    assert len(shown) + writer.dropped == 2000
+    writer.stop()
+    assert not missing
+    connection = connect_to_read(path)
+    assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    assert {r[0] for r in connection.execute("SELECT time_s FROM raw")} >= set(shown)
+    connection.close()
+
+
+CHILD = """
+import sys
+from pathlib import Path
+from rig.history.store import Retention, Store
+from rig.history.writer import Writer
+def show(row):
+    sys.stdout.write(f"{row['time_s']}\\n"); sys.stdout.flush()
+writer = Writer(Store(Path(sys.argv[1]), Retention()), show, print)
+writer.start()
+k = 0
+while True:
+    writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}); k += 1
+"""
+
+
+def test_nothing_that_was_shown_is_lost_by_a_kill(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    shown: set[float] = set()
+    for life in range(3):
+        child = subprocess.Popen(
+            [sys.executable, "-c", CHILD, str(path), str(1e6 * life)], stdout=subprocess.PIPE, text=True
+        )
+        assert child.stdout is not None
+        for _ in range(300 + 200 * life):
+            shown.add(float(child.stdout.readline()))
+        child.send_signal(signal.SIGKILL)
+        rest = child.stdout.read()
+        shown |= {float(line) for line in rest.splitlines(keepends=True) if line.endswith("\n")}
+        child.stdout.close()
+        child.wait()
+    store = Store(path, Retention())
+    assert store.damage is None
+    store.close()
+    connection = connect_to_read(path)
+    assert shown <= {r[0] for r in connection.execute("SELECT time_s FROM raw")}
+    connection.close()
+
+
+def test_jobs_and_trips_are_kept(tmp_path: Path) -> None:
+    store = Store(tmp_path / "h.sqlite", Retention())
+    for k in range(5):
+        store.save_job({"id": str(k), "queued_s": float(k), "state": "queued"})
+    store.save_job({"id": "2", "queued_s": 2.0, "state": "done"})
+    assert [job["state"] for job in store.jobs(3)] == ["done", "queued", "queued"]
+    number = store.save_trip({"at_s": 5.0, "cause": "x"})
+    assert store.save_trip({"at_s": 5.0, "cause": "x", "cleared_s": 6.0}, number) == number
+    assert store.last_trip() == (number, {"at_s": 5.0, "cause": "x", "cleared_s": 6.0})
+    store.close()
+
+
+def test_a_reader_cannot_write(tmp_path: Path) -> None:
+    store = stored(tmp_path / "h.sqlite", [row(NOON_S)])
+    connection = connect_to_read(tmp_path / "h.sqlite")
+    with pytest.raises(sqlite3.OperationalError, match="readonly"):
+        connection.execute("DELETE FROM raw")
+    connection.close()
+    store.close()

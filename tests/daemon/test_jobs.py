@@ -1,0 +1,188 @@
+"""Jobs on the bench: queue, stop, trip and reset, what is kept of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rig.daemon.admission import admit, by_text
+from rig.daemon.answers import Answers, Refusal
+from rig.faults import Faults
+from rig.files.configuration import read_configuration
+from rig.history import reading
+from rig.ports.registry import unregister
+from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+
+SHORT = '["start 0 A", "hold 0.2 s"]'
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[RunningBench]:
+    with running(write_current(tmp_path, more=SERVE)) as bench:
+        yield bench
+
+
+def submit(bench: RunningBench, target: str, name: str) -> str:
+    path = write_current(bench.file.path.parent, target, name, more=SERVE)
+    return bench.desk.submit(read_configuration(path), name).id
+
+
+def table(bench: RunningBench, number: str) -> dict[str, object]:
+    return next(job for job in bench.desk.queue.tables() if job["id"] == number)
+
+
+def test_a_daemon_starts_with_the_output_off_and_nothing_running(bench: RunningBench) -> None:
+    state = bench.state()
+    assert (state["state"], state["output"], state["output_confirmed"]) == ("idle", "off", True)
+    assert state["job"] is None
+    assert state["memory_known"] is False
+    assert state["reading"]["quality"] == "good"
+    assert "Meerstetter" in state["instruments"]["controller"]
+    assert any("real time" in line for line in state["warnings"])  # the configuration asks for virtual time
+
+
+def test_jobs_run_one_after_another_and_leave_run_folders(bench: RunningBench) -> None:
+    first, second = submit(bench, SHORT, "one"), submit(bench, SHORT, "two")
+    until(lambda: table(bench, second)["state"] == "done", "the second job")
+    one, two = table(bench, first), table(bench, second)
+    assert one["state"] == "done"
+    assert float(one["ended_s"]) <= float(two["started_s"])  # type: ignore[arg-type]
+    folder = Path(str(two["folder"]))
+    document = json.loads((folder / "run.json").read_text())
+    assert document["stop"]["output_off_confirmed"] is True
+    assert two["report"] == f"/runs/{second}/report.html"
+    bench.desk.writer.settle()
+    phases = {row["phase"] for row in list(bench.desk.recent)}
+    assert {"idle", "profile"} <= phases
+    until(lambda: bench.state()["state"] == "idle")
+
+
+def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench: RunningBench) -> None:
+    running_job, waiting = submit(bench, '["start 0.5 A", "hold 60 s"]', "long"), submit(bench, SHORT, "next")
+    bench.until_phase("profile")
+    assert bench.state()["output"] == "on"
+    off = bench.desk.stop("a test")
+    assert off.confirmed
+    state = bench.until_state("stopped")
+    assert (state["output"], state["trip"]) == ("off", None)
+    until(lambda: table(bench, running_job)["state"] == "stopped", "the job's end")
+    assert "a test" in str(table(bench, running_job)["reason"])
+    assert table(bench, waiting)["state"] == "queued"
+    answers = Answers(bench.desk)
+    for reason in ("", "   "):
+        with pytest.raises(Refusal) as refusal:
+            answers.answer({"do": "reset", "reason": reason})
+        assert refusal.value.status == 422
+    assert answers.answer({"do": "reset", "reason": "looked at it"})["queue"] == 1
+    until(lambda: table(bench, waiting)["state"] == "done", "the queue going on")
+    with pytest.raises(Refusal) as refusal:
+        answers.answer({"do": "reset", "reason": "again"})
+    assert refusal.value.status == 409
+
+
+def test_a_trip_latches_with_cause_and_rows_and_survives_a_restart(tmp_path: Path) -> None:
+    path = write_current(tmp_path, more=SERVE)
+    path.write_text(path.read_text().replace("[10, 95]", "[10, 61.5]"))
+    with running(path) as bench:
+        text = path.read_text().replace('["start 0 A", "hold 60 s"]', '["start 3 A", "hold 60 s"]')
+        number = bench.desk.submit(by_text(text, "hot", tmp_path), "hot").id
+        state = bench.until_state("tripped")
+        assert state["trip"]["cause"] == "temperature_limit"
+        assert state["trip"]["rows"] >= 10
+        assert (state["output"], state["output_confirmed"]) == ("off", True)
+        job = until(lambda: table(bench, number)["ended_s"] and table(bench, number))
+        assert (job["state"], job["exit_status"]) == ("tripped", 10)
+        waiting = submit_text(bench, text)
+        until(lambda: len(bench.desk.recent) > 60)
+        assert table(bench, waiting)["state"] == "queued"
+        bench.desk.writer.settle()
+    with running(path) as bench:
+        state = bench.state()
+        assert (state["state"], state["queue"]) == ("tripped", 0)
+        assert "nothing resumes" in str(table(bench, waiting)["reason"])
+        assert bench.desk.reset("the limit was meant to be 61.5 degC")
+        bench.desk.writer.settle()
+        kept = reading.trips(bench.desk.folder / "history.sqlite")[0]
+        assert kept["cleared_because"].startswith("the limit")
+        assert kept["rows"][-1]["temperature_degC"] > 60.0
+    with running(path) as bench:
+        assert bench.state()["state"] == "idle"
+
+
+def submit_text(bench: RunningBench, text: str) -> str:
+    return bench.desk.submit(by_text(text, "more", bench.desk.configurations), "more").id
+
+
+def test_a_job_can_be_taken_out_of_the_queue(bench: RunningBench) -> None:
+    first, second = submit(bench, '["start 0 A", "hold 60 s"]', "first"), submit(bench, SHORT, "second")
+    bench.until_phase("profile")
+    assert bench.desk.cancel(second, "a test") is not None
+    assert table(bench, second)["state"] == "stopped"
+    assert bench.desk.cancel(first, "a test") is not None
+    until(lambda: table(bench, first)["state"] == "stopped", "the job's end")
+    bench.until_state("idle")  # ending one job latches nothing
+    assert bench.desk.cancel("nobody", "a test") is None
+
+
+def test_instruments_that_are_lost_end_the_job_and_come_back_with_the_output_off(
+    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.daemon.keeper.TRY_AGAIN_S", 0.05)
+    number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
+    bench.until_phase("profile")
+    controller = bench.desk.gate._controller
+    assert controller is not None
+
+    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[attr-defined]
+    until(lambda: bench.state()["trip"], "the trip")
+    assert bench.state()["trip"]["cause"] in ("not_confirmed_off", "disconnected")
+    assert table(bench, number)["exit_status"] in (1, 11)
+    assert bench.state()["memory_known"] is False
+    until(lambda: bench.desk.online and bench.desk.gate._controller is not controller, "the instruments")
+    assert (bench.state()["output"], bench.state()["state"]) == ("off", "tripped")
+    bench.desk.reset("plugged in again")
+    bench.until_state("idle")
+
+
+def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(bench: RunningBench) -> None:
+    seen = bench.desk.announcer.listen()
+    number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
+    bench.until_phase("profile")
+    bench.desk.writer.do(lambda store: store.limit_size(1))
+    until(lambda: table(bench, number)["ended_s"], "the job's end")
+    state = bench.state()
+    assert (table(bench, number)["state"], state["state"], state["output"]) == ("tripped", "tripped", "off")
+    assert state["trip"]["cause"] == "history"
+    assert state["reading"]["quality"] == "not recorded"
+    assert any("cannot be written" in line for line in state["warnings"])
+    bench.desk.writer.do(lambda store: store.limit_size(1_000_000))
+    until(lambda: bench.desk.writer.failure is None, "room on the disk")
+    bench.desk.writer.settle()
+    shown = set()
+    while not seen.empty():
+        message = json.loads(seen.get_nowait() or b"{}")
+        if message.get("event") == "row":
+            shown.add(message["data"]["time_s"])
+    kept = reading.stretch(bench.desk.folder / "history.sqlite", 0.0, 4e9, 5000)["time_s"]
+    assert shown <= set(kept)
+    assert bench.desk.writer.dropped > 0
+
+
+def test_what_may_not_run_on_this_bench_is_refused_with_a_line_each(tmp_path: Path) -> None:
+    bench = read_configuration(write_current(tmp_path, more=SERVE))
+    text = bench.text
+    for old, new, place in (
+        ('driver = "meerstetter"', 'driver = "srs_ldc500"', "bench.controller.driver"),
+        ("[10, 95]", "[10, 99]", "limits.temperature_degC"),
+        ("current_A = 4.0", "current_A = 5.0", "limits.current_A"),
+        ('port = "sim://"', 'port = "/dev/null"', "sim://"),
+    ):
+        with pytest.raises(Faults) as faults:
+            admit(by_text(text.replace(old, new, 1), "job", tmp_path), bench)
+        assert any(place in line for line in faults.value.lines), faults.value.lines
+    for path in ("/etc/passwd", "../secret.csv"):
+        with pytest.raises(Faults, match="without a path"):
+            by_text(text.replace('["start 0 A", "hold 60 s"]', f'"{path}"'), "job", tmp_path)

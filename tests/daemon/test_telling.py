@@ -1,0 +1,132 @@
+"""Telling others: systemd, the webhook, and listeners who are too slow."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.daemon import systemd
+from rig.daemon.announce import WAITING, Announcer, encoded
+from rig.daemon.systemd import Notifier
+from rig.daemon.webhook import post
+
+
+@pytest.fixture
+def heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[str]]]:
+    """What systemd would have heard."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        listener.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+
+        def read() -> list[str]:
+            found = []
+            while True:
+                try:
+                    found.append(listener.recv(4096).decode())
+                except BlockingIOError:
+                    return found
+
+        yield read
+
+
+def test_systemd_is_told_of_readiness_and_fed_by_cycles_alone(
+    heard: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(systemd.time, "monotonic", lambda: now[0])
+    notifier = Notifier()
+    notifier.ready("the output is off")
+    assert heard() == ["READY=1\nSTATUS=the output is off"]
+    for _ in range(25):  # ten a second
+        notifier.cycle()
+        now[0] += 0.1
+    assert heard() == ["WATCHDOG=1"] * 3
+    now[0] += 100.0
+    assert heard() == []
+    notifier.close()
+
+
+def test_without_systemd_nothing_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    notifier = Notifier()
+    notifier.ready("nobody hears this")
+    notifier.cycle()
+    notifier.close()
+
+
+class Receiver(HTTPServer):
+    """Fails as often as it is told, then keeps what comes."""
+
+    def __init__(self, failures: int) -> None:
+        self.failures = failures
+        self.bodies: list[dict[str, Any]] = []
+        super().__init__(("127.0.0.1", 0), Answer)
+
+
+class Answer(BaseHTTPRequestHandler):
+    server: Receiver
+
+    def do_POST(self) -> None:
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        if self.server.failures:
+            self.server.failures -= 1
+            self.send_response(500)
+        else:
+            self.server.bodies.append(body)
+            self.send_response(204)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.mark.parametrize("failures", [0, 2])
+def test_a_webhook_is_tried_again(failures: int) -> None:
+    with Receiver(failures) as receiver:
+        threading.Thread(target=receiver.serve_forever, daemon=True).start()
+        told: list[str] = []
+        url = f"http://127.0.0.1:{receiver.server_port}/hook"
+        post(url, {"event": "trip", "cause": "temperature_limit"}, told.append, (0.0, 0.0, 0.0)).join(10.0)
+        receiver.shutdown()
+    assert told == []
+    assert receiver.bodies == [{"event": "trip", "cause": "temperature_limit"}]
+
+
+def test_a_webhook_that_nobody_answers_is_told_of() -> None:
+    told: list[str] = []
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        port = closed.getsockname()[1]
+        post(f"http://127.0.0.1:{port}/", {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
+    assert len(told) == 1
+    assert "2 tries" in told[0]
+
+
+def test_a_listener_who_is_too_slow_is_let_go_and_the_others_are_not() -> None:
+    announcer = Announcer()
+    slow, quick = announcer.listen(), announcer.listen()
+    for k in range(WAITING + 10):
+        announcer.tell("row", {"k": k})
+        assert json.loads(quick.get_nowait() or b"")["data"]["k"] == k
+    last = None
+    while not slow.empty():
+        last = slow.get_nowait()
+    assert last is None
+    announcer.close()
+    assert quick.get_nowait() is None
+
+
+def test_what_json_cannot_say_is_null() -> None:
+    assert json.loads(encoded({"a": float("nan"), "b": [float("inf"), 1.5], "c": Path("/x")})) == {
+        "a": None,
+        "b": [None, 1.5],
+        "c": "/x",
+    }

@@ -1,0 +1,1 @@
+"""Blind tests of the diagnosis: an independent truth, cases from seeds, scores."""

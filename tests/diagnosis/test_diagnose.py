@@ -1,0 +1,78 @@
+"""A quick set of blind cases; the whole table is `./peltier benchmark diagnosis`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.diagnose import diagnose
+from tests.diagnosis.cases import Case, case
+
+ONE = ["sensor_lag", "heat_sink_warmup", "timestamp_skew", "creep", "self_heating", "series_resistance"]
+
+
+def names(document: dict[str, Any]) -> set[str]:
+    return {effect["name"] for effect in document["effects"]}
+
+
+def covered(document: dict[str, Any], blind: Case, widths: float = 2.0) -> None:
+    """True parameters within two half-widths of their interval: four standard deviations."""
+    for effect in document["effects"]:
+        for name, found in effect["parameters"].items():
+            if found["ci95"] is None:
+                continue
+            low, high = found["ci95"]
+            truth = blind.hidden[effect["name"]][name]
+            assert low - (widths - 1.0) * (high - low) <= truth <= high + (widths - 1.0) * (high - low), (name, truth)
+
+
+@pytest.mark.parametrize("effect", ONE)
+def test_one_hidden_effect(effect: str) -> None:
+    blind = case("one", 1, effect=effect)
+    document = diagnose(blind.columns).document()
+    assert names(document) == {effect}
+    assert document["verdict"] == "explained"
+    covered(document, blind)
+    for channel in document["channels"].values():
+        assert channel["rmse_extended"] < 1.15 * channel["noise"]
+
+
+def test_two_hidden_effects() -> None:
+    blind = case("two", 9)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden)
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 0), ("other_film", 1)])
+def test_nothing_hidden_nothing_named(kind: str, seed: int) -> None:
+    document = diagnose(case(kind, seed).columns).document()
+    assert names(document) == set()
+    assert document["verdict"] == "clean"
+
+
+def test_something_that_no_effect_accounts_for() -> None:
+    document = diagnose(case("outside", 2).columns).document()
+    assert names(document) == set()
+    assert document["verdict"] == "unexplained"
+
+
+def test_a_record_without_current_and_one_without_resistance() -> None:
+    blind = case("one", 1, effect="creep")
+    film = {k: v for k, v in blind.columns.items() if k != "current_A"}
+    document = diagnose(film).document()
+    assert document["channels"]["temperature_K"] is None
+    assert names(document) == {"creep"}
+    blind = case("one", 1, effect="sensor_lag")
+    plate = {k: v for k, v in blind.columns.items() if k != "resistance_ohm"}
+    document = diagnose(plate).document()
+    assert document["channels"]["resistance_dec"] is None
+    assert names(document) == {"sensor_lag"}
+
+
+def test_a_record_that_says_nothing_is_told_so() -> None:
+    with pytest.raises(ValueError, match="time_s: missing"):
+        diagnose({"temperature_degC": np.ones(100)})
+    with pytest.raises(ValueError, match="finite readings; expected at least"):
+        diagnose({"time_s": np.arange(5.0), "temperature_degC": np.ones(5), "current_A": np.ones(5)})

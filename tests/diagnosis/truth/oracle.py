@@ -1,0 +1,137 @@
+"""What the best possible test could see: the likelihood ratio with the true model, everything else free.
+
+The record without noise is linearized in all that a fit has free (plate, first temperature, every parameter of the
+film, parameters of the other effects). What an effect changes, over the noise, is projected off these directions; half
+the square of what is left is the expected log-likelihood ratio. The smallest size that can be found is the one where
+that is half the 99.9 % quantile of chi-square with as many degrees of freedom as the effect has parameters: a test with
+one false alarm in a thousand then finds it half of the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from tests.diagnosis.truth.films import Film
+from tests.diagnosis.truth.rig import Effects, Rig, Schedule, Thermal, log_ohm, thermal
+
+Array = NDArray[np.float64]
+COARSE_S = 0.125
+PLATE_STEPS = (("a", 1e-4), ("b", 1e-3), ("g", 1e-4), ("ambient_degC", 1e-4), ("start_degC", 1e-4))
+FILM_EFFECTS = {
+    "self_heating",
+    "film_drift",
+    "creep",
+    "meter_lag",
+    "series_resistance",
+    "parallel_leakage",
+    "meter_range_error",
+}
+FROZEN = {("meter_range_error", "threshold_ohm"), ("thermometer_quantization", "step_K")}
+
+
+def threshold(parameters: int) -> float:
+    """Half the 99.9 % quantile of chi-square."""
+    return 0.5 * float(chi2.ppf(0.999, parameters))
+
+
+class Oracle:
+    """The view of a test that knows the rig, with the effects that it has, and the currents of a record."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        schedule: Schedule,
+        current: Array,
+        *,
+        cautious: bool = True,
+        free_d: bool = True,
+        more: Iterable[Effects] = (),
+        channels: str = "both",
+    ) -> None:
+        """`cautious`: radii and form of D are not known either. `free_d`: the film's D(T) is free. `more`: effects that
+        may be there too, a little. `channels`: "both", or "temperature" for a record without resistance."""
+        self.rig = replace(rig, step_s=COARSE_S)
+        self.schedule = replace(schedule, setpoint=None, current=current)
+        step = rig.get("thermometer_quantization", "step_K")
+        self.sigma_K = float(np.hypot(rig.noise_K, step / np.sqrt(12.0)))
+        self.heat = thermal(self.rig, self.schedule)
+        self.channels = channels
+        self.base = self._weighted(self.rig, self.heat)
+        columns = list(self._columns(free_d))
+        if cautious:
+            columns += list(self._of_shape(free_d))
+        columns += [self.difference(effects) for effects in more]
+        matrix = np.array(columns).T
+        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
+        u, s, _ = np.linalg.svd(matrix, full_matrices=False)
+        self.span = u[:, s > 1e-8 * s[0]]
+
+    def _weighted(self, rig: Rig, heat: Thermal) -> Array:
+        if self.channels == "temperature":
+            return heat.seen / self.sigma_K
+        y = log_ohm(rig, self.schedule, heat)
+        return np.concatenate([heat.seen / self.sigma_K, y / rig.noise_dec])
+
+    def _columns(self, free_d: bool) -> Iterator[Array]:
+        for name, step in PLATE_STEPS:
+            value = getattr(self.rig.plate, name)
+            change = step * max(abs(value), 1.0) if "degC" in name else step * value
+            plate = replace(self.rig.plate, **{name: value + change})
+            yield self._moved(replace(self.rig, plate=plate), None) / step
+        for film, step in self.rig.film.neighbours():
+            same_d = film.form == self.rig.film.form and np.array_equal(film.d[:3], self.rig.film.d[:3])
+            if free_d or same_d:
+                yield self._moved(replace(self.rig, film=film), self.heat) / step
+        for name, parameters in self.rig.effects.items():
+            for key, value in parameters.items():
+                if (name, key) not in FROZEN:
+                    effects = {**self.rig.effects, name: {**parameters, key: 1.01 * value}}
+                    yield self.difference(effects, whole=True) * 100.0
+
+    def _of_shape(self, free_d: bool) -> Iterator[Array]:
+        """Operators at radii that the film does not have; a D(T) of any smooth form."""
+        if self.channels == "temperature":
+            return
+        for film, step in self.rig.film.operators_between():
+            yield self._moved(replace(self.rig, film=film), self.heat) / step
+        place = (self.heat.base[self.heat.taken] - 60.0) / 25.0
+        for power in (1, 2, 3) if free_d else ():
+            yield np.concatenate([np.zeros(place.size), place**power / self.rig.noise_dec])
+
+    def _moved(self, rig: Rig, heat: Thermal | None) -> Array:
+        heat = thermal(rig, self.schedule) if heat is None else heat
+        return self._weighted(rig, heat) - self.base
+
+    def difference(self, effects: Effects, whole: bool = False) -> Array:
+        """What adding the effects (or, with `whole`, having just these) changes, over the noise."""
+        wanted = effects if whole else {**self.rig.effects, **effects}
+        changed = {name for name in wanted if wanted[name] != self.rig.effects.get(name)}
+        return self._moved(self.rig.having(wanted), self.heat if changed <= FILM_EFFECTS else None)
+
+    def rest(self, difference: Array) -> Array:
+        """What no free parameter can imitate."""
+        for _ in range(2):
+            difference = difference - self.span @ (self.span.T @ difference)
+        return difference
+
+    def evidence(self, effects: Effects) -> float:
+        """Expected log-likelihood ratio of the effects against a rig without them."""
+        return self.evidence_of(self.difference(effects))
+
+    def outside(self, **faults: object) -> Array:
+        """What faults outside the catalogue change."""
+        return self._moved(replace(self.rig, outside=faults), None)
+
+    def with_film(self, film: Film) -> Array:
+        """What another film changes."""
+        return self._moved(replace(self.rig, film=film), self.heat)
+
+    def evidence_of(self, difference: Array) -> float:
+        """Expected log-likelihood ratio of a change."""
+        rest = self.rest(difference)
+        return 0.5 * float(rest @ rest)

@@ -1,0 +1,193 @@
+"""How a case of each kind is made, and what can be chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tests.diagnosis.cases import Case
+from tests.diagnosis.truth.combine import TRIES, drawn_names, recorded_current, with_effects
+from tests.diagnosis.truth.controls import CONTROLS
+from tests.diagnosis.truth.designs import DESIGNS, drawn_design
+from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed, uneven
+from tests.diagnosis.truth.draw import Bench, draw_bench
+from tests.diagnosis.truth.films import FORMS
+from tests.diagnosis.truth.oracle import Oracle, threshold
+from tests.diagnosis.truth.outside import OUTSIDE, with_fault
+from tests.diagnosis.truth.rig import Effects, record
+from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, smallest, weaker
+
+Random = np.random.Generator
+# "smallest" is asked only of effects whose limit is of a size that one meets: at least this share of the least one
+NOT_TRIFLING = 0.25
+LIMITED = (
+    "actuator_deadband",
+    "radiative_loss",
+    "self_heating",
+    "series_resistance",
+    "parallel_leakage",
+    "meter_range_error",
+)
+
+
+def finished(rng: Random, kind: str, seed: int, bench: Bench, effects: Effects, expectation: str, **more: Any) -> Case:
+    """Record and hold-out of the bench with its effects."""
+    rig = bench.rig.having(effects)
+    columns = record(rig, bench.schedule, rng)
+    return Case(
+        kind=kind,
+        seed=seed,
+        columns=columns,
+        hidden=effects,
+        expectation=expectation,
+        film=rig.film.name,
+        noise={"temperature_K": rig.noise_K, "resistance_dec": rig.noise_dec},
+        holdout=record(rig, bench.elsewhere, rng),
+        bench=bench,
+        **more,
+    )
+
+
+def several(kind: str, count: int) -> Callable[..., Case]:
+    """Cases with so many hidden effects; `effect` or `effects` chooses them, `film` the kind of film."""
+
+    def make(
+        rng: Random,
+        seed: int,
+        effect: str | None = None,
+        effects: tuple[str, ...] = (),
+        film: str = "of_class",
+        rows: int = 6000,
+    ) -> Case:
+        names = (effect,) if effect else tuple(effects)
+        if names == ("memoryless_term",):
+            return memoryless_term(rng, seed)
+        if not names:
+            names = drawn_names(rng, count)
+        bench, hidden, shares = with_effects(rng, names, film, rows)
+        return finished(rng, kind, seed, bench, hidden, "exactly", details={"smallest_share": shares})
+
+    return make
+
+
+def clean(rng: Random, seed: int, film: str = "of_class", rows: int = 6000) -> Case:
+    """No effect at all."""
+    return finished(rng, "clean", seed, draw_bench(rng, film, rows=rows), {}, "clean")
+
+
+def memoryless_term(rng: Random, seed: int) -> Case:
+    """A D(T) that a base of play operators alone cannot carry; found only with that base."""
+    for _ in range(TRIES):
+        bench = draw_bench(rng, form=int(rng.integers(1, 4)))
+        film = bench.rig.film
+        bare = replace(film, form=0, d=np.array([0.0, 0.0, 0.0, film.d[3]]))
+        oracle = Oracle(replace(bench.rig, film=bare), bench.schedule, recorded_current(bench, {}), free_d=False)
+        weak = replace(film, d=film.d * np.array([1.0 / MARGIN, 1.0, 1.0, 1.0]))
+        if oracle.evidence_of(oracle.with_film(weak)) > threshold(2):
+            break
+    else:
+        raise RuntimeError("no film shows its memoryless term")
+    hidden = {"memoryless_term": {"form": float(film.form), "amplitude": float(film.d[0])}}
+    made = finished(rng, "one", seed, bench, {}, "exactly", options={"base": "generalized_pi"})
+    return replace(made, hidden=hidden, details={"form": FORMS[film.form]})
+
+
+def other_film(rng: Random, seed: int, film: str | None = None) -> Case:
+    """A film outside the class and no effect."""
+    film = film or ("preisach", "forc")[seed % 2]
+    return finished(rng, "other_film", seed, draw_bench(rng, film), {}, "no_name")
+
+
+def other_film_effect(rng: Random, seed: int, film: str | None = None, effect: str | None = None) -> Case:
+    """A film outside the class and one effect, ten times the smallest that a test with the true film finds."""
+    film = film or ("preisach", "forc")[seed % 2]
+    names = (effect or drawn_names(rng, 1)[0],)
+    bench, hidden, shares = with_effects(rng, names, film, margin=10.0)
+    return finished(rng, "other_film_effect", seed, bench, hidden, "exactly", details={"smallest_share": shares})
+
+
+def outside_the_catalogue(rng: Random, seed: int, fault: str | None = None) -> Case:
+    """A fault that has no name in the catalogue; `fault` chooses one of `outside.OUTSIDE`."""
+    fault = fault or OUTSIDE[seed % len(OUTSIDE)]
+    bench, value, left = with_fault(rng, fault)
+    bench = replace(bench, rig=replace(bench.rig, outside={fault: value}))
+    return finished(rng, "outside", seed, bench, {}, "unexplained", details={"fault": fault, **left})
+
+
+def indistinguishable(rng: Random, seed: int, design: str | None = None) -> Case:
+    """A poor record of an effect that has doubles, and the record that decides."""
+    drawn = drawn_design(rng, design or DESIGNS[seed % len(DESIGNS)])
+    made = finished(rng, "indistinguishable", seed, drawn.bench, drawn.hidden, "set", acceptable=drawn.alike)
+    if drawn.channels == "temperature":
+        for name in ("resistance_ohm", "meter_current_A"):
+            made.columns.pop(name)
+    follow_up = record(drawn.bench.rig.having(drawn.hidden), drawn.decisive, rng)
+    return replace(made, follow_up=follow_up, holdout=None, details={"design": design or DESIGNS[seed % len(DESIGNS)]})
+
+
+def disturbed_record(
+    rng: Random, seed: int, disturbances: tuple[str, ...] = (), effect: str | None = None, clean: bool | None = None
+) -> Case:
+    """A record of one effect, every fourth of none, with outliers, gaps and the like."""
+    without = seed % 4 == 3 if clean is None else clean
+    kinds = tuple(disturbances)
+    if not kinds:
+        kinds = tuple(str(k) for k in rng.choice(DISTURBANCES, int(rng.integers(1, 4)), replace=False))
+    if without:
+        bench, hidden, shares = draw_bench(rng), {}, {}
+    else:
+        bench, hidden, shares = with_effects(rng, (effect or drawn_names(rng, 1)[0],))
+    if "uneven" in kinds:
+        bench = replace(bench, schedule=uneven(rng, bench.schedule))
+    details = {"disturbances": kinds, "smallest_share": shares}
+    made = finished(rng, "disturbed", seed, bench, hidden, "clean" if without else "exactly", details=details)
+    return replace(made, columns=disturbed(rng, made.columns, kinds))
+
+
+def at_the_limit(rng: Random, seed: int, effect: str = "radiative_loss", factor: float = 1.5) -> Case:
+    """An effect at `factor` times the smallest that a test with the true model finds half of the time."""
+    for _ in range(TRIES):
+        bench = draw_bench(rng)
+        rest = others(effect, rng, bench)
+        if rest is None:
+            continue
+        key = SIZES[effect][0]
+        low, high = bounds(effect, bench)
+        reference = {key: low if effect == "parallel_leakage" else high, **rest}
+        oracle = Oracle(bench.rig, bench.schedule, recorded_current(bench, {}), cautious=False)
+        share = smallest(effect, reference, oracle)
+        size = weaker(effect, reference, share * factor)[key]
+        if share * factor < 1.0 and (effect == "parallel_leakage" or size > NOT_TRIFLING * low):
+            hidden = {effect: weaker(effect, reference, share * factor)}
+            details = {"factor": factor, "effect": effect, "smallest": size / factor}
+            return finished(rng, "smallest", seed, bench, hidden, "exactly", details=details)
+    raise RuntimeError(f"no bench has {effect} at its limit within the sizes that one meets")
+
+
+def negative(rng: Random, seed: int, control: str | None = None) -> Case:
+    """No physical cause may be named with confidence; `control` chooses one of `controls.CONTROLS`."""
+    control = control or tuple(CONTROLS)[seed % len(CONTROLS)]
+    bench, effects, change = CONTROLS[control](rng)
+    made = finished(rng, "negative", seed, bench, effects, "no_name", details={"control": control})
+    columns = change(made.columns)
+    holdout = change(made.holdout) if made.holdout is not None and control == "time_reversed" else made.holdout
+    keep_holdout = control in ("time_reversed", "coarse_integrator")  # elsewhere it would tell
+    return replace(made, columns=columns, holdout=holdout if keep_holdout else None)
+
+
+PLANS: dict[str, Callable[..., Case]] = {
+    "one": several("one", 1),
+    "two": several("two", 2),
+    "three": several("three", 3),
+    "clean": clean,
+    "other_film": other_film,
+    "other_film_effect": other_film_effect,
+    "outside": outside_the_catalogue,
+    "indistinguishable": indistinguishable,
+    "disturbed": disturbed_record,
+    "smallest": at_the_limit,
+    "negative": negative,
+}

@@ -1,0 +1,43 @@
+"""Who answers at a port: each instrument is found by its own driver; nobody is told as such."""
+
+from __future__ import annotations
+
+import pytest
+from far_ends import Answering
+from still_plant import StillPlant
+
+from rig.clock import VirtualClock
+from rig.drivers.search import TRIED, tries
+from rig.errors import Disconnected
+from rig.ports import registry
+from sim.instruments.registry import emulated_controller, emulated_meter
+
+
+@pytest.mark.parametrize(("role", "driver", "options"), TRIED, ids=lambda value: str(value) if value else "")
+def test_each_is_found_by_its_driver(
+    role: str, driver: str, options: dict[str, object], plant: StillPlant, clock: VirtualClock
+) -> None:
+    model = {name: value for name, value in options.items() if name == "model"}
+    make = emulated_controller if role == "controller" else emulated_meter
+    address = registry.register("ask", make(driver, plant, **model), clock)
+    try:
+        found = list(tries(address, clock))
+        assert found[-1][0] == driver
+        identity = found[-1][1]
+        assert identity is not None
+        assert "48-20" in identity.model or model.get("model") != "tc-48-20"
+        assert all(nobody is None for _, nobody in found[:-1])
+        assert (plant.current_A, plant.test_current_A) == (0.0, 0.0)
+    finally:
+        registry.unregister("ask")
+
+
+def test_nobody(clock: VirtualClock) -> None:
+    address = registry.register("silence", Answering(), clock)
+    try:
+        assert [identity for _, identity in tries(address, clock)] == [None] * len(TRIED)
+        assert clock.now_s() < 60.0
+    finally:
+        registry.unregister("silence")
+    with pytest.raises(Disconnected):
+        next(tries("sim://not-there", clock))

@@ -1,0 +1,59 @@
+"""A real browser (Debian's chromium) and a bench to look at."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from tests.page.fake_bench import FakeBench, Server, served
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """One browser for all tests; skips where there is none."""
+    playwright_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None:
+        pytest.skip("no chromium is installed (Debian: apt-get install chromium)")
+    with playwright_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def bench() -> FakeBench:
+    """A bench that idles."""
+    return FakeBench()
+
+
+@pytest.fixture
+def server(bench: FakeBench) -> Iterator[Server]:
+    """The bench, served."""
+    with served(bench) as one:
+        yield one
+
+
+@pytest.fixture
+def open_page(browser: Any, server: Server) -> Iterator[Callable[..., Any]]:
+    """Open the page; a script's error or a breach of the page's policy fails the test, any request off it too."""
+    contexts, complaints = [], []
+
+    def open_one(width: int = 1280, height: int = 900, **settings: Any) -> Any:
+        context = browser.new_context(viewport={"width": width, "height": height}, **settings)
+        context.set_default_timeout(10_000)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda fault: complaints.append(f"error: {fault}"))
+        page.on("console", lambda said: "Content Security" in said.text and complaints.append(said.text))
+        page.on("request", lambda asked: asked.url.startswith(server.address) or complaints.append(f"asks {asked.url}"))
+        page.goto(server.address)
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert not complaints

@@ -1,0 +1,169 @@
+"""`peltier diagnose`: the JSON of the interface, the extended model's file, the report, bad input, measured records."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.__main__ import main
+from rig.files.model_file import read_model
+from rig.files.record_file import write_columns
+from tests.diagnosis.cases import case, write_record
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any]:
+    """A folder with a record that has one hidden effect, the case, and what the diagnosis says of it."""
+    folder = tmp_path_factory.mktemp("diagnosed")
+    hidden = case("one", 1, effect="film_lag")
+    write_record(hidden, folder / "record.csv")
+    words = ["diagnose", folder / "record.csv", "--json", folder / "out.json", "--report", folder / "report"]
+    assert main([str(word) for word in words]) == 0
+    return folder, hidden, json.loads((folder / "out.json").read_text())
+
+
+def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> None:
+    _, hidden, said = diagnosed
+    assert said["format"] == "peltier-diagnosis/1"
+    assert set(said) == {
+        "format", "verdict", "effects", "channels", "unexplained", "film", "warnings", "next_experiment", "model",
+    }  # fmt: skip
+    assert said["verdict"] == "explained"
+    assert [effect["name"] for effect in said["effects"]] == list(hidden.hidden)
+    effect = said["effects"][0]
+    assert set(effect) == {"name", "parameters", "evidence", "false_alarm", "indistinguishable_from", "gain"}
+    tau = effect["parameters"]["tau_s"]
+    assert tau["value"] == pytest.approx(hidden.hidden["film_lag"]["tau_s"], rel=0.1)
+    assert tau["ci95"][0] < tau["value"] < tau["ci95"][1]
+    channel = said["channels"]["resistance_dec"]
+    assert channel["noise"] == pytest.approx(hidden.noise["resistance_dec"], rel=0.1)
+    assert channel["rmse_extended"] < 1.1 * channel["noise"] < channel["rmse_base"]
+    assert said["film"]["memoryless"] in ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")
+    assert said["film"]["operators"] >= 1
+
+
+def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(
+    diagnosed: tuple[Path, Any, Any], peltier: Peltier
+) -> None:
+    folder, _, said = diagnosed
+    model = read_model(Path(said["model"]))
+    assert model.film is not None
+    assert model.plate is not None
+    assert [effect["name"] for effect in model.effects] == ["film_lag"]
+    words = ("--initial", "fitted", "--json", folder / "predicted.json")
+    status, _, _ = peltier("predict", said["model"], folder / "record.csv", *words)
+    assert status == 0
+    predicted = json.loads((folder / "predicted.json").read_text())
+    assert predicted["film_driven_by"] == "current"
+    assert predicted["rmse_dec"] < 1.1 * said["channels"]["resistance_dec"]["rmse_extended"]
+    assert predicted["rmse_K"] < 1.1 * said["channels"]["temperature_K"]["rmse_extended"]
+
+
+def test_the_report_is_one_page_with_figures_and_the_json_beside_it(diagnosed: tuple[Path, Any, Any]) -> None:
+    folder, _, said = diagnosed
+    page = (folder / "report" / "report.html").read_text(encoding="utf-8")
+    assert "Explained: film_lag" in page
+    assert page.count("<svg") == 4
+    assert "<script" not in page
+    assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
+        "http://creativecommons.org", ""
+    ).replace("https://matplotlib.org", "")
+    beside = json.loads((folder / "report" / "diagnosis.json").read_text())
+    assert beside == said
+
+
+def small(folder: Path, rows: int = 200, **columns: Any) -> Path:
+    """A record of a few rows."""
+    path = folder / "record.csv"
+    write_columns(path, {"time_s": np.arange(rows) * 1.0, **columns})
+    return path
+
+
+def noise(rows: int, size: float) -> Any:
+    return size * np.random.default_rng(0).standard_normal(rows)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"temperature_degC": 25.0 + noise(200, 0.01)}, "temperature_degC: moves by"),
+        ({"temperature_degC": 25.0 + np.arange(200) * 0.1}, "neither a current_A"),
+        (
+            {"temperature_degC": 25.0 + np.arange(200) * 0.1, "resistance_ohm": 1e5 * 10.0 ** noise(200, 0.002)},
+            "resistance_ohm: changes by",
+        ),
+        ({"temperature_degC": 25.0 + np.arange(200) * 0.1, "current_A": np.zeros(200)}, "current_A: 0 in all rows"),
+        ({"temperature_degC": np.full(200, np.nan), "current_A": np.ones(200)}, "temperature_degC: no finite number"),
+    ],
+)
+def test_a_record_that_tells_nothing_is_told_so(
+    tmp_path: Path, peltier: Peltier, columns: dict[str, Any], said: str
+) -> None:
+    status, out, err = peltier("diagnose", small(tmp_path, **columns))
+    assert status == 2
+    assert said in err
+    assert "expected" in err or "no finite" in err
+    assert "Traceback" not in out + err
+
+
+def test_a_record_that_is_too_short_is_told_so(tmp_path: Path, peltier: Peltier) -> None:
+    path = small(tmp_path, 12, temperature_degC=np.arange(12.0), current_A=np.ones(12))
+    status, _, err = peltier("diagnose", path)
+    assert status == 2
+    assert "12 rows; expected at least" in err
+
+
+def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
+    path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
+    status, _, err = peltier("diagnose", path, path, "--out", tmp_path / "model.toml")
+    assert status == 2
+    assert "--out" in err
+
+
+def test_the_saturated_heat_sink_is_a_warning(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
+    columns = ("--column", "time_s=t_s", "--column", "temperature_degC=T_C", "--column", "current_A=duty@duty")
+    status, _, _ = peltier("diagnose", measured / "peltier_runaway.csv", *columns, "--json", tmp_path / "out.json")
+    assert status == 0
+    said = json.loads((tmp_path / "out.json").read_text())
+    warning = next(w for w in said["warnings"] if w["code"] == "heat_sink_saturated")
+    assert 340.0 < warning["from_s"] < warning["to_s"] < 520.0
+    assert said["channels"]["resistance_dec"] is None
+
+
+def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
+    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
+    words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
+    status, _, _ = peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)
+    assert status == 0
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert said["film"]["memoryless"] != "none"
+    assert said["effects"] == []
+    assert said["channels"]["temperature_K"] is None
+    status, _, _ = peltier(
+        "predict",
+        tmp_path / "model.toml",
+        measured / "vo2_film_major_loop.tsv",
+        *columns,
+        "--json",
+        tmp_path / "p.json",
+    )
+    assert status == 0
+    assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06
+
+
+def test_the_heater_needs_a_lag(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
+    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "current_A=pwm@pwm255"]
+    words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
+    assert peltier("diagnose", measured / "heater_step.csv", *words)[0] == 0
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert "sensor_lag" in [effect["name"] for effect in said["effects"]]
+    model = read_model(tmp_path / "model.toml")
+    assert model.plate is not None
+    assert model.plate.kind == "heater"

@@ -1,0 +1,135 @@
+"""The guard process: whatever the process that holds the port dies of, the output is off and it is said so."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks._killed_run import KilledRuns
+from rig.guard.needed import has_real_ports
+from rig.guard.takeover import Held, switch_off
+from rig.ports.open import holder
+from tests.rig.small import write_bench
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the guard needs fork")
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[KilledRuns]:
+    with KilledRuns(tmp_path_factory.mktemp("guard"), "meerstetter") as runs:
+        yield runs
+
+
+@pytest.mark.parametrize(("after_s", "number"), [(0.05, signal.SIGKILL), (0.33, signal.SIGKILL), (0.2, signal.SIGSEGV)])
+def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s: float, number: int) -> None:
+    killed = runs.kill(after_s, number)
+    assert killed.off_at_the_end
+    assert killed.status == 128 + number
+    assert "output off, confirmed by the controller" in killed.err
+    assert signal.Signals(number).name in killed.err
+
+
+def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:
+    killed = runs.kill(0.1, signal.SIGSTOP)
+    assert killed.off_at_the_end
+    assert killed.status == 128 + signal.SIGKILL
+    assert "was suspended" in killed.err
+
+
+def test_one_writer_and_signals_across_the_guard(runs: KilledRuns) -> None:
+    """A second run is told the process that holds the port; SIGTERM to the guard ends the first with the output off."""
+    process = runs.start()
+    pid, _ = holder(runs.port)
+    second = subprocess.run(
+        [sys.executable, "-m", "rig", "run", str(runs.path), "--out", str(runs.path.parent / "second")],
+        capture_output=True,
+        text=True,
+    )
+    assert second.returncode == 75
+    assert f"process {pid}" in second.stderr
+    assert "peltier guard" not in second.stderr  # the output is the first one's business
+    assert runs.witness.on
+    process.terminate()
+    _, err = process.communicate(timeout=60.0)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert "stopped by SIGTERM; output off, confirmed by the controller" in err
+    assert not runs.witness.on
+
+
+def test_the_guard_dies(runs: KilledRuns) -> None:
+    process = runs.start()
+    pid, _ = holder(runs.port)
+    assert pid is not None
+    process.kill()
+    process.wait()
+    until_s = time.monotonic() + 60.0
+    while holder(runs.port)[0] == pid and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert not runs.witness.on
+    assert holder(runs.port)[0] is None
+    process.communicate()
+
+
+CHILD = """
+import os, sys, time
+from rig.guard import guarded
+def work(guard):
+    {work}
+sys.exit(guarded(work, silence_s=0.3, patience_s=0.2))
+"""
+
+
+def in_a_guarded_process(work: str) -> subprocess.CompletedProcess[str]:
+    code = CHILD.format(work=work.replace("\n", "\n    "))
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60.0)
+
+
+def test_an_exit_status_is_passed_on() -> None:
+    assert in_a_guarded_process("return 7").returncode == 7
+
+
+def test_a_port_that_does_not_answer_is_not_confirmed() -> None:
+    held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {})\n"
+    done = in_a_guarded_process(held + "os._exit(0)")
+    assert done.returncode == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in done.stderr
+    assert "/dev/ttyNOPE7" in done.stderr
+    assert in_a_guarded_process(held + "guard.let_go()\nreturn 0").returncode == 0
+
+
+def test_a_loop_that_hangs_is_ended() -> None:
+    done = in_a_guarded_process("guard.busy()\ntime.sleep(50.0)\nreturn 0")
+    assert done.returncode == 128 + signal.SIGTERM
+    assert "no tick for 0.3 s" in done.stderr
+
+
+def test_an_idle_process_may_take_its_time() -> None:
+    assert in_a_guarded_process("guard.busy()\nguard.idle()\ntime.sleep(1.0)\nreturn 3").returncode == 3
+
+
+def test_the_guard_is_small() -> None:
+    """It imports no arrays and no schema: what the child imports stays in the child."""
+    code = "import sys, rig.guard, rig.guard.takeover, rig.command.run, rig.command.calibrate;"
+    code += "rig.guard.takeover.prepare(rig.guard.takeover.Held('controller', 'meerstetter', 'x'));"
+    code += "sys.exit(', '.join({'numpy', 'numba', 'scipy', 'pydantic'} & set(sys.modules)) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_simulated_ports_need_no_guard(tmp_path: Path) -> None:
+    assert not has_real_ports(write_bench(tmp_path))
+    assert has_real_ports(write_bench(tmp_path, controller="/dev/ttyUSB0", meter="/dev/ttyUSB1"))
+    assert not has_real_ports(tmp_path / "none.toml")
+
+
+def test_what_stood_in_the_way_is_told() -> None:
+    confirmed, problem = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
+    assert not confirmed
+    assert "/dev/ttyNOPE7" in problem

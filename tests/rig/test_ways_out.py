@@ -1,0 +1,319 @@
+"""Every way out of a run: the output is off first, then rows are flushed, then the rest; trips keep their data."""
+
+from __future__ import annotations
+
+import errno
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.bench
+from rig.drivers.meerstetter import MeerstetterController
+from rig.files.run_folder import RunFolder
+from rig.loop import Loop
+from rig.outcome import Stopped, Tripped
+from sim.plant import SimulatedPlant
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def order(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What happened, in order: off, flush, stop, as long as a run folder is open."""
+    happened: list[str] = []
+    told = {
+        "off": (MeerstetterController, "off"),
+        "flush": (RunFolder, "flush"),
+        "stop": (RunFolder, "stop"),
+        "abandon": (RunFolder, "abandon"),
+    }
+    for name, (owner, method) in told.items():
+        whole = getattr(owner, method)
+
+        def noted(self: Any, *args: Any, _name: str = name, _whole: Any = whole, **more: Any) -> Any:
+            happened.append(_name)
+            return _whole(self, *args, **more)
+
+        monkeypatch.setattr(owner, method, noted)
+    return happened
+
+
+def at_row(monkeypatch: pytest.MonkeyPatch, number: int, action: Callable[[], None]) -> None:
+    """Do something when a row is to be written."""
+    whole = RunFolder.row
+
+    def row(self: RunFolder, values: tuple[Any, ...]) -> None:
+        if len(self.rows) == number:
+            action()
+        whole(self, values)
+
+    monkeypatch.setattr(RunFolder, "row", row)
+
+
+def raising(error: BaseException) -> Callable[[], None]:
+    def act() -> None:
+        raise error
+
+    return act
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (Stopped(signal.SIGTERM), 143, "stopped by SIGTERM"),
+        (Stopped(signal.SIGHUP), 129, "stopped by SIGHUP"),
+        (KeyboardInterrupt(), 130, "stopped by SIGINT"),
+        (OSError(errno.ENOSPC, "No space left on device"), 1, "No space left on device"),
+        (Tripped("test", "a test trips", 0.0), 10, "a test trips"),
+    ],
+)
+def test_off_first(
+    monkeypatch: pytest.MonkeyPatch,
+    peltier: Peltier,
+    tmp_path: Path,
+    order: list[str],
+    error: BaseException,
+    status: int,
+    said: str,
+) -> None:
+    at_row(monkeypatch, 100, raising(error))
+    got, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert got == status
+    assert said in err
+    assert "output off, confirmed by the controller" in err
+    assert order[0] == "off"  # when the bench was opened
+    assert order[1:4] == ["off", "flush", "stop"]
+    document = json.loads((tmp_path / "run.part" / "run.json").read_text())
+    assert document["stop"]["output_off_confirmed"] is True
+    assert len((tmp_path / "run.part" / "record.csv").read_text().splitlines()) == document["stop"]["rows"] + 1
+
+
+def test_an_exception_that_nobody_expects(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, order: list[str]
+) -> None:
+    at_row(monkeypatch, 50, raising(ZeroDivisionError("a bug")))
+    with pytest.raises(ZeroDivisionError):
+        peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert order[1:4] == ["off", "flush", "stop"]
+    assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "ZeroDivisionError"
+
+
+def test_a_disk_that_stays_full(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, order: list[str]
+) -> None:
+    """Nothing at all can be written any more: the output is off all the same, and the first error is the one told."""
+    full = OSError(errno.ENOSPC, "No space left on device")
+
+    def refuse(self: RunFolder, *_: Any, **__: Any) -> None:
+        raise full
+
+    def fill() -> None:
+        for method in ("flush", "event", "_write_document"):
+            monkeypatch.setattr(RunFolder, method, refuse)
+        raise full
+
+    at_row(monkeypatch, 100, fill)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 1
+    assert "No space left on device; " in err
+    assert "is not whole" in err
+    assert "output off, confirmed by the controller" in err
+    assert order[1] == "off"
+    assert order[-2:] == ["abandon", "off"]  # the bench's own, at its end
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
+def test_a_file_that_may_not_grow(peltier: Peltier, tmp_path: Path, order: list[str]) -> None:
+    """The kernel refuses bytes in the middle of a run (EFBIG, as ENOSPC would)."""
+    import resource
+
+    path = write_bench(tmp_path)
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    try:
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert status == 1
+    assert "File too large; " in err
+    assert "output off, confirmed by the controller" in err
+    assert order[1] == "off"
+    assert (tmp_path / "run.part" / "record.csv").stat().st_size <= 20_000
+
+
+def test_a_trip_keeps_its_cause_and_the_data_around_it(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    at_row(monkeypatch, 100, raising(Tripped("test", "a test trips", 0.0)))
+    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 10
+    trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
+    assert trip["cause"] == "test"
+    assert trip["text"] == "a test trips"
+    assert trip["limits"]["high_degC"] == 95.0
+    assert len(trip["rows"]) == 100
+    assert len(trip["rows"][0]) == len(trip["columns"])
+
+
+def test_a_loop_that_has_tripped_runs_nothing_more(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    loops: list[Loop] = []
+    whole = Loop.__init__
+
+    def kept(self: Loop, *args: Any, **more: Any) -> None:
+        whole(self, *args, **more)
+        loops.append(self)
+
+    monkeypatch.setattr(Loop, "__init__", kept)
+    at_row(monkeypatch, 100, raising(Tripped("test", "a test trips", 0.0)))
+    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 10
+    with pytest.raises(Tripped, match="a test trips"):
+        loops[0].phase("again", None, 1.0, 0.1)  # type: ignore[arg-type]
+
+
+def tampered(monkeypatch: pytest.MonkeyPatch, method: str, after_s: float, wrong: Callable[..., Any]) -> None:
+    """From a time on the simulated plant does something else: `wrong` is given the plant and what it does rightly."""
+    right = getattr(SimulatedPlant, method)
+
+    def does(self: SimulatedPlant, *values: float) -> Any:
+        if self.time_s < after_s:
+            return right(self, *values)
+        return wrong(self, right, *values)
+
+    monkeypatch.setattr(SimulatedPlant, method, does)
+
+
+def frozen(plant: Any, read: Callable[[Any], float]) -> float:
+    if not hasattr(plant, "frozen_degC"):
+        plant.frozen_degC = read(plant)
+    value: float = plant.frozen_degC
+    return value
+
+
+def jumps(plant: Any, read: Callable[[Any], float]) -> float:
+    return read(plant) - 25.0
+
+
+def open_circuit(plant: Any, set_current: Callable[[Any, float], None], current_A: float) -> None:
+    set_current(plant, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("method", "wrong", "causes", "said"),
+    [
+        ("read_temperature_degC", frozen, {"thermometer_stale"}, "times alike"),
+        ("read_temperature_degC", jumps, {"thermometer_stale"}, "is a jump from"),
+        ("set_current_A", open_circuit, {"runaway", "no_response"}, "degC"),
+    ],
+)
+def test_what_goes_wrong_in_mid_run_trips(
+    monkeypatch: pytest.MonkeyPatch,
+    peltier: Peltier,
+    tmp_path: Path,
+    method: str,
+    wrong: Callable[..., Any],
+    causes: set[str],
+    said: str,
+) -> None:
+    tampered(monkeypatch, method, 20.0, wrong)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 10, err
+    assert said in err
+    assert "output off, confirmed" in err
+    trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
+    assert trip["cause"] in causes
+    if method == "read_temperature_degC":
+        document = json.loads((tmp_path / "run.part" / "run.json").read_text())
+        assert document["stop"]["readings_rejected"]["thermometer"] > 10
+
+
+def swap(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = rig.bench.emulated_instruments
+
+    def swapped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+        instruments = whole(file, start_s)
+        instruments[0][2]._heating_sign = -1
+        return instruments
+
+    monkeypatch.setattr(rig.bench, "emulated_instruments", swapped)
+
+
+@pytest.mark.parametrize("verb", ["run", "calibrate"])
+@pytest.mark.parametrize("first_degC", [30.0, 60.0, 93.0])
+def test_polarity_is_checked_with_a_small_pulse(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, verb: str, first_degC: float
+) -> None:
+    swap(monkeypatch)
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("first_degC = 60.0", f"first_degC = {first_degC}"))
+    status, _, err = peltier(verb, path, "--out", tmp_path / "run")
+    assert status == 10
+    assert "polarity" in err
+    trip = json.loads((tmp_path / "run.part" / "trip.json").read_text())
+    assert trip["cause"] == "polarity"
+    row = {name: [r[k] for r in trip["rows"]] for k, name in enumerate(trip["columns"])}
+    assert set(row["phase"]) == {"polarity"}
+    assert max(abs(current) for current in row["current_A"]) <= 1.0
+    assert abs(row["temperature_degC"][-1] - first_degC) < 6.0
+
+
+def test_no_answer_to_the_pulse(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
+    tampered(monkeypatch, "set_current_A", 0.0, open_circuit)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 10
+    assert "is the Peltier connected" in err
+
+
+def test_a_gap_in_mid_run_trips(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
+    """The program was asleep for a while: nobody knows what plate and film did, though the next reading is good."""
+    whole = rig.bench.VirtualClock.sleep_until_s
+    slept = []
+
+    def sleep(self: Any, time_s: float) -> None:
+        if time_s > 20.0 and not slept:
+            slept.append(True)
+            time_s += 3.0
+        whole(self, time_s)
+
+    monkeypatch.setattr(rig.bench.VirtualClock, "sleep_until_s", sleep)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 10
+    assert "no good reading of the thermometer for 3." in err
+
+
+def test_a_film_that_the_hot_end_does_not_saturate_is_told(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 40 kohm", "hold 5 s"]')
+    path.write_text(path.read_text() + "\n[calibration]\ntemperature_degC = [30, 60]\n")
+    status, out, err = peltier("run", path, "--out", tmp_path / "run")
+    assert "still depend on what was before" in out, err
+    assert status in (0, 2)
+    assert "still depend" not in peltier("run", write_bench(tmp_path), "--out", tmp_path / "second")[1]
+
+
+def test_more_cooling_current_than_cools_is_refused(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 0 A", "hold 2 s", "step to -9 A", "hold 2 s"]')
+    text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')
+    path.write_text(text.replace("current_A = 4.0", "current_A = 10.0"))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "more current cools less" in err
+    assert "experiment.target" in err
+
+
+def test_a_controller_without_a_dead_man_is_told(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 0 A", "hold 2 s"]')
+    text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')
+    path.write_text(
+        text.replace('driver = "meerstetter"', 'driver = "srs_ldc500"').replace("period_s = 0.1", "period_s = 0.5")
+    )
+    status, out, _ = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 0
+    assert "srs_ldc500: has no dead man of its own" in out
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["start"]["dead_man"] is False

@@ -1,0 +1,159 @@
+"""Every effect in open loop and event by event: both agree, and each does what its equation says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from sim.chain import World
+from sim.effects.catalogue import catalogue
+from sim.films.preisach import PreisachFilm
+from sim.links import links_of
+from sim.open_loop import Readings, film_readings, simulate_record
+from sim.plant import SimulatedPlant, stamp_s
+from tests.sim.small_chain import CURRENT, FILM, PLATE, TEST_CURRENT_A, TIME, on, world
+
+
+def event_by_event(rig: World, test_current: float = TEST_CURRENT_A) -> tuple[np.ndarray, np.ndarray]:
+    """Temperature and log10 R at the rows, with other events at odd times in between."""
+    plant, readings = SimulatedPlant(rig), []
+    plant.set_test_current_A(test_current)
+    for t, current in zip(TIME, CURRENT, strict=True):
+        plant.advance_to(t)
+        readings.append((plant.read_temperature_degC(), np.log10(plant.read_resistance_ohm(test_current))))
+        plant.set_current_A(current)
+        for later in (0.013, 0.1, 0.137, 0.411):
+            plant.advance_to(t + later)
+            assert plant.temperature_degC < 200.0
+    temperature, log_R = np.array(readings).T
+    return temperature, log_R
+
+
+def open_loop(rig: World, **more: object) -> Readings:
+    return simulate_record(rig, TIME, CURRENT, **{"meter_current_A": TEST_CURRENT_A, **more})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", [*catalogue(), "all"])
+def test_events_and_open_loop_agree(name: str) -> None:
+    sizes = {"actuator_deadband": {"deadband_A": 0.3}}
+    rig = world(*(on(e, **sizes.get(e, {})) for e in ([name] if name != "all" else catalogue())))
+    temperature, log_R = event_by_event(rig)
+    expected, plain = open_loop(rig), open_loop(world())
+    np.testing.assert_allclose(temperature, expected.temperature_degC, atol=1e-6, rtol=0.0)
+    np.testing.assert_allclose(log_R, np.log10(expected.resistance_ohm), atol=1e-5, rtol=0.0)
+    changed_K = np.max(np.abs(expected.temperature_degC - plain.temperature_degC))
+    changed_dec = np.max(np.abs(np.log10(expected.resistance_ohm / plain.resistance_ohm)))
+    assert changed_K > 0.01 or changed_dec > 1e-3  # it does something
+
+
+def test_lags_against_a_library_integrator() -> None:
+    """Plate, thermometer and film as one system of equations."""
+    run = open_loop(world(on("sensor_lag", tau_s=3.0), on("film_lag", tau_s=2.0)))
+
+    def rates(_: float, x: np.ndarray, current: float) -> list[float]:
+        plate, shown, film = x
+        return [PLATE.rate_K_per_s(plate, current), (plate - shown) / 3.0, (plate - film) / 2.0]
+
+    state, film, shown = np.full(3, 50.0), [50.0], [50.0]
+    for current in CURRENT[:-1]:
+        course = solve_ivp(rates, (0.0, 0.5), state, args=(current,), rtol=1e-10, atol=1e-10, max_step=0.02)
+        film.extend(course.y[2, 1:])
+        state = course.y[:, -1]
+        shown.append(state[1])
+    np.testing.assert_allclose(run.temperature_degC, shown, atol=2e-6)
+    outputs, _ = FILM.simulate(film, FILM.initial_memory(50.0, "cooled"))
+    assert -np.log10(run.resistance_ohm[-1]) == pytest.approx(outputs[-1], abs=1e-6)
+
+
+def test_a_heated_film_has_the_temperature_of_its_own_resistance() -> None:
+    """Where the film cannot remember anything, the fixed point is a root of one equation."""
+    theta, test_current = 3000.0, 1e-3
+    rig = world(on("self_heating", theta_K_per_W=theta))
+    run = film_readings(rig, np.array([0.0, 1.0]), np.array([45.0, 45.0]), meter_current_A=test_current)
+    memory = FILM.initial_memory(45.0, "cooled")
+
+    def excess(film_degC: float) -> float:
+        return film_degC - 45.0 - theta * test_current**2 * 10.0 ** -FILM.step(film_degC, memory)[0]
+
+    film_degC = brentq(excess, 45.0, 300.0, xtol=1e-12)
+    assert film_degC > 50.0
+    assert run.output[0] == pytest.approx(FILM.step(film_degC, memory)[0], abs=1e-8)
+
+
+def test_heating_comes_and_goes_with_the_test_current() -> None:
+    rig = world(on("self_heating", theta_K_per_W=3000.0))
+    rows, test = np.arange(40.0), np.where(np.arange(40) // 10 % 2, 1e-3, 1e-5)
+    memory = FILM.initial_memory(45.0, "heated")
+    run = film_readings(rig, rows, np.full(40, 45.0), meter_current_A=test, memory=memory)
+    assert run.output[15] > run.output[5] + 0.05  # warm: less resistance
+    assert run.output[35] == pytest.approx(run.output[15], abs=1e-9)  # a minor loop closes
+    assert run.output[25] > run.output[5] + 1e-3  # hysteresis: not where it was
+
+
+def test_relays_that_are_heated_settle() -> None:
+    """A film that jumps has no fixed point everywhere: the search ends, and finds the jump."""
+    rig = World(PLATE, PreisachFilm.bell_shaped(1, relays=300), first_degC=50.0, effects=(on("self_heating"),))
+    run = open_loop(rig, meter_current_A=1e-3)
+    assert np.all(np.isfinite(run.resistance_ohm))
+
+
+def test_order_at_the_ohmmeter() -> None:
+    """Series, shunt, then the range's error; quantization after the noise."""
+    effects = on("parallel_leakage", leakage_ohm=1e5), on("series_resistance", series_ohm=500.0)
+    plain = open_loop(world()).resistance_ohm
+    run = open_loop(world(on("meter_range_error", threshold_ohm=1e4, error=0.05), *effects)).resistance_ohm
+    both = 1.0 / (1.0 / (plain + 500.0) + 1e-5)
+    np.testing.assert_allclose(run, np.where(both > 1e4, 1.05 * both, both), rtol=1e-12)
+    lagging = open_loop(world(on("meter_lag", tau_s=1e-9), *effects)).resistance_ohm
+    np.testing.assert_allclose(lagging, both, rtol=1e-6)
+
+
+def test_quantization_comes_after_the_noise() -> None:
+    rig = World(PLATE, FILM, first_degC=50.0, thermometer_noise_K=0.1, effects=(on("thermometer_quantization"),))
+    shown = open_loop(rig).temperature_degC
+    step = on("thermometer_quantization").par[0]
+    np.testing.assert_allclose(shown / step, np.round(shown / step), atol=1e-9)
+
+
+@pytest.mark.parametrize("skew", [1.3, -1.3])
+def test_a_skewed_record_is_a_shifted_one(skew: float) -> None:
+    skewed = open_loop(world(on("timestamp_skew", skew_s=skew)))
+    fresh = open_loop(world(), resistance_time_s=TIME - skew)
+    inside = (TIME > 2.0) & (TIME < 297.0)
+    np.testing.assert_allclose(skewed.resistance_ohm[inside], fresh.resistance_ohm[inside], rtol=1e-4)
+
+
+def test_a_negative_skew_is_stamped_when_the_record_is_written() -> None:
+    early, late = world(on("timestamp_skew", skew_s=-1.5)), world(on("timestamp_skew", skew_s=1.5))
+    np.testing.assert_array_equal(stamp_s(early, TIME), TIME - 1.5)
+    np.testing.assert_array_equal(stamp_s(late, TIME), TIME)
+    _, live = event_by_event(early)
+    np.testing.assert_allclose(live, -open_loop(world()).output, atol=1e-9)
+
+
+def test_creep_is_a_share_of_the_hysteretic_part() -> None:
+    """After a step and a long wait the film is where it would have been without."""
+    rows = np.arange(0.0, 1000.0)
+    step = np.where(rows < 10.0, 50.0, 64.0)
+    share, tau = 0.2, 60.0
+    creeping = film_readings(world(on("creep", share=share, tau_s=tau)), rows, step)
+    plain = film_readings(world(), rows, step)
+    late = creeping.output[12] - plain.output[12]
+    assert late < -0.01
+    assert creeping.output[12 + 60] - plain.output[12 + 60] == pytest.approx(late / np.e, rel=1e-3)
+    assert creeping.output[-1] == pytest.approx(plain.output[-1], abs=1e-6)
+
+
+def test_the_sink_shown_is_that_of_the_heat_sink() -> None:
+    plant = SimulatedPlant(world(on("ambient_drift"), on("heat_sink_warmup"), on("radiative_loss")))
+    plant.set_current_A(-2.0)
+    plant.advance_to(60.0)
+    assert plant.sink_temperature_degC() > 26.0
+    assert SimulatedPlant(world(on("radiative_loss"))).sink_temperature_degC() == 25.0
+
+
+def test_an_effect_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="film_lag: switched on twice"):
+        links_of([on("film_lag"), on("film_lag", tau_s=5.0)])
