@@ -138,7 +138,8 @@ def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
     temperature = path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    panels = (("base model", BASE, frozenset()), ("extended model", EXTENDED, names))
+    none: frozenset[str] = frozenset()
+    panels = (("base model", BASE, none), ("extended model", EXTENDED, names))
     for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
         _loop(axis, temperature[index], record.output[index], shown(diagnosis, group)["resistance_dec"][index])
         axis.lines[-1].set(color=colour, label=name)

@@ -34,6 +34,7 @@ NOT_OF_THE_CLASS = 1.15  # times the diagnosis' own error from which mixed envel
 MIXED_WORTH = 0.95
 SEARCH_ROWS, MOST_ROWS = 1500, 6000
 DESCENT = 10
+TURNS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,18 @@ def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
     shown = refit.channel.output[held] - refit.fit.shown[held]
     if refit.fit.parameters.relay_dec > 0.0 or error > NOT_OF_THE_CLASS * rms(shown):
         solution, error = _mixed(refit, solution, error, fitted, held)
+    for _ in range(TURNS if refit.curved else 0):
+        refit.about(refit.signal(solution))
+        solution, error = _again(refit, solution, fitted, held)
     return solution, error
+
+
+def _again(refit: FilmRefit, solution: Refit, fitted: Integers, held: Integers) -> tuple[Refit, float]:
+    """The same structure solved about its own output: through a shunt or a series resistance the rest is not linear."""
+    o = solution.operators
+    operators = refit.plays(solution.theta[:4]) if o is None else refit.relays(o)
+    fit = refit.solve(fitted, solution.form, solution.theta, operators, o)
+    return fit, rms(refit.residual(held, fit, operators))
 
 
 def _shared_out(refit: FilmRefit) -> tuple[Integers, Integers]:
@@ -128,7 +140,7 @@ def _plain(refit: FilmRefit, forms: list[Form], fitted: Integers, held: Integers
 
 
 def _fitted(refit: FilmRefit, form: Form, theta: Array, fitted: Integers, held: Integers) -> tuple[Refit, float]:
-    """The last solution at theta, and its error in the held-out rows; about its own output where that matters."""
+    """The solution at theta over all rows to be fitted, and its error in the held-out rows."""
     operators = refit.plays(theta[:4])
     fit = refit.solve(fitted, form, theta, operators)
     return fit, rms(refit.residual(held, fit, operators))
@@ -166,7 +178,7 @@ def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held:
     """The best dictionary of operators by held-out rows, few preferred; the plain fit if none is better."""
     used = np.zeros(refit.channel.record.rows, dtype=np.bool_)
     used[fitted] = True
-    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)
+    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)  # type: ignore[arg-type]
     half_width = half_loop_width(path)
     best, least, few = plain, error, _thinned(fitted, 2 * SEARCH_ROWS)
     for centres, steepness, by_output in RESOLUTIONS:

@@ -151,6 +151,16 @@ class FilmRefit:
         k = free.shape[1]
         return Refit(form, theta, x[k:], x[behind:k], offset, residual, dictionary)
 
+    def signal(self, fit: Refit) -> Array:
+        """The film's output at the nodes, as a solution has it."""
+        nodes, o = self.nodes, fit.operators
+        if o is None:
+            columns, shape = operator_columns(self.every, fit.theta[:4], radii_of(fit.theta[:4])), fit.theta[4:]
+        else:
+            columns, shape = classical_columns(self.every, o.centre, o.slope, o.half_width), fit.theta
+        d = fit.form.columns(nodes.film_degC, shape) @ fit.coefficients
+        return np.asarray(fit.offset + d + self.crept(columns) @ fit.weights, dtype=np.float64)
+
     def residual(self, rows: Integers, fit: Refit, operators: Array) -> Array:
         """What a solution leaves in other rows, without what filters were behind by."""
         shape = fit.theta if fit.operators is not None else fit.theta[4:]

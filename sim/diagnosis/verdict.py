@@ -20,6 +20,8 @@ from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
+CERTAIN = 100.0  # evidence that needs no confirmation by rows that no fit has seen
+CONFIRMED = 0.1  # share of the evidence that those rows have to show besides
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -120,7 +122,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         for name in sorted(names):
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
-            if evidence[name] < WORTH or too_small(chain, names, name):
+            unseen = held_out_gain(chain, names, rest)
+            unconfirmed = evidence[name] < CERTAIN and unseen is not None and unseen < CONFIRMED * evidence[name]
+            if evidence[name] < WORTH or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
@@ -140,6 +144,26 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             order = tuple(sorted(names, key=lambda n: -evidence[n]))
             return Verdict(order, evidence, temperature, resistance)
         names = names - {min(failing, key=lambda n: failing[n])}
+
+
+def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:
+    """Log-likelihood that the rows no fit has seen gain by the effects that `rest` lacks; None without such rows."""
+    record = chain.record
+    total, seen = 0.0, False
+    pairs = list(zip(chain.fits(names), chain.fits(rest), strict=True))
+    rows = record.held_out & record.temperature_used
+    whole, bare = pairs[0]
+    if whole is not None and bare is not None and np.any(rows):
+        sigma = max(chain.first.channel.sigma_K if chain.first is not None else 1.0, 0.3 * record.step_K)
+        a, b = (record.temperature_degC[rows] - fit.shown_degC[rows] for fit in (whole, bare))  # type: ignore[union-attr]
+        total, seen = total + 0.5 * float(b @ b - a @ a) / sigma**2, True
+    rows = record.held_out & record.output_used
+    last, none = pairs[1]
+    if last is not None and none is not None and record.output is not None and np.any(rows):
+        assert chain.facts is not None
+        a, b = (record.output[rows] - fit.shown[rows] for fit in (last, none))  # type: ignore[union-attr]
+        total, seen = total + 0.5 * float(b @ b - a @ a) / chain.facts.sigma_dec**2, True
+    return total if seen else None
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
