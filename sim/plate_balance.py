@@ -60,7 +60,7 @@ def _rates(
             rate += call(terms[k, 0], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
         if terms[k, 1] != 0:
             out[k] = call(terms[k, 1], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
-    return rate
+    return float(rate)
 
 
 @njit(cache=True)
@@ -95,7 +95,7 @@ def run(
                 t = t * math.exp(-x) + forcing * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
                 slopes[k, 1] = forcing - decay * t
             elif dt > 0.0:
-                count = int(math.ceil(dt / LONGEST_STEP_S - 1e-9))
+                count = math.ceil(dt / LONGEST_STEP_S - 1e-9)
                 h, now = dt / count, time[k - 1]
                 slopes[k - 1, 0] = _rates(par, terms, values, now, t, own, i, a)
                 for _ in range(count):

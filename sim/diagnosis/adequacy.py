@@ -8,6 +8,7 @@ the excess share (Q - groups) / rows says how large what is left is beside the n
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -99,8 +100,7 @@ def describe(z: Array, time_s: Array, temperature_degC: Array, left: tuple[Quest
         parts.append("mostly while cooling")
     edges = np.quantile(temperature_degC, np.linspace(0.0, 1.0, 13))
     square = [
-        float(np.mean(z[(temperature_degC >= a) & (temperature_degC <= b)] ** 2))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
+        float(np.mean(z[(temperature_degC >= a) & (temperature_degC <= b)] ** 2)) for a, b in itertools.pairwise(edges)
     ]
     k = int(np.argmax(square))
     if square[k] > 2.5 * float(np.mean(square)):

@@ -11,7 +11,9 @@ SPLITS: dict[frozenset[str], str] = {
         "steps with dwells and dithers inside the transition, at the fastest rate and at a third of it: "
         "corners inside the transition tell a lag from a delay"
     ),
-    frozenset({"sensor_lag", "timestamp_skew"}): "an event that both instruments log, and steps of the current with dwells",
+    frozenset(
+        {"sensor_lag", "timestamp_skew"}
+    ): "an event that both instruments log, and steps of the current with dwells",
     frozenset({"actuator_delay", "sensor_lag"}): "steps of the current at full size, sampled as fast as the bench can",
     frozenset({"series_resistance", "memoryless_term"}): "measure with four wires",
     frozenset({"self_heating"}): "repeat the profile at a third of the test current: self-heating is then a ninth",
@@ -38,7 +40,9 @@ def next_experiments(
             found.append(f"{name} or {rival}: {text or 'another rate, and a dwell inside the transition'}")
     found += [f"{name}: {effects[name].remedy}" for name in names if name in effects]
     if unexplained:
-        found.append("repeat the record: what comes again at the same temperature is the film, at the same time the room")
+        found.append(
+            "repeat the record: what comes again at the same temperature is the film, at the same time the room"
+        )
     if not has_current:
         found.append("record current_A: without it the plate and the thermometer cannot be judged")
     if not has_test_current:

@@ -17,6 +17,7 @@ from sim.diagnosis.chain import Chain, temperature_search
 from sim.diagnosis.false_alarm import false_alarm
 from sim.diagnosis.gain import Gain, gain, rmse
 from sim.diagnosis.intervals import intervals
+from sim.diagnosis.other_record import residuals_on
 from sim.diagnosis.record import Record, read_columns
 from sim.diagnosis.rivals import rivals_of
 from sim.diagnosis.selection import select
@@ -129,7 +130,7 @@ def diagnose(
     measured in place of every third block of rows. Raises ValueError, a line a fault, where nothing can be said.
     """
     with threadpool_limits(limits=1):
-        record = read_columns(columns, held_out=holdout is None)
+        record = read_columns(columns)
         known = dict(effects if effects is not None else catalogue())
         chain = Chain(record, ~record.held_out, known, curve=base != "generalized_pi")
         if record.current_A is not None:
@@ -156,30 +157,32 @@ def _residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
 
 def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
     record, names = chain.record, frozenset(judged.names)
-    held = record.held_out if holdout is None else np.ones(record.rows, dtype=np.bool_)
+    held = record.held_out if holdout is None else np.ones(holdout.rows, dtype=np.bool_)
     say("gain")
-    whole, bare = _residuals(chain, names), _residuals(chain, frozenset())
+
+    def unseen(group: frozenset[str]) -> dict[str, Array]:
+        return _residuals(chain, group) if holdout is None else residuals_on(chain, group, holdout)
+
+    whole, bare = unseen(names), unseen(frozenset())
     noise = {}
     if chain.first is not None:
-        noise["temperature_K"] = chain.first.channel.sigma_K
+        noise["temperature_K"] = float(np.hypot(chain.first.channel.sigma_K, record.step_K / np.sqrt(12.0)))
     if chain.facts is not None:
         noise["resistance_dec"] = chain.facts.sigma_dec
     channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
     for name, residual in whole.items():
-        rows = held & np.isfinite(residual)
-        channels[name] = Channel(noise[name], rmse(bare[name][rows]), rmse(residual[rows]), int(np.sum(rows)))
+        counted = held & np.isfinite(residual)
+        channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
     say("intervals")
     parameters = intervals(chain, names)
     rivals = rivals_of(chain, names, judged)
     findings = []
     for name in judged.names:
-        rest = _residuals(chain, names - {name})
+        rest = unseen(names - {name})
         gains = {c: gain(rest[c], whole[c], held) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]
-        findings.append(
-            Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains)
-        )
+        findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
     if record.step_K > 0.0:
         lattice = _lattice(record, noise.get("temperature_K", 0.0))
         if lattice is not None:

@@ -8,6 +8,8 @@ this (M. C. Kennedy, A. O'Hagan, J. R. Statist. Soc. B 63 (2001) 425, on model d
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
@@ -27,12 +29,12 @@ def cosines(place: Array, rows: int) -> list[Array]:
     k = np.arange(1, count + 1)
     columns = np.sqrt(2.0) * np.cos(np.pi * np.outer((place + 0.5) / rows, k))
     edges = np.unique(np.round(np.geomspace(1, count + 1, BANDS + 1)).astype(np.int64))
-    return [columns[:, (k >= a) & (k < b)] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [columns[:, (k >= a) & (k < b)] for a, b in itertools.pairwise(edges)]
 
 
-def whitened_score(z: Array, free: Array, bands: list[Array]) -> tuple[float, float]:
+def whitened_score(z: Array, free: Array, bands: list[Array]) -> float:
     """The marginal log-likelihood of residuals z (rows,) with unknowns moving along `free` (rows, k) and a
-    discrepancy; and the discrepancy's share, its mean square over the noise's."""
+    discrepancy."""
     norm = np.linalg.norm(free, axis=0)
     keep = norm > 1e-9
     free = free[:, keep] / norm[keep] * np.sqrt(z.size)
@@ -41,7 +43,6 @@ def whitened_score(z: Array, free: Array, bands: list[Array]) -> tuple[float, fl
     gram, right, square = columns.T @ columns, columns.T @ z, float(z @ z)
     widths = [10.0, *[0.05] * len(bands)]
     score, best = -np.inf, -np.inf
-    explained = 0.0
     for _ in range(TURNS):
         prior = np.concatenate([np.full(n, w**-2) for n, w in zip(sizes, widths, strict=True)])
         normal = gram.copy()
@@ -51,15 +52,14 @@ def whitened_score(z: Array, free: Array, bands: list[Array]) -> tuple[float, fl
         logdet = 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         score = -0.5 * (square - float(right @ c)) - 0.5 * logdet + 0.5 * float(np.sum(np.log(prior)))
         variance = np.diag(cho_solve(factor, np.eye(c.size), check_finite=False))
-        place, explained = sizes[0], 0.0
+        place = sizes[0]
         for b, size in enumerate(sizes[1:], 1):
             part = slice(place, place + size)
             power = float(np.sum(c[part] ** 2))
             known = max(size - float(np.sum(variance[part])) * widths[b] ** -2, 1e-2)
             widths[b] = float(np.clip(np.sqrt(power / known), 1e-4, 100.0))
-            explained += power
             place += size
         if score < best + 0.05:
             break
         best = score
-    return max(score, best), explained
+    return max(score, best)

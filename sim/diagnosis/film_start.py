@@ -11,13 +11,14 @@ from compensator.identify_projection import equal_structure
 from compensator.identify_rows import Path
 from compensator.identify_search import search, transition
 from sim.diagnosis.film_columns import FilmNodes, FilmStart
+from sim.diagnosis.record import Mask
 
 ROWS = 700
 OPERATORS = 20
 STARTS = 96
 
 
-def thinned_path(nodes: FilmNodes, output: Array, used: Array, start: FilmStart) -> Path:
+def thinned_path(nodes: FilmNodes, output: Array, used: Mask, start: FilmStart) -> Path:
     """The turning points and some of the readings."""
     v = nodes.film_degC
     rows = np.flatnonzero(used)

@@ -53,11 +53,11 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
                 out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
     if b is not None:
         z, rows = resistance_residual(chain, names)
-        channel = chain.last(chain.split(names)[0]).channel
-        relays = channel.relay_columns(b.parameters, b.parameters.x)
-        point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
-        j = b.jacobian[rows] / channel.sigma_dec
-        reach = point.columns / channel.sigma_dec
+        last = chain.last(chain.split(names)[0]).channel
+        relays = last.relay_columns(b.parameters, b.parameters.x)
+        point = last.point(b.parameters, b.parameters.x, relays, b.coefficients)
+        j = b.jacobian[rows] / last.sigma_dec
+        reach = point.columns / last.sigma_dec
         j = j - reach @ cho_solve(point.factor, reach.T @ j, check_finite=False)
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
     return out

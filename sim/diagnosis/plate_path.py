@@ -62,7 +62,9 @@ def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     if longest > 1.01 * LONGEST_S:
         count = np.ceil(np.diff(time) / LONGEST_S).astype(np.int64)
         if np.sum(count) < MOST_NODES:
-            inside = [time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())]
+            inside = [
+                time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())
+            ]
             time = np.unique(np.concatenate([time, *inside]))
     place = np.searchsorted(acts, time, side="right") - 1
     current = np.where(place >= 0, amounts[np.maximum(place, 0)], 0.0)

@@ -9,6 +9,7 @@ J. Comput. Graph. Statist. 5 (1996) 236), so that it is normal and white where t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,4 +71,4 @@ def lattice_noise(reading: Array, mu: Array, step: float) -> float:
 def quick_noise(residual: Array) -> float:
     """Standard deviation of what changes from reading to reading, from second differences; robust."""
     second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
-    return 1.4826 * float(np.median(np.abs(second - np.median(second)))) / np.sqrt(6.0)
+    return 1.4826 * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)

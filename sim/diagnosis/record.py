@@ -14,6 +14,7 @@ from compensator.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
 
 Mask = NDArray[np.bool_]
+Rows = NDArray[np.int64]
 FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every third of them held out
 HELD_OUT = 3

@@ -236,11 +236,8 @@ class ResistanceChannel:
                 moved = filtered(moved, nodes.time_s, lag, 0.0)
                 moved = np.concatenate((moved, self._behind(lag, nodes.time_s)), axis=1)
             at_rows = moved[nodes.taken]
-            linear = np.zeros(self.record.rows)
             if coefficients is not None and coefficients.size >= signals.shape[1]:
-                k = min(coefficients.size, at_rows.shape[1])
                 linear = at_rows[:, : signals.shape[1]] @ coefficients[: signals.shape[1]]
-                del k
                 offset = self._shown(effects, nodes, signals @ coefficients[: signals.shape[1]]) - linear
             else:
                 offset = self._shown(effects, nodes, signal)
@@ -302,13 +299,15 @@ class ResistanceChannel:
         c, relays = fit.coefficients, relay_columns.shape[1]
         own = 1 + (self.basis.curve.count if self.basis.curve is not None else 0) + self.basis.fractions.size
         shown = self._shown(effects, nodes, signals[:, :own] @ c[:own])
-        places = [e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"]
+        places = [
+            e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
+        ]
         for e, value in zip(places, c[own : c.size - relays], strict=True):
             shown = shown + value * self._behind(e, nodes.time_s)[nodes.taken][:, 0]
         return np.asarray(shown + relay_columns @ c[c.size - relays :], dtype=np.float64)
 
     def relay_columns(self, p: FilmParameters, x: Array) -> Array:
-        """The relays' outputs in every row, less their means; none where their prior's width is 0."""
+        """The relays' outputs in every row; none where their prior's width is 0."""
         if not self.relays or p.relay_dec == 0.0:
             return np.empty((self.record.rows, 0))
         effects, nodes = self.nodes(p, x)
@@ -318,7 +317,7 @@ class ResistanceChannel:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
                 columns = filtered(columns, self.record.taken_s, effect, 0.0)
-        return np.asarray(columns - columns.mean(axis=0), dtype=np.float64)
+        return np.asarray(columns, dtype=np.float64)
 
     # -- the fit
 
@@ -363,12 +362,13 @@ class ResistanceChannel:
         logdet = 2.0 * float(np.sum(np.log(np.diag(point.factor[0]))))
         return -point.cost - 0.5 * logdet + 0.5 * float(np.sum(np.log(prior)))
 
-    def descend(self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True) -> ResistanceFit:
+    def descend(
+        self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
+    ) -> ResistanceFit:
         """Gauss-Newton with Marquardt's damping, and the priors' widths on the way."""
         low, high, h = self.bounds(p)
         x = np.clip(p.x, low, high)
         relay_columns = self.relay_columns(p, x)
-        relays = relay_columns.shape[1]
         point = self.point(p, x, relay_columns)
         p, point, score = self._settled(p, point, relay_columns, 3 if settle else 0)
         damping = 1e-3

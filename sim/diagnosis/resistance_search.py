@@ -134,7 +134,11 @@ class ResistanceSearch:
 
         outer = off(jacobian)
         norms = np.linalg.norm(outer, axis=0)
-        q = np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0] if np.any(norms > 1e-9) else np.zeros((rows.size, 1))
+        q = (
+            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
+            if np.any(norms > 1e-9)
+            else np.zeros((rows.size, 1))
+        )
         best, start = 0.0, starts_of(effect, channel)[0]
         for trial in starts_of(effect, channel):
             others = [e for e in fit.effects if e.name != name]
@@ -146,10 +150,7 @@ class ResistanceSearch:
             if not size > 1e-9 or not np.isfinite(size):
                 continue
             gain = 0.5 * along * along / size
-            if any(par.signed for par in effect.parameters) or along > 0.0:
-                gain = max(gain, along - 0.5 * size)
-            else:
-                gain = 0.0
+            gain = max(gain, along - 0.5 * size) if any(par.signed for par in effect.parameters) or along > 0.0 else 0.0
             if gain > best:
                 best, start = gain, trial
         return Promise(best, start)

@@ -13,7 +13,7 @@ from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
 from sim.effects.effect import Switched
 
-WORTH = 12.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
+WORTH = 14.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
 PROMISING = 4.0
 MOST_EFFECTS = 4
 TRIED = 4  # candidates followed to the end in a round
@@ -107,7 +107,9 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
     return names
 
 
-def _one_more(search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()) -> ResistanceFit | None:
+def _one_more(
+    search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()
+) -> ResistanceFit | None:
     """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]

@@ -16,9 +16,9 @@ import numpy as np
 from compensator.functions import Array
 from sim.diagnosis.plate_path import PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
-from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Command, Filter, HeatFlow, Switched
+from sim.effects.effect import Filter, HeatFlow, Switched
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
@@ -98,7 +98,7 @@ class TemperatureChannel:
         """Parameters to begin with: base in the unknowns' own values."""
         unknowns = PELTIER if kind == "peltier" else HEATER
         x = np.array([u.inside(float(v)) for u, v in zip(unknowns, base, strict=True)])
-        return self.extended(PlateParameters(kind, (), x, self._rough_firsts()), effects)
+        return self.extended(PlateParameters(kind, (), x, self.rough_firsts()), effects)
 
     def extended(self, parameters: PlateParameters, effects: Sequence[Switched]) -> PlateParameters:
         """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
@@ -122,7 +122,8 @@ class TemperatureChannel:
         own = p.x[p.x.size - len(names) :]
         return {name: float(v) for name, v in zip(names, own, strict=True)}
 
-    def _rough_firsts(self) -> Array:
+    def rough_firsts(self) -> Array:
+        """The first reading of each stretch, degC."""
         record, firsts = self.record, []
         for k in record.first_rows:
             near = np.flatnonzero(record.temperature_used[k : k + 5])
@@ -130,6 +131,30 @@ class TemperatureChannel:
             row = k + near[0] if near.size else all_used[np.argmin(np.abs(all_used - k))]
             firsts.append(float(record.temperature_degC[row]))
         return np.array(firsts)
+
+    def begun(self, p: PlateParameters) -> tuple[Array, Array]:
+        """p.x and the first temperatures, only what a record began with fitted: two steps of Gauss-Newton."""
+        x, first = p.x.copy(), p.first_degC.copy()
+        own = own_temperatures(p.effects) + thermometer_filters(p.effects)
+        for _ in range(2):
+            shown = self.simulate(p, x, first)[1]
+            residual = (self.record.temperature_degC - shown)[self.rows]
+            columns = []
+            for k in range(x.size - own, x.size):
+                moved = x.copy()
+                moved[k] += 1e-3
+                columns.append((self.simulate(p, moved, first)[1] - shown)[self.rows] / 1e-3)
+            for k in range(first.size):
+                moved = first.copy()
+                moved[k] += 0.01
+                columns.append((self.simulate(p, x, moved)[1] - shown)[self.rows] / 0.01)
+            j = np.stack(columns, axis=1)
+            step = np.linalg.lstsq(
+                np.vstack((j, 1e-3 * np.eye(j.shape[1]))), np.append(residual, np.zeros(j.shape[1]))
+            )[0]
+            x[x.size - own :] += step[:own]
+            first = first + step[own:]
+        return x, first
 
     def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
         """Effects with values, their own temperatures, and how far the filters are behind."""
@@ -148,7 +173,7 @@ class TemperatureChannel:
         out = simulate_plate(self.record, nodes, replace(p, x=x).plate(), effects, first, own, behind)
         return out.path, out.shown_degC
 
-    def _prior(self, p: PlateParameters, x: Array) -> tuple[Array, Array]:
+    def _prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows]:
         """What is known beforehand, in spreads, and which unknown it speaks of: the ambient, temperatures of own."""
         base = len(p.base)
         own = own_temperatures(p.effects) + thermometer_filters(p.effects)

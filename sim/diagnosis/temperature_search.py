@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -56,9 +57,7 @@ class TemperatureSearch:
         form = effect.form
         if isinstance(form, Command) and not form.smooth:
             return self._searched(fit, effect)
-        found = [
-            self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)
-        ]
+        found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
         return self.channel.descend(best.parameters, 30)
 
@@ -89,7 +88,6 @@ class TemperatureSearch:
         held = Switched(held_effect(effect), np.array([value]))
         return self.channel.descend(self.channel.extended(fit.parameters, [*others, held]), steps)
 
-
     def promise(self, fit: TemperatureFit, name: str) -> float:
         """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
@@ -102,7 +100,8 @@ class TemperatureSearch:
         e = moved / (0.01 * channel.sigma_K)
         d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
         nuisance = columns[0] - e[:, None] * np.stack(
-            [(np.bincount(channel.stretch, e * c, channel.stretches) / d)[channel.stretch] for c in columns[0].T], axis=1
+            [(np.bincount(channel.stretch, e * c, channel.stretches) / d)[channel.stretch] for c in columns[0].T],
+            axis=1,
         )
         norms = np.linalg.norm(nuisance, axis=0)
         q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
@@ -112,7 +111,10 @@ class TemperatureSearch:
             values = [[float(v)] for v in np.geomspace(0.3 * par.smallest, 3.0 * par.largest, SEARCHED)]
         else:
             values = [
-                [0.03 * v if k == 0 or par.signed else v for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))]
+                [
+                    0.03 * v if k == 0 or par.signed else v
+                    for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))
+                ]
                 for start in starting_values(effect, fit)
             ]
             if isinstance(form, HeatFlow) and form.own_rate is not None:
@@ -147,9 +149,7 @@ def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[l
     if any(p.signed for p in effect.parameters):
         middle = [0.3 * (p.smallest * p.largest) ** 0.5 for p in effect.parameters]
         return [middle, [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]]
-    starts = [
-        [float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH
-    ]
+    starts = [[float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH]
     if fit is not None and isinstance(effect.form, HeatFlow) and effect.name == "radiative_loss":
         g = fit.parameters.plate()[2]
         starts = [[0.05 * g / 1.2e8], [0.5 * g / 1.2e8]]
@@ -162,7 +162,7 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
     assert record.current_A is not None
     stretches = []
     edges = [*record.first_rows.tolist(), record.rows]
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         used = record.temperature_used[first:last]
         if np.sum(used) >= 3:
             part = slice(first, last)
@@ -174,7 +174,9 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
         for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
             s, r, g, q, h = (float(v) for v in rough)
             ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)
-            base = [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
+            base = (
+                [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
+            )
             found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
     best = min(found, key=lambda fit: fit.minus_log)
     return channel.descend(best.parameters, 60)

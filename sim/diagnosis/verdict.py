@@ -15,6 +15,7 @@ from compensator.functions import Array
 from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
+from sim.diagnosis.record import Rows
 from sim.diagnosis.selection import WORTH, below_meaning
 from sim.effects.effect import Switched
 
@@ -22,6 +23,7 @@ SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something 
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 CERTAIN = 100.0  # evidence that needs no confirmation by rows that no fit has seen
 CONFIRMED = 0.1  # share of the evidence that those rows have to show besides
+CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -40,7 +42,7 @@ class Verdict:
         return all(a is None or a.clean for a in (self.temperature, self.resistance))
 
 
-def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Array]:
+def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
     """Residual over noise of the thermometer in the fitted rows, and the rows."""
     a, _ = chain.fits(names)
     assert a is not None
@@ -48,7 +50,7 @@ def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Ar
     return chain.first.channel.residual(a), chain.first.channel.rows
 
 
-def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Array]:
+def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
     """Residual over noise of the ohmmeter in the fitted rows, and the rows."""
     _, b = chain.fits(names)
     assert b is not None
@@ -58,7 +60,8 @@ def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Arr
 
 def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Adequacy | None]:
     """What the fit with these effects leaves in each channel."""
-    record, found = chain.record, []
+    record = chain.record
+    found: list[Adequacy | None] = []
     if chain.first is not None:
         z, rows = temperature_residual(chain, names)
         temperature = chain.fits(names)[0].shown_degC[rows]  # type: ignore[union-attr]
@@ -80,8 +83,8 @@ def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Ad
     return found[0], found[1]
 
 
-def _whitened(chain: Chain, names: frozenset[str], last: bool) -> tuple[float, float]:
-    """Score of one channel under a discrepancy, and the discrepancy's share."""
+def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
+    """Score of one channel under a discrepancy."""
     a, b = chain.fits(names)
     if last:
         z, rows = resistance_residual(chain, names)
@@ -112,19 +115,13 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         evidence: dict[str, float] = {}
         failing: dict[str, float] = {}
         whole = chain.score(names)
-        scores: dict[tuple[frozenset[str], bool], tuple[float, float]] = {}
-
-        def score(group: frozenset[str], last: bool, known: dict = scores) -> tuple[float, float]:  # type: ignore[type-arg]
-            if (group, last) not in known:
-                known[group, last] = _whitened(chain, group, last)
-            return known[group, last]
-
         for name in sorted(names):
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
             unseen = held_out_gain(chain, names, rest)
             unconfirmed = evidence[name] < CERTAIN and unseen is not None and unseen < CONFIRMED * evidence[name]
-            if evidence[name] < WORTH or unconfirmed or too_small(chain, names, name):
+            choosy = any(p.choices for p in chain.effects[name].parameters)
+            if evidence[name] < WORTH + choosy * CHOICE or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
@@ -134,7 +131,7 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 continue
             if left is None or left.clean:
                 continue
-            value, without = score(names, not upstream)[0], score(rest, not upstream)[0]
+            value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
             excess = _excess(chain, names, not upstream) / max(_excess(chain, rest, not upstream), 1e-12)
             if value - without < SURVIVES or excess > MOST_LEFT:
                 failing[name] = min(value - without, evidence[name])

@@ -35,7 +35,10 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
     if gaps:
         longest = float(np.max(np.diff(record.time_s)[record.first_rows[1:] - 1]))
         found.append(
-            Warning("gaps", f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state after each was estimated anew")
+            Warning(
+                "gaps",
+                f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state after each was estimated anew",
+            )
         )
     if record.uneven:
         found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))

@@ -139,7 +139,9 @@ class Effect:
                 raise ValueError(f"{self.name}: {p.name}: missing; expected a number")
             value = values[p.name]
             if not np.isfinite(value) or (not p.signed and value < 0.0):
-                raise ValueError(f"{self.name}: {p.name}: {value!r}: expected a finite number{'' if p.signed else ' >= 0'}")
+                raise ValueError(
+                    f"{self.name}: {p.name}: {value!r}: expected a finite number{'' if p.signed else ' >= 0'}"
+                )
         return np.array([values[name] for name in names], dtype=np.float64)
 
 

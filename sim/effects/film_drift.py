@@ -3,10 +3,12 @@
     T_f = T_p + drift_K_per_h t,   t from the first row on
 
 Met: 0.1 .. 3 K/h, either sign (ageing, moisture, a slipping contact of the thermometer looks the same).
-Source: the equation is the simplest that walks; the sizes are those of physics of ageing films as reported in use.
+Source: the first term of any slow change; the sizes are a choice.
 """
 
 from __future__ import annotations
+
+import numpy as np
 
 from compensator.functions import Array
 from sim.effects.effect import Effect, Parameter, Warming
@@ -14,7 +16,7 @@ from sim.effects.effect import Effect, Parameter, Warming
 
 def add(par: Array, time_s: Array, power_W: Array) -> Array:
     """K added to the plate's temperature."""
-    return par[0] * time_s / 3600.0
+    return np.asarray(par[0] * time_s / 3600.0)
 
 
 EFFECT = Effect(

@@ -1,7 +1,7 @@
 """The first-order lag that thermometer, film and ohmmeter share, exact for an input that is linear between nodes.
 
-    tau dx/dt = u - x;   u from u_0 to u_1 in dt, m = (u_1 - u_0) / dt:
-    x_1 = u_1 - tau m + (x_0 - u_0 + tau m) exp(-dt / tau)
+tau dx/dt = u - x;   u from u_0 to u_1 in dt, m = (u_1 - u_0) / dt:
+x_1 = u_1 - tau m + (x_0 - u_0 + tau m) exp(-dt / tau)
 """
 
 from __future__ import annotations

@@ -7,13 +7,15 @@ Met: 1e5 .. 1e9 ohm. Source: Keithley, Low Level Measurements Handbook (7th ed.)
 
 from __future__ import annotations
 
+import numpy as np
+
 from compensator.functions import Array
 from sim.effects.effect import Effect, Parameter, Reading
 
 
 def read(par: Array, values: Array) -> Array:
     """Film and shunt."""
-    return values / (1.0 + values / par[0])
+    return np.asarray(values / (1.0 + values / par[0]))
 
 
 EFFECT = Effect(

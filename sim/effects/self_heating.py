@@ -8,13 +8,15 @@ resistance; Keithley, Low Level Measurements Handbook (7th ed.), sec. 3.
 
 from __future__ import annotations
 
+import numpy as np
+
 from compensator.functions import Array
 from sim.effects.effect import Effect, Parameter, Warming
 
 
 def add(par: Array, time_s: Array, power_W: Array) -> Array:
     """K above the plate."""
-    return par[0] * power_W
+    return np.asarray(par[0] * power_W)
 
 
 EFFECT = Effect(

@@ -7,13 +7,15 @@ Met: 0.5 .. 500 ohm. Source: Keithley, Low Level Measurements Handbook (7th ed.)
 
 from __future__ import annotations
 
+import numpy as np
+
 from compensator.functions import Array
 from sim.effects.effect import Effect, Parameter, Reading
 
 
 def read(par: Array, values: Array) -> Array:
     """Film and leads."""
-    return values + par[0]
+    return np.asarray(values + par[0])
 
 
 EFFECT = Effect(

@@ -7,13 +7,15 @@ Met: 0.1 .. 5 s, either sign (two clocks; a reading from the meter's buffer). So
 
 from __future__ import annotations
 
+import numpy as np
+
 from compensator.functions import Array
 from sim.effects.effect import Effect, Parameter, ReadingTime
 
 
 def taken(par: Array, time_s: Array) -> Array:
     """When the value was taken."""
-    return time_s - par[0]
+    return np.asarray(time_s - par[0])
 
 
 EFFECT = Effect(
