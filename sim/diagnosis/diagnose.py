@@ -20,9 +20,10 @@ from sim.diagnosis.intervals import intervals
 from sim.diagnosis.other_record import residuals_on
 from sim.diagnosis.record import Record, read_columns
 from sim.diagnosis.rivals import rivals_of
-from sim.diagnosis.selection import select
+from sim.diagnosis.selection import WORTH, select
 from sim.diagnosis.verdict import Verdict, judge, resistance_residual, temperature_residual
 from sim.diagnosis.warnings import Warning, warnings_of
+from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
 
@@ -132,7 +133,7 @@ def diagnose(
     with threadpool_limits(limits=1):
         record = read_columns(columns)
         known = dict(effects if effects is not None else catalogue())
-        chain = Chain(record, ~record.held_out, known, curve=base != "generalized_pi")
+        chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)
         elif record.output is None:
@@ -141,7 +142,29 @@ def diagnose(
         say("evidence")
         judged = judge(chain, names)
         other = read_columns(holdout, held_out=False) if holdout is not None else None
-        return _diagnosis(chain, judged, other, say)
+        found = _diagnosis(chain, judged, other, say)
+        if base == "generalized_pi" and record.output is not None:
+            found = _restricted(found)
+        return found
+
+
+def _restricted(found: Diagnosis) -> Diagnosis:
+    """What a base film without D(T) lacks, named as an effect of its own."""
+    chain, names = found.chain, frozenset(found.judged.names)
+    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, first=chain.first)
+    evidence = chain.score(names) - bare.score(names)
+    b = chain.fits(names)[1]
+    if evidence < WORTH or b is None or chain.facts is None or chain.facts.basis.curve is None:
+        return found
+    curve = chain.facts.basis.curve
+    path = chain.last(chain.split(names)[0]).channel.path
+    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
+    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
+    before, after = _residuals(bare, names), _residuals(chain, names)
+    gains = {"resistance_dec": gain(before["resistance_dec"], after["resistance_dec"], chain.record.held_out)}
+    term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
+    findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
+    return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
 
 def _residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
@@ -200,7 +223,7 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
     left = [text for text in unexplained.values() if text is not None]
-    verdict = ("partly_unexplained" if left else "explained") if findings else ("unexplained" if left else "clean")
+    verdict = verdict_of(findings, unexplained)
     film = None
     if chain.facts is not None:
         b = chain.fits(names)[1]
@@ -229,6 +252,14 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         chain,
         judged,
     )
+
+
+def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:
+    """clean, explained, partly_unexplained or unexplained."""
+    left = any(text is not None for text in unexplained.values())
+    if findings:
+        return "partly_unexplained" if left else "explained"
+    return "unexplained" if left else "clean"
 
 
 def _lattice(record: Record, noise_K: float) -> Finding | None:
