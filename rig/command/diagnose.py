@@ -144,6 +144,8 @@ def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
     """The kinds of plate to try: a drive that never cools may be a heater's."""
     if plate is not None:
         return (plate,)
+    if record.drive == "pwm255":  # a switched heater's drive is its power
+        return ("heater",)
     if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
         return ("peltier", "heater")
     return ("peltier",)

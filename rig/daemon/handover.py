@@ -23,6 +23,7 @@ from rig.daemon.client import Client, NoDaemon, daemons
 from rig.faults import Faults
 
 NOT_CONFIRMED = 11
+HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
@@ -104,12 +105,16 @@ def _followed(client: Client, told: Client, config: Path, out: Path | None, json
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
     """What is said meanwhile, and the job as it ended. Raises NoDaemon."""
-    phase = ""
+    phase, held = "", ""
     for message in events:
         data = message["data"]
+        waits = message["event"] == "state" and data["job"] is None and data["state"] in HOLDING
+        if waits and held != data["state"]:
+            held = data["state"]
+            print(f"the bench is {held}: the job waits (`peltier status` tells why)", file=stream, flush=True)
         if message["event"] == "say" and data["id"] == job["id"]:
             print(data["text"], file=stream, flush=True)
-        elif message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
+        if message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
             ended: dict[str, Any] = data
             return ended
         elif message["event"] == "state" and data["job"] and data["job"]["id"] == job["id"]:

@@ -61,7 +61,7 @@ def _lifespan(link: BenchLink) -> Any:
         finally:
             for task in tasks:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.wait(tasks, timeout=1.0)
             await link.close()
 
     return lifespan

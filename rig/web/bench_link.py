@@ -67,7 +67,8 @@ class BenchLink:
     async def ask(self, do: str, **more: Any) -> dict[str, Any]:
         """The bench process's answer. Raises BenchGone."""
         try:
-            return await asyncio.wait_for(self._ask(do, more), ANSWER_S)
+            async with asyncio.timeout(ANSWER_S):
+                return await self._ask(do, more)
         except (OSError, ValueError) as error:
             raise BenchGone(f"the bench process does not answer: {str(error) or type(error).__name__}") from None
 
@@ -127,8 +128,8 @@ class BenchLink:
                 viewer.put(event, encoded)
 
     async def tell_now_and_then(self) -> None:
-        """The state at least every few seconds, whatever happens."""
-        while True:
+        """The state at least every few seconds, until the bench process ends."""
+        while not self.gone.is_set():
             await asyncio.sleep(1.0)
             if time.monotonic() - self._told_s >= STATE_EVERY_S - 1.0:
                 with contextlib.suppress(BenchGone, KeyError):

@@ -16,7 +16,7 @@ from sim.diagnosis.advice import next_experiments
 from sim.diagnosis.chain import Chain, temperature_search
 from sim.diagnosis.false_alarm import false_alarm
 from sim.diagnosis.gain import Gain, gain, rmse
-from sim.diagnosis.intervals import intervals
+from sim.diagnosis.intervals import intervals, vague_effects
 from sim.diagnosis.other_record import residuals_on
 from sim.diagnosis.record import Record, read_columns
 from sim.diagnosis.rivals import rivals_of
@@ -29,6 +29,7 @@ from sim.effects.effect import Effect
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
+UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,9 @@ def diagnose(
         names = select(chain, say)
         say("evidence")
         judged = judge(chain, names)
+        while vague := vague_effects(chain, frozenset(judged.names)):
+            weakest = min(vague, key=lambda name: judged.evidence[name])
+            judged = judge(chain, frozenset(judged.names) - {weakest})
         other = read_columns(holdout, held_out=False) if holdout is not None else None
         found = _diagnosis(chain, judged, other, say)
         if base == "generalized_pi" and record.output is not None:
@@ -222,6 +226,10 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         unexplained["resistance_dec"] = describe(
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
+    for name, channel in channels.items():
+        if channel is not None and unexplained[name] is None and channel.rmse_extended > UNSEEN * channel.noise:
+            times = channel.rmse_extended / channel.noise
+            unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
     left = [text for text in unexplained.values() if text is not None]
     verdict = verdict_of(findings, unexplained)
     film = None

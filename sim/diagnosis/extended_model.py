@@ -178,7 +178,7 @@ def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held:
     """The best dictionary of operators by held-out rows, few preferred; the plain fit if none is better."""
     used = np.zeros(refit.channel.record.rows, dtype=np.bool_)
     used[fitted] = True
-    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)  # type: ignore[arg-type]
+    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)
     half_width = half_loop_width(path)
     best, least, few = plain, error, _thinned(fitted, 2 * SEARCH_ROWS)
     for centres, steepness, by_output in RESOLUTIONS:

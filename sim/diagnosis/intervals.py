@@ -18,6 +18,7 @@ from sim.effects.effect import Command, Switched
 
 NORMAL_95 = 1.96
 HALF_CHI2_95 = 1.92
+VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
 
 
 def _deviations(columns: Array, z: Array) -> Array:
@@ -61,6 +62,17 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
         j = j - reach @ cho_solve(point.factor, reach.T @ j, check_finite=False)
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
     return out
+
+
+def vague_effects(chain: Chain, names: frozenset[str]) -> list[str]:
+    """Effects of the last links of which the record tells next to no size: the film's own shape absorbs them."""
+    _, downstream = chain.split(names)
+    found = []
+    for name, parameters in intervals(chain, names).items():
+        for _, ci in parameters.values():
+            if name in downstream and ci is not None and (ci[0] < 0.0 < ci[1] or 0.0 < VAGUE * ci[0] < ci[1]):
+                found.append(name)
+    return sorted(set(found))
 
 
 def _by_name(

@@ -63,7 +63,7 @@ def normal_residual(reading: Array, mu: Array, sigma: float, step: float) -> Arr
 
 def lattice_noise(reading: Array, mu: Array, step: float) -> float:
     """The noise before the rounding, of largest likelihood."""
-    sizes = step * np.geomspace(0.01, 1.0, 25)
+    sizes = step * np.geomspace(0.01, 0.5, 22)
     cost = [float(np.sum(likelihood(reading, mu, s, step).minus_log)) for s in sizes]
     return float(sizes[int(np.argmin(cost))])
 

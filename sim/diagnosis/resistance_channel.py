@@ -40,6 +40,7 @@ from sim.effects.effect import Filter, Reading, Switched, Warming
 
 OPERATORS = 48
 CENTRES = 14
+PER_RELAY = 6  # readings that a relay, or an operator, needs at least
 SHAPE = ("log_a_R", "c_R", "log_a_L", "c_L")
 WIDE_DEC = 30.0  # prior of what is free
 BEHIND_DEC = 0.5
@@ -456,14 +457,17 @@ class ResistanceChannel:
 def basis_for(record: Record, path: PlatePath, middle: float, half: float, loop_K: float, curve: bool) -> FilmBasis:
     """Placed for a record: D's splines over the range, relays where the output changes."""
     low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    edge = np.linspace(-1.0, 1.0, CENTRES)
+    readings = int(np.sum(record.output_used))
+    centres = min(CENTRES, max(readings // (PER_RELAY * WIDTHS.size), 4))
+    edge = np.linspace(-1.0, 1.0, centres)
+    operators = min(OPERATORS, max(readings // PER_RELAY, 12))
     reach = min(2.2 * half, 0.6 * (high - low))
     centre = middle + reach * np.sinh(1.2 * edge) / math.sinh(1.2)
     slope = 0.9 / np.gradient(centre)
     widths = loop_K * WIDTHS
     return FilmBasis(
         SmoothCurve.over(low - 0.5, high + 0.5) if curve else None,
-        np.arange(OPERATORS) / OPERATORS,
+        np.arange(operators) / operators,
         np.tile(centre, widths.size),
         np.tile(slope, widths.size),
         np.repeat(widths, centre.size),

@@ -32,19 +32,22 @@ class Selected:
 
 
 SMALL = 0.5  # of the smallest size met
+BEYOND = 3.0  # times the largest size met
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
 
 
-def below_meaning(effect: Switched, interval_s: float) -> bool:
-    """Whether an effect's size is below any physical meaning: half the smallest met, or, of a time, a fifth of the
-    sampling interval."""
+def without_meaning(effect: Switched, interval_s: float) -> bool:
+    """Whether an effect's size has no physical meaning: below half the smallest met, or, of a time, below a fifth of
+    the sampling interval; or several times the largest met."""
     parameters = effect.effect.parameters
     first = next((k for k, p in enumerate(parameters) if not p.choices), None)
     if first is None:
         return False
     p, value = parameters[first], abs(float(effect.par[first]))
     if effect.effect.inverse:
-        return value > p.largest / SMALL
+        return value > p.largest / SMALL or value < p.smallest / BEYOND**2
+    if value > BEYOND * p.largest:
+        return True
     is_time = p.name.endswith("_s") and "per" not in p.name
     return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)
 
@@ -64,7 +67,7 @@ def select_first_links(search: TemperatureSearch) -> frozenset[str]:
         gains = {
             n: fit.minus_log - f.minus_log
             for n, f in found.items()
-            if not any(below_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
+            if not any(without_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
         }
         if not gains or max(gains.values()) < WORTH:
             break
@@ -121,7 +124,7 @@ def _one_more(
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q) for q in quick[:TRIED]]
     interval = search.channel.record.interval_s
-    ends = [e for e in ends if np.isfinite(e.score) and not any(below_meaning(x, interval) for x in e.effects)]
+    ends = [e for e in ends if np.isfinite(e.score) and not any(without_meaning(x, interval) for x in e.effects)]
     ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None

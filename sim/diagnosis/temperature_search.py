@@ -16,6 +16,7 @@ from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
 
 ROUGH_STEPS = 12
 SEARCHED = 28  # values that a search tries before it looks closer
+NOTHING = 0.05  # of the smallest size met
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
 
@@ -59,7 +60,14 @@ class TemperatureSearch:
             return self._searched(fit, effect)
         found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
-        return self.channel.descend(best.parameters, 30)
+        best = self.channel.descend(best.parameters, 30)
+        if best.minus_log > fit.minus_log:  # nothing found that is better: begin where the effect is next to nothing
+            nothing = [NOTHING * p.smallest for p in effect.parameters]
+            if effect.inverse:
+                nothing[0] = effect.parameters[0].largest / NOTHING
+            other = self.channel.descend(self._descend(fit, switched(effect, nothing), 10).parameters, 30)
+            best = min((best, other), key=lambda trial: trial.minus_log)
+        return best
 
     def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:
         parameters = self.channel.extended(fit.parameters, [*fit.effects, effect])

@@ -16,12 +16,13 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.selection import WORTH, below_meaning
+from sim.diagnosis.selection import WORTH, without_meaning
 from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
-CERTAIN = 100.0  # evidence that needs no confirmation by rows that no fit has seen
+CERTAIN = 100.0  # evidence that needs little confirmation by rows that no fit has seen
+LITTLE = 0.02  # share that is enough of more
 CONFIRMED = 0.1  # share of the evidence that those rows have to show besides
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
@@ -119,7 +120,8 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
             unseen = held_out_gain(chain, names, rest)
-            unconfirmed = evidence[name] < CERTAIN and unseen is not None and unseen < CONFIRMED * evidence[name]
+            share = CONFIRMED if evidence[name] < CERTAIN else LITTLE
+            unconfirmed = unseen is not None and unseen < share * evidence[name]
             choosy = any(p.choices for p in chain.effects[name].parameters)
             if evidence[name] < WORTH + choosy * CHOICE or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
@@ -169,7 +171,7 @@ def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:
-                return below_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s)
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s)
     return False
 
 
