@@ -141,8 +141,9 @@ class BenchLink:
         """Let go of the lines for questions."""
         for _, writer in self._idle:
             writer.close()
-            with contextlib.suppress(OSError):
-                await writer.wait_closed()
+            with contextlib.suppress(OSError):  # TimeoutError is one
+                async with asyncio.timeout(0.2):
+                    await writer.wait_closed()
         self._idle.clear()
 
     def current(self) -> dict[str, Any]:

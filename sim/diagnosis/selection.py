@@ -32,21 +32,20 @@ class Selected:
 
 
 SMALL = 0.5  # of the smallest size met
-BEYOND = 3.0  # times the largest size met
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
 
 
-def without_meaning(effect: Switched, interval_s: float) -> bool:
+def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf) -> bool:
     """Whether an effect's size has no physical meaning: below half the smallest met, or, of a time, below a fifth of
-    the sampling interval; or several times the largest met."""
+    the sampling interval; or `beyond` times the largest met."""
     parameters = effect.effect.parameters
     first = next((k for k, p in enumerate(parameters) if not p.choices), None)
     if first is None:
         return False
     p, value = parameters[first], abs(float(effect.par[first]))
     if effect.effect.inverse:
-        return value > p.largest / SMALL or value < p.smallest / BEYOND**2
-    if value > BEYOND * p.largest:
+        return value > p.largest / SMALL or value < p.smallest / beyond**2
+    if value > beyond * p.largest:
         return True
     is_time = p.name.endswith("_s") and "per" not in p.name
     return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)

@@ -25,6 +25,10 @@ CERTAIN = 100.0  # evidence that needs little confirmation by rows that no fit h
 LITTLE = 0.02  # share that is enough of more
 CONFIRMED = 0.1  # share of the evidence that those rows have to show besides
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
+SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
+SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
+MOST_LEFT_OF_ALL = 0.4
+BEYOND = 2.0  # times the largest size met: more has no physical meaning
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -134,8 +138,14 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             if left is None or left.clean:
                 continue
             value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
-            excess = _excess(chain, names, not upstream) / max(_excess(chain, rest, not upstream), 1e-12)
-            if value - without < SURVIVES or excess > MOST_LEFT:
+            now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
+            alone = now <= MOST_LEFT * before
+            together = (
+                now <= MOST_LEFT_OF_ALL * _excess(chain, frozenset(), not upstream)
+                and value - without >= SURVIVES_BESIDE
+                and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
+            )
+            if value - without < SURVIVES or not (alone or together):
                 failing[name] = min(value - without, evidence[name])
             else:
                 evidence[name] = min(evidence[name], value - without) if value - without > 0 else evidence[name]
@@ -171,7 +181,7 @@ def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:
-                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s)
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND)
     return False
 
 

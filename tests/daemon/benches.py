@@ -142,6 +142,7 @@ class RunningBench:
         self._listener.close()
         if self._web is not None:
             self._web.join(LONGEST_S)
+            assert not self._web.is_alive()
         assert not self._thread.is_alive()
 
 
