@@ -18,6 +18,7 @@ from sim.effects.effect import Command, Switched
 
 NORMAL_95 = 1.96
 HALF_CHI2_95 = 1.92
+MEANINGLESS = 4.0  # half an interval on a log scale from which it has no meaning
 VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
 
 
@@ -69,8 +70,9 @@ def vague_effects(chain: Chain, names: frozenset[str]) -> list[str]:
     _, downstream = chain.split(names)
     found = []
     for name, parameters in intervals(chain, names).items():
-        for _, ci in parameters.values():
-            if name in downstream and ci is not None and (ci[0] < 0.0 < ci[1] or 0.0 < VAGUE * ci[0] < ci[1]):
+        for parameter in fitted_parameters(chain.effects[name]):
+            ci = parameters[parameter.name][1]
+            if name in downstream and (ci is None or ci[0] < 0.0 < ci[1] or 0.0 < VAGUE * ci[0] < ci[1]):
                 found.append(name)
     return sorted(set(found))
 
@@ -88,7 +90,7 @@ def _by_name(
                 u = unknown_of(e.effect, p)
                 x, half = u.inside(value), NORMAL_95 * float(deviations[k])
                 low, high = u.outside(x - min(half, 20.0)), u.outside(x + min(half, 20.0))
-                values[p.name] = (value, (low, high))
+                values[p.name] = (value, None if u.log and half > MEANINGLESS else (low, high))
                 k += 1
             else:
                 values[p.name] = (value, None)
