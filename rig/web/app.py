@@ -12,10 +12,10 @@ from typing import Any
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
 
 from rig.web.answers import Requests
 from rig.web.bench_link import BenchLink
+from rig.web.page_files import PageFiles
 from rig.web.protection import LOOPBACK, Protection, Sessions
 
 
@@ -47,7 +47,7 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
     ]
     page = Path(str(resources.files("rig"))) / "page" / "static"
     if page.is_dir():
-        routes.append(Mount("/", StaticFiles(directory=page, html=True)))
+        routes.append(Mount("/", PageFiles(directory=page, html=True)))
     protection = Middleware(Protection, hosts=hosts, needs_token=not loopback, sessions=sessions)
     return Starlette(routes=routes, middleware=[protection], lifespan=_lifespan(link))
 
