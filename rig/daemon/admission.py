@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from rig.drivers.registry import is_own
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable, configuration_of, read_configuration
 
@@ -56,12 +57,26 @@ def by_text(text: object, name: object, folder: Path) -> ConfigurationFile:
         for place, value in _files_of(raw)
         if isinstance(value, str) and Path(value).name != value
     ]
+    lines += [f"{where}: {place}: names Python code; expected a job started by its name" for place in _code_of(raw)]
     if lines:
         raise Faults(lines)
     try:
         return configuration_of(folder / "job.toml", text, raw)
     except Faults as faults:
         raise Faults(line.replace(str(folder / "job.toml"), str(where)) for line in faults.lines) from None
+
+
+def _code_of(raw: dict[str, Any]) -> list[str]:
+    """Places that would run Python code with the daemon's rights: a driver or an effect of a user's own."""
+    bench, simulation = raw.get("bench"), raw.get("simulation")
+    found = []
+    for role in ("controller", "meter"):
+        table = bench.get(role) if isinstance(bench, dict) else None
+        if isinstance(table, dict) and is_own(str(table.get("driver"))):
+            found.append(f"bench.{role}.driver")
+    if isinstance(simulation, dict) and simulation.get("effect_files"):
+        found.append("simulation.effect_files")
+    return found
 
 
 def _files_of(raw: dict[str, Any]) -> list[tuple[str, Any]]:

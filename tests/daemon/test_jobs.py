@@ -186,3 +186,11 @@ def test_what_may_not_run_on_this_bench_is_refused_with_a_line_each(tmp_path: Pa
     for path in ("/etc/passwd", "../secret.csv"):
         with pytest.raises(Faults, match="without a path"):
             by_text(text.replace('["start 0 A", "hold 60 s"]', f'"{path}"'), "job", tmp_path)
+
+
+def test_a_job_sent_as_text_runs_no_code_of_its_sender(tmp_path: Path) -> None:
+    driver = '[bench.controller]\ndriver = "mine.py:Mine"\nport = "sim://"\n'
+    with pytest.raises(Faults, match=r"bench\.controller\.driver: names Python code"):
+        by_text(driver, "job", tmp_path)
+    with pytest.raises(Faults, match=r"simulation\.effect_files: names Python code"):
+        by_text('[simulation]\neffect_files = ["mine.py"]\n', "job", tmp_path)
