@@ -30,7 +30,7 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
 
     voice = Voice(options.json)
     file = read_configuration(options.config)
-    from rig.experiment.session import design_table, run
+    from rig.experiment.session import run, summary
 
     with voice.progress(file.content.virtual_time) as progress:
         result = run(file, options.out, voice.say, progress, guard)
@@ -39,20 +39,5 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
         voice.say(f"model: {calibration.model_path}")
     voice.say("output off, confirmed by the controller")
     voice.say(f"report: {result.folder / 'report.html'}")
-    voice.report(
-        {
-            "format": "peltier-run-result/1",
-            "folder": result.folder,
-            "scores": {score.law: score.table() for score in result.scores},
-            "designs": {name: design_table(design) for name, design in result.designs.items()},
-            "calibration": None
-            if calibration is None
-            else {
-                "model": calibration.model_path,
-                "check_rmse_dec": calibration.check_rmse_dec,
-                "rows_fitted": calibration.rows_fitted,
-                "rows_checked": calibration.rows_checked,
-            },
-        }
-    )
+    voice.report(summary(result))
     return 0

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench import Bench
-from rig.experiment.session import Result, Session, design_table, run_on, wanted
+from rig.experiment.session import Result, Session, run_on, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, prepared_folder
 from rig.loop import Tick
@@ -53,22 +53,3 @@ def run_watched(
     with prepared_folder(path):
         session = Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)
         return run_on(session, path, target, model)
-
-
-def summary(result: Result) -> dict[str, Any]:
-    """What came out, as `peltier run --json` tells it."""
-    calibration = result.calibration
-    return {
-        "format": "peltier-run-result/1",
-        "folder": result.folder,
-        "scores": {score.law: score.table() for score in result.scores},
-        "designs": {name: design_table(design) for name, design in result.designs.items()},
-        "calibration": None
-        if calibration is None
-        else {
-            "model": calibration.model_path,
-            "check_rmse_dec": calibration.check_rmse_dec,
-            "rows_fitted": calibration.rows_fitted,
-            "rows_checked": calibration.rows_checked,
-        },
-    }

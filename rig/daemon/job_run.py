@@ -9,11 +9,12 @@ from typing import Any
 
 from rig.bench import Bench
 from rig.daemon.desk import Desk, model_of
-from rig.daemon.experiment import Watcher, run_watched, summary
+from rig.daemon.experiment import Watcher, run_watched
 from rig.daemon.gate import StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.errors import RigError
+from rig.experiment.session import summary
 from rig.faults import Faults
 from rig.files.run_folder import part_of
 from rig.loop import Tick

@@ -295,3 +295,22 @@ def design_table(design: Design) -> dict[str, Any]:
         "dead_time_s": design.dead_time_s,
         "period_s": design.period_s,
     }
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """What came out, as `peltier run --json` tells it."""
+    calibration = result.calibration
+    return {
+        "format": "peltier-run-result/1",
+        "folder": result.folder,
+        "scores": {score.law: score.table() for score in result.scores},
+        "designs": {name: design_table(design) for name, design in result.designs.items()},
+        "calibration": None
+        if calibration is None
+        else {
+            "model": calibration.model_path,
+            "check_rmse_dec": calibration.check_rmse_dec,
+            "rows_fitted": calibration.rows_fitted,
+            "rows_checked": calibration.rows_checked,
+        },
+    }

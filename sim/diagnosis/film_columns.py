@@ -137,9 +137,8 @@ class SmoothCurve:
         return np.asarray(design[:, 1:] - 1.0 / (self.count + 1), dtype=np.float64)
 
 
-def filtered(columns: Array, time: Array, effect: Switched, behind: float) -> Array:
-    """Each column through a filter; `behind`: how far the sum of the columns is behind at the first node goes to the
-    constant column, the last one."""
+def filtered(columns: Array, time: Array, effect: Switched) -> Array:
+    """Each column through a filter that was at rest before the first node."""
     form = effect.effect.form
     assert isinstance(form, Filter)
     out = np.empty_like(columns.T)

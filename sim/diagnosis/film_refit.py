@@ -108,13 +108,13 @@ class FilmRefit:
         """Parts of the film's output (nodes, k) as the ohmmeter shows them (rows, k)."""
         columns = columns * self.slope[:, None]
         for lag in self._filters("log_resistance"):
-            columns = filtered(columns, self.nodes.time_s, lag, 0.0)
+            columns = filtered(columns, self.nodes.time_s, lag)
         return columns[self.nodes.taken]
 
     def crept(self, columns: Array) -> Array:
         """Parts of the hysteretic output at the nodes, creep included."""
         for creep in self._filters("hysteretic_part"):
-            columns = filtered(columns, self.nodes.time_s, creep, 0.0)
+            columns = filtered(columns, self.nodes.time_s, creep)
         return columns
 
     def _free(self) -> Array:

@@ -41,7 +41,6 @@ from sim.effects.effect import Filter, Reading, Switched, Warming
 OPERATORS = 48
 CENTRES = 14
 PER_RELAY = 6  # readings that a relay, or an operator, needs at least
-SHAPE = ("log_a_R", "c_R", "log_a_L", "c_L")
 WIDE_DEC = 30.0  # prior of what is free
 BEHIND_DEC = 0.5
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
@@ -56,10 +55,6 @@ class FilmBasis:
     centre_degC: Array
     slope_per_K: Array
     half_width_K: Array
-
-    @property
-    def relays(self) -> int:
-        return self.centre_degC.size
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,19 +118,6 @@ class ResistanceChannel:
         if np.any(bad):
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
-        self.evaluations = 0
-
-    def along(self, path: PlatePath) -> ResistanceChannel:
-        """The same rows on another path of the plate."""
-        other = ResistanceChannel(self.record, path, self.fitted, self.sigma_dec, self.basis, self.relays)
-        other.power_output = self.power_output
-        return other
-
-    def with_noise(self, sigma_dec: float) -> ResistanceChannel:
-        """The same, weighed by another noise."""
-        other = ResistanceChannel(self.record, self.path, self.fitted, sigma_dec, self.basis, self.relays)
-        other.power_output = self.power_output
-        return other
 
     # -- the model at one x
 
@@ -172,7 +154,7 @@ class ResistanceChannel:
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "hysteretic_part":
-                operators = filtered(operators, nodes.time_s, effect, 0.0)
+                operators = filtered(operators, nodes.time_s, effect)
                 extra.append(self._behind(effect, nodes.time_s))
         return np.concatenate([*parts, operators, *extra], axis=1)
 
@@ -186,14 +168,7 @@ class ResistanceChannel:
 
     def _shown(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
         """The film's output at the nodes through the ohmmeter, in every row."""
-        shown, _ = transfer(effects, signal)
-        for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Filter) and form.target == "log_resistance":
-                out = np.empty(shown.size)
-                form.run(effect.par, nodes.time_s, shown, np.array([shown[0]]), out)
-                shown = out
-        shown = shown[nodes.taken]
+        shown = self._lagged(effects, nodes, transfer(effects, signal)[0])
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and form.linear:
@@ -213,7 +188,6 @@ class ResistanceChannel:
 
     def point(self, p: FilmParameters, x: Array, relay_columns: Array, guess: Array | None = None) -> _Point:
         """The best coefficients at x. relay_columns: (rows, relays) or (rows, 0)."""
-        self.evaluations += 1
         effects, nodes = self.nodes(p, x)
         signals = self._signals(effects, nodes, x)
         free = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
@@ -226,7 +200,7 @@ class ResistanceChannel:
         rows, y = self.rows, self.output
         coefficients = guess
         rounds = 3 if curved else 1
-        for turn in range(rounds):
+        for _ in range(rounds):
             if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
                 signal = signals @ coefficients[: signals.shape[1]]
             else:
@@ -234,7 +208,7 @@ class ResistanceChannel:
             slope = transfer(effects, signal)[1][:, None] if curved else 1.0
             moved = signals * slope
             for lag in lags:
-                moved = filtered(moved, nodes.time_s, lag, 0.0)
+                moved = filtered(moved, nodes.time_s, lag)
                 moved = np.concatenate((moved, self._behind(lag, nodes.time_s)), axis=1)
             at_rows = moved[nodes.taken]
             if coefficients is not None and coefficients.size >= signals.shape[1]:
@@ -242,16 +216,7 @@ class ResistanceChannel:
                 offset = self._shown(effects, nodes, signals @ coefficients[: signals.shape[1]]) - linear
             else:
                 offset = self._shown(effects, nodes, signal)
-                if curved:
-                    lagged = (slope * signal[:, None])[:, 0]
-                    for lag in lags:
-                        out = np.empty(lagged.size)
-                        lag.effect.form.run(lag.par, nodes.time_s, lagged, np.array([lagged[0]]), out)  # type: ignore[union-attr]
-                        lagged = out
-                    offset = offset - lagged[nodes.taken]
-                else:
-                    plain = self._linear_only(effects, nodes, signal)
-                    offset = offset - plain
+                offset = offset - self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
             columns = np.concatenate((at_rows[rows], relay_columns[rows]), axis=1)
             prior = self._prior(p, free, at_rows.shape[1] - film_columns, relay_columns.shape[1])
             normal = columns.T @ columns / self.sigma_dec**2
@@ -259,8 +224,6 @@ class ResistanceChannel:
             right = columns.T @ (y[rows] - offset[rows]) / self.sigma_dec**2
             factor = cho_factor(normal, lower=True, check_finite=False)
             coefficients = cho_solve(factor, right, check_finite=False)
-            if curved and turn + 1 < rounds:
-                continue
         assert coefficients is not None
         shown = at_rows @ coefficients[: at_rows.shape[1]] + relay_columns @ coefficients[at_rows.shape[1] :] + offset
         residual = (y[rows] - shown[rows]) / self.sigma_dec
@@ -270,15 +233,15 @@ class ResistanceChannel:
         film_output = (signals @ coefficients[: signals.shape[1]])[nodes.taken]
         return _Point(x, columns, coefficients, shown, film_output, cost, factor)
 
-    def _linear_only(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
-        out = signal
+    def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
+        """A signal at the nodes through the ohmmeter's filters, in every row."""
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
-                result = np.empty(out.size)
-                form.run(effect.par, nodes.time_s, out, np.array([out[0]]), result)
-                out = result
-        return out[nodes.taken]
+                out = np.empty(signal.size)
+                form.run(effect.par, nodes.time_s, signal, np.array([signal[0]]), out)
+                signal = out
+        return signal[nodes.taken]
 
     def _predict(self, p: FilmParameters, x: Array, point: _Point, relay_columns: Array) -> Array:
         """What is shown at another x with the point's coefficients."""
@@ -317,7 +280,7 @@ class ResistanceChannel:
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
-                columns = filtered(columns, self.record.taken_s, effect, 0.0)
+                columns = filtered(columns, self.record.taken_s, effect)
         return np.asarray(columns, dtype=np.float64)
 
     # -- the fit

@@ -181,8 +181,3 @@ def starts_of(effect: Effect, channel: ResistanceChannel) -> list[Switched]:
         largest = max(float(np.max(power)), 1e-30)
         axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
     return [switched(effect, list(values)) for values in product(*axes)]
-
-
-def names_of(fits: Sequence[Switched]) -> frozenset[str]:
-    """The names of effects."""
-    return frozenset(e.name for e in fits)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,13 +21,6 @@ WIDENED = 2  # candidates that get relays
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Selected:
-    """The effects, and how far behind other sets of as many effects are."""
-
-    names: frozenset[str]
 
 
 SMALL = 0.5  # of the smallest size met

@@ -86,7 +86,6 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
-        self.evaluations = 0
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
@@ -167,7 +166,6 @@ class TemperatureChannel:
 
     def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows."""
-        self.evaluations += 1
         effects, own, behind = self.split(p, x)
         nodes = plate_nodes(self.record, effects)
         out = simulate_plate(self.record, nodes, replace(p, x=x).plate(), effects, first, own, behind)
@@ -203,10 +201,7 @@ class TemperatureChannel:
         cost, damping = self.cost(p, x, shown), 1e-3
         jacobian = np.empty((self.record.rows, x.size))
         for iteration in range(steps + 1):
-            for k in range(x.size):
-                moved = x.copy()
-                moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+            self._slopes(p, x, first, shown, high, h, jacobian)
             if iteration == steps:
                 break
             by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
@@ -247,11 +242,7 @@ class TemperatureChannel:
                     break
                 damping = max(10.0 * damping, 1e-8)
             if before - cost < tolerance:
-                steps = iteration + 1  # one last jacobian at the end point
-                for k in range(x.size):
-                    moved = x.copy()
-                    moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                    jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+                self._slopes(p, x, first, shown, high, h, jacobian)
                 break
         like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
         effects, _, _ = self.split(p, x)
@@ -259,6 +250,15 @@ class TemperatureChannel:
         return TemperatureFit(
             final, path, shown, float(np.sum(like.minus_log)), self.sigma_K, self.step_K, jacobian, like.curvature
         )
+
+    def _slopes(
+        self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array
+    ) -> None:
+        """d shown / d x by difference quotients, into jacobian (rows, unknowns)."""
+        for k in range(x.size):
+            moved = x.copy()
+            moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+            jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from compensator.identify_balance import Stretch, rough_balances
 from sim.diagnosis.record import Record
-from sim.diagnosis.temperature_channel import PlateParameters, TemperatureChannel, TemperatureFit
+from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.unknowns import fitted_parameters
 from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
 
@@ -188,8 +188,3 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
             found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
     best = min(found, key=lambda fit: fit.minus_log)
     return channel.descend(best.parameters, 60)
-
-
-def rough_parameters(fit: TemperatureFit) -> PlateParameters:
-    """Where other fits may begin."""
-    return fit.parameters
