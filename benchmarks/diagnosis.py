@@ -1,11 +1,12 @@
 """Blind cases: what is hidden in a record is found, alone, and nothing else is blamed. The table of what is asked.
 
-    ./peltier benchmark diagnosis [--kinds one,two,...] [--seeds 20] [--results FILE] [--workers 2]
+    ./peltier benchmark diagnosis [--kinds one,two,...] [--seeds 20] [--first 0] [--results FILE] [--workers 2]
 
 Every case is drawn from its seed by a generator that shares no code with the simulator. Each finished case is a line of
 the results file; started again, the benchmark goes on where it was interrupted, and prints the table of all lines that
 belong to what was asked for. `--table` only prints. `--seeds` is the number of seeds for each single effect; the other
-kinds have as many cases as the table asks for at 20, and in proportion.
+kinds have as many cases as the table asks for at 20, and in proportion. `--first` begins with another seed: cases that
+nobody has looked at.
 """
 
 from __future__ import annotations
@@ -44,24 +45,26 @@ FACTORS = (1.0, 1.5)
 KINDS = ("one", *COUNTS, "smallest", "long")
 
 
-def jobs(kinds: Iterable[str], seeds: int) -> list[Job]:
-    """What there is to do: kind, seed, choice."""
+def jobs(kinds: Iterable[str], seeds: int, first: int = 0) -> list[Job]:
+    """What there is to do: kind, seed, choice; kinds in turn, so that an interrupted table shows all of them."""
     from tests.diagnosis.truth.plans import LIMITED
     from tests.diagnosis.truth.sizes import NAMES
 
-    out: list[Job] = []
+    of: list[list[Job]] = []
     for kind in kinds:
         if kind == "one":
-            out += [{"kind": kind, "seed": s, "choice": {"effect": name}} for s in range(seeds) for name in NAMES]
+            part = [{"kind": kind, "seed": s, "choice": {"effect": name}} for s in range(seeds) for name in NAMES]
         elif kind == "smallest":
             choices = [{"effect": name, "factor": factor} for name in LIMITED for factor in FACTORS]
-            out += [{"kind": kind, "seed": s, "choice": choice} for s in range(seeds) for choice in choices]
+            part = [{"kind": kind, "seed": s, "choice": choice} for s in range(seeds) for choice in choices]
         elif kind == "long":
-            out += [{"kind": "one", "seed": 1000 + s, "choice": {"rows": 50_000}} for s in range(max(1, seeds // 4))]
+            part = [{"kind": "one", "seed": s, "choice": {"rows": 50_000}} for s in range(max(1, seeds // 4))]
         else:
             count = max(1, round(COUNTS[kind] * seeds / 20))
-            out += [{"kind": kind, "seed": s, "choice": {}} for s in range(count)]
-    return out
+            part = [{"kind": kind, "seed": s, "choice": {}} for s in range(count)]
+        of.append([{**job, "seed": first + job["seed"]} for job in part])
+    spread = [((place + 0.5) / len(part), job) for part in of for place, job in enumerate(part)]
+    return [job for _, job in sorted(spread, key=lambda pair: pair[0])]
 
 
 def key_of(job: Job) -> str:
@@ -210,6 +213,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", default=",".join(KINDS), help=f"of {', '.join(KINDS)}")
     parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--results", type=Path, default=Path("diagnosis_results.jsonl"))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--table", action="store_true", help="only print the table of what is there")
@@ -217,7 +221,7 @@ def main() -> int:
     kinds = options.kinds.split(",")
     if unknown := set(kinds) - set(KINDS):
         parser.error(f"unknown kinds {', '.join(sorted(unknown))}: of {', '.join(KINDS)}")
-    asked = jobs(kinds, options.seeds)
+    asked = jobs(kinds, options.seeds, options.first)
     done = read(options.results, {key_of(job) for job in asked})
     todo = [job for job in asked if key_of(job) not in done]
     if todo and not options.table:
