@@ -41,9 +41,12 @@ class Bench:
 
 
 @contextmanager
-def open_bench(file: ConfigurationFile, guard: Guard = UNGUARDED) -> Iterator[Bench]:
+def open_bench(
+    file: ConfigurationFile, guard: Guard = UNGUARDED, *, whatever_serial_number: bool = False
+) -> Iterator[Bench]:
     """Open the ports, identify the instruments, set their limits; the output is commanded off first.
 
+    whatever_serial_number: take another instrument of the kind as well; otherwise it is a Fault.
     guard: told what is held before it is opened, and that it was let go of when the output is off and confirmed.
     Raises RigError (PortHeld, TimedOut, Refused, ...), Faults, and NotConfirmedOff where the output cannot be
     switched off. At the end the output is commanded off once more, and the ports are closed.
@@ -58,12 +61,16 @@ def open_bench(file: ConfigurationFile, guard: Guard = UNGUARDED) -> Iterator[Be
         stack.callback(controller.close)
         stack.enter_context(_output_off(controller, c.bench.controller.port, guard))
         identities = {"controller": controller.identify()}
+        if not whatever_serial_number:
+            _check_serial_number(file, "controller", c.bench.controller, identities["controller"])
         controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         meter = None
         if c.bench.meter is not None:
             meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)
             stack.callback(meter.close)
             identities["meter"] = meter.identify()
+            if not whatever_serial_number:
+                _check_serial_number(file, "meter", c.bench.meter, identities["meter"])
             try:
                 meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
             except ValueError as error:
@@ -94,6 +101,15 @@ def _output_off(controller: TemperatureController, port: str, guard: Guard) -> I
     if not controller.off():
         raise NotConfirmedOff(text)
     guard.let_go()
+
+
+def _check_serial_number(
+    file: ConfigurationFile, role: str, table: ControllerTable | MeterTable, identity: Identity
+) -> None:
+    """Two USB adapters may have changed places, and with them two benches. Raises Faults."""
+    if table.serial_number is not None and table.serial_number != identity.serial_number:
+        expected = f"{table.serial_number!r}: what answers at {table.port} is {identity}"
+        raise fault(file.path, f"bench.{role}.serial_number", expected)
 
 
 def _opened(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rig.daemon.handover import handed_over
 from rig.guard.line import Guard
 from rig.guard.needed import guarded_where_needed
 
@@ -16,6 +17,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    status = handed_over("calibrate", options.config, options.out, options.json)
+    if status is not None:
+        return status
     return guarded_where_needed(options.config, options.own_process, lambda guard: _calibrate(options, guard))
 
 
@@ -28,7 +32,7 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     voice = Voice(options.json)
     file = read_configuration(options.config)
     from rig.bench import open_bench
-    from rig.experiment.session import Session, calibrate
+    from rig.experiment.session import Session, calibrate, calibration_summary
     from rig.signals import SignalStop
 
     path = options.out if options.out is not None else default_folder("calibration")
@@ -42,18 +46,5 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     voice.say("output off, confirmed by the controller")
     voice.say(f"model: {result.model_path}")
     voice.say(f"report: {path / 'report.html'}")
-    voice.report(
-        {
-            "format": "peltier-calibration/1",
-            "folder": path,
-            "model": result.model_path,
-            "check_rmse_dec": result.check_rmse_dec,
-            "check_max_dec": result.check_max_dec,
-            "check_rmse_K": result.check_rmse_K,
-            "rows_fitted": result.rows_fitted,
-            "rows_checked": result.rows_checked,
-            "transition_degC": list(result.transition_degC),
-            "identifiability": result.film.identifiability,
-        }
-    )
+    voice.report(calibration_summary(result))
     return 0

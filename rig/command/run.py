@@ -17,7 +17,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    status = handed_over(options.config, options.out, options.json)
+    status = handed_over("run", options.config, options.out, options.json)
     if status is not None:
         return status
     return guarded_where_needed(options.config, options.own_process, lambda guard: _run(options, guard))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.daemon.admission import by_name, by_text, configurations
+from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.job import Job
 from rig.faults import Faults
@@ -64,7 +65,9 @@ class Answers:
 
     def _submit(self, question: dict[str, Any]) -> dict[str, Any]:
         folder = self.desk.configurations
-        name, out = question.get("name"), None
+        name, kind, out = question.get("name"), question.get("kind"), None
+        if kind not in (None, CALIBRATION):
+            raise Refusal(422, [f"kind: {kind!r}: expected {CALIBRATION!r}, or none for the experiment itself"])
         try:
             if isinstance(question.get("path"), str):
                 path = Path(question["path"])
@@ -78,7 +81,7 @@ class Answers:
                 file = by_text(question["text"], name, folder)
             else:
                 raise Refusal(422, ["configuration: missing; expected a name, or a text"])
-            job = self.desk.submit(file, str(name)[:80] if name else None, out)
+            job = self.desk.submit(file, str(name)[:80] if name else None, out, kind)
         except Faults as faults:
             raise Refusal(422, faults.lines) from None
         return {"job": job.table()}

@@ -14,6 +14,7 @@ from typing import Any
 
 from rig.daemon.places import sockets_there
 
+CALIBRATION = "calibration"  # a kind of job
 ANSWER_S = 15.0  # an instrument that does not answer is tried for some seconds before `stop` says so
 
 

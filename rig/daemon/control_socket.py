@@ -3,6 +3,7 @@
     {"do": "stop", "by": "..."}                  {"ok": true, "off": true, "confirmed": true, "took_s": 0.01}
     {"do": "reset", "reason": "..."}             {"do": "state"}    {"do": "jobs"}    {"do": "configurations"}
     {"do": "submit", "configuration": "name"}    or "text" and "name"; or "path" and "out", of this computer
+    {"do": "submit", ..., "kind": "calibration"}    calibrates instead
     {"do": "cancel", "id": "..."}                {"do": "follow"}   {"do": "who"}     {"do": "subscribe"}
 
 A wrong question gets {"ok": false, "status": 4xx, "faults": [...]}, and the connection stays. The socket and its folder

@@ -177,14 +177,16 @@ class Desk:
         self.changed()
         return True
 
-    def submit(self, file: ConfigurationFile, name: str | None = None, out: Path | None = None) -> Job:
-        """Put an experiment into the queue. Raises Faults."""
+    def submit(
+        self, file: ConfigurationFile, name: str | None = None, out: Path | None = None, kind: str | None = None
+    ) -> Job:
+        """Put an experiment into the queue, or, with a kind of "calibration", its calibration. Raises Faults."""
         admit(file, self.file)
         e = file.content.experiment
         if out is not None and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
             raise Faults([f"{out}: --out: exists and is not empty; expected a new folder"])
-        folder = out if out is not None else default_folder(e.name, self.folder)
-        job = Job(new_id(), name or e.name, e.kind, file, folder, self.label_s())
+        folder = out if out is not None else default_folder(kind or e.name, self.folder)
+        job = Job(new_id(), name or kind or e.name, kind or e.kind, file, folder, self.label_s())
         if not self.queue.add(job):
             raise Faults(["queue: full; expected fewer jobs that wait"])
         self.job_changed(job)

@@ -1,4 +1,4 @@
-"""The experiments of `peltier run`, on a bench that is open already: the same code, another owner of the ports."""
+"""What `peltier run` and `peltier calibrate` do, on a bench that is open already: the same code, another owner of the ports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench import Bench
-from rig.experiment.session import Result, Session, run_on, wanted
+from rig.experiment.calibration import Calibration
+from rig.experiment.session import Result, Session, calibrate, run_on, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, prepared_folder
 from rig.loop import Tick
@@ -34,6 +35,21 @@ def run_watched(
     bench: Bench, file: ConfigurationFile, path: Path, say: Callable[[str], None], watcher: Watcher
 ) -> Result:
     """The experiment that a configuration asks for, into a folder. Raises Faults, RigError, Outcome."""
+    target, model = wanted(file, say)
+    with prepared_folder(path):
+        return run_on(_watched(bench, file, say, watcher), path, target, model)
+
+
+def calibrate_watched(
+    bench: Bench, file: ConfigurationFile, path: Path, say: Callable[[str], None], watcher: Watcher
+) -> Calibration:
+    """The calibration that a configuration asks for, into a folder. Raises as `run_watched`."""
+    with prepared_folder(path):
+        return calibrate(_watched(bench, file, say, watcher), path)
+
+
+def _watched(bench: Bench, file: ConfigurationFile, say: Callable[[str], None], watcher: Watcher) -> Session:
+    """A session whose every run tells the watcher."""
 
     class Watched(RunFolder):
         def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
@@ -49,7 +65,4 @@ def run_watched(
             watcher.ended(more.get("output_off_confirmed"), int(more.get("ticks", {}).get("missed", 0)))
             super().stop(reason, **more)
 
-    target, model = wanted(file, say)
-    with prepared_folder(path):
-        session = Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)
-        return run_on(session, path, target, model)
+    return Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)

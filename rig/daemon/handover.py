@@ -1,11 +1,11 @@
-"""`peltier run` on ports that a daemon holds: the experiment becomes its job, and is followed to its end.
+"""`peltier run` and `calibrate` on ports that a daemon holds: a job of its, which is followed to its end.
 
-    status = handed_over(options.config, options.out, options.json)
+    status = handed_over("run", options.config, options.out, options.json)
     if status is not None:
         return status
 
 Import-light, so that it can be asked before the bench's own code is loaded. The exit status is the job's: what
-`peltier run` would have given. Ctrl-C ends the job as it would end a run.
+the verb would have given. Ctrl-C ends the job as it would end a run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any
 
 from rig.daemon.asking import report, teller
-from rig.daemon.client import Client, NoDaemon, daemons
+from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.faults import Faults
 
 NOT_CONFIRMED = 11
@@ -27,7 +27,7 @@ HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
-def handed_over(config: Path, out: Path | None, json_target: str | None = None) -> int | None:
+def handed_over(verb: str, config: Path, out: Path | None, json_target: str | None = None) -> int | None:
     """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults."""
     ports = _ports(config)
     for client in daemons() if ports else []:
@@ -38,7 +38,7 @@ def handed_over(config: Path, out: Path | None, json_target: str | None = None) 
                 continue
             if {os.path.realpath(port) for port in who.get("ports", [])} & ports:
                 with Client(client.path, SILENCE_S) as stream:
-                    return _followed(client, stream, config, out, json_target)
+                    return _followed(verb, client, stream, config, out, json_target)
     return None
 
 
@@ -65,12 +65,16 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise _Interrupted(number)
 
 
-def _followed(client: Client, told: Client, config: Path, out: Path | None, json_target: str | None) -> int:
+def _followed(
+    verb: str, client: Client, told: Client, config: Path, out: Path | None, json_target: str | None
+) -> int:
     """`client` answers, `told` tells what happens."""
     stream = teller(json_target)
     events = told.events(SILENCE_S)
     next(events)  # the state: from here on nothing is missed
     more = {"out": str(out.absolute())} if out is not None else {}
+    if verb == "calibrate":
+        more["kind"] = CALIBRATION
     answer = client.ask("submit", path=str(config.absolute()), **more)
     if not answer.get("ok"):
         raise Faults(answer.get("faults", []))
@@ -86,9 +90,9 @@ def _followed(client: Client, told: Client, config: Path, out: Path | None, json
     except _Interrupted as stopped:
         for number in before:
             signal.signal(number, signal.SIG_IGN)
-        return _ended_by(client, job["id"], stopped.number)
+        return _ended_by(verb, client, job["id"], stopped.number)
     except NoDaemon as error:
-        print(f"peltier run: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
+        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
         return NOT_CONFIRMED
     finally:
         for number, handler in before.items():
@@ -99,7 +103,7 @@ def _followed(client: Client, told: Client, config: Path, out: Path | None, json
         print(f"output off, confirmed by the controller\nreport: {job['folder']}/report.html", file=stream, flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
-        print(f"peltier run: {job['reason']}{place}", file=sys.stderr)
+        print(f"peltier {verb}: {job['reason']}{place}", file=sys.stderr)
     return int(job["exit_status"])
 
 
@@ -125,17 +129,17 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
     raise NoDaemon("the daemon tells nothing any more")
 
 
-def _ended_by(client: Client, number: str, signal_number: int) -> int:
+def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int:
     """End the job; 128 + n where the output is off, confirmed."""
     name = signal.Signals(signal_number).name
     try:
         client.ask("cancel", id=number, by=name)
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
-        print(f"peltier run: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
+        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
         return NOT_CONFIRMED
     if state.get("output") != "off":
-        print("peltier run: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
+        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
         return NOT_CONFIRMED
-    print(f"peltier run: stopped by {name}; output off, confirmed by the controller", file=sys.stderr)
+    print(f"peltier {verb}: stopped by {name}; output off, confirmed by the controller", file=sys.stderr)
     return 128 + signal_number

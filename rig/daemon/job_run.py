@@ -8,13 +8,15 @@ from dataclasses import replace
 from typing import Any
 
 from rig.bench import Bench
+from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import Desk, model_of
-from rig.daemon.experiment import Watcher, run_watched
+from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
 from rig.daemon.gate import StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.errors import RigError
-from rig.experiment.session import summary
+from rig.experiment.calibration import Calibration
+from rig.experiment.session import calibration_summary, summary
 from rig.faults import Faults
 from rig.files.run_folder import part_of
 from rig.loop import Tick
@@ -47,11 +49,10 @@ class JobRun(Watcher):
         desk.model = model_of(job.file) or desk.model
         try:
             self._configure(job.file.content)
-            result = run_watched(self._bench, job.file, job.out, self._say, self)
-            job.state, job.exit_status, job.folder = "done", 0, result.folder
-            job.result = summary(result)
-            if result.calibration is not None:
-                desk.model = result.calibration.model_path
+            calibration = self._done()
+            job.state, job.exit_status = "done", 0
+            if calibration is not None:
+                desk.model = calibration.model_path
         except JobStopped as stopped:
             job.state, job.reason, job.exit_status = "stopped", str(stopped), stopped.exit_status
         except Stopped as stopped:
@@ -73,6 +74,17 @@ class JobRun(Watcher):
             job.reason = f"{type(error).__name__}: {error}"
             trip = ("program_fault", job.reason)
         self._conclude(trip)
+
+    def _done(self) -> Calibration | None:
+        """The job's work to its end: its calibration, where it made one."""
+        job = self._job
+        if job.kind == CALIBRATION:
+            calibration = calibrate_watched(self._bench, job.file, job.out, self._say, self)
+            job.folder, job.result = calibration.model_path.parent, calibration_summary(calibration)
+            return calibration
+        result = run_watched(self._bench, job.file, job.out, self._say, self)
+        job.folder, job.result = result.folder, summary(result)
+        return result.calibration
 
     def _conclude(self, trip: tuple[str, str] | None) -> None:
         desk, job = self._desk, self._job

@@ -35,6 +35,7 @@ from rig.ports.transport import Transport
 RESYNCHRONISATIONS = 3
 REQUESTS = 3  # trials of a request that the instrument could not read
 LARGEST_TOKEN = 9999
+SHOUTS, SHOUT_S = 4, 0.015  # how often, and how far apart at least
 DIGITS = frozenset(b"0123456789abcdef")
 Request = tuple[bytes, int | None]
 
@@ -122,9 +123,17 @@ class TeLink:
         return replies
 
     def shout(self, code: bytes, value: int) -> None:
-        """Send a write at once, whatever the line is doing; nobody waits for its acknowledgement."""
+        """Send a write at once, whatever the line is doing, and some more times.
+
+        Nobody waits for an acknowledgement. What begins while the instrument still answers the request before is lost
+        (the manual warns of sending too fast), hence the repetition, for longer than an exchange takes.
+        """
         self._in_doubt = True
-        self.transport.send(self._frame(code, value))
+        clock = self.transport.clock
+        frame = self._frame(code, value)
+        for _ in range(SHOUTS):
+            self.transport.send(frame)
+            clock.sleep_until_s(clock.now_s() + max(len(frame) * self._byte_s, SHOUT_S))
 
     def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Listen until the line is silent, then send fences until one comes back."""

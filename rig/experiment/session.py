@@ -297,6 +297,22 @@ def design_table(design: Design) -> dict[str, Any]:
     }
 
 
+def calibration_summary(result: Calibration) -> dict[str, Any]:
+    """What came out, as `peltier calibrate --json` tells it."""
+    return {
+        "format": "peltier-calibration/1",
+        "folder": result.model_path.parent,
+        "model": result.model_path,
+        "check_rmse_dec": result.check_rmse_dec,
+        "check_max_dec": result.check_max_dec,
+        "check_rmse_K": result.check_rmse_K,
+        "rows_fitted": result.rows_fitted,
+        "rows_checked": result.rows_checked,
+        "transition_degC": list(result.transition_degC),
+        "identifiability": result.film.identifiability,
+    }
+
+
 def summary(result: Result) -> dict[str, Any]:
     """What came out, as `peltier run --json` tells it."""
     calibration = result.calibration

@@ -34,7 +34,7 @@ class ControllerTable(Table):
     """[bench.controller]: driver by name, port as pyserial opens it.
 
     options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
-    serial_number: the instrument's own; `check` tells where another one answers.
+    serial_number: the instrument's own; nothing runs where another one answers.
     """
 
     driver: str

@@ -122,7 +122,7 @@ class Requests:
         body = await _object(request)
         if isinstance(body, Response):
             return body
-        wanted = {key: body[key] for key in ("configuration", "text", "name") if key in body}
+        wanted = {key: body[key] for key in ("configuration", "text", "name", "kind") if key in body}
         answer = await self._ask("submit", **wanted)
         return answer if isinstance(answer, Response) else JSONResponse(answer["job"], 201)
 

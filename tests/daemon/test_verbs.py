@@ -156,6 +156,24 @@ def test_ctrl_c_of_the_run_that_was_handed_over_ends_its_job(here: Daemon, tmp_p
     assert here.until("idle")["output"] == "off"
 
 
+def test_a_calibration_is_handed_over_too(here: Daemon, tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "calibrate", str(here.path), "--out", str(tmp_path / "out")],
+        env=environment(here.folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    until(lambda: (here.ask("state")["state"]["job"] or {}).get("phase") not in (None, "working"), "the loop")
+    assert here.ask("jobs")["jobs"][0]["kind"] == "calibration"
+    process.send_signal(signal.SIGINT)
+    status, text = ended(process)
+    assert status == 130, text
+    assert "handed over to the daemon bench" in text
+    assert "output off, confirmed" in text
+    assert (tmp_path / "out.part" / "record.csv").is_file()
+
+
 def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     process = long_run(here, tmp_path)
     assert output_is_on(here)

@@ -190,7 +190,7 @@ def test_the_eeprom_is_spared(plant: StillPlant, attach: Attach, clock: VirtualC
     for step in range(50):
         controller.set_setpoint_degC(30.0 + 0.1 * step)
         controller.read_temperature()
-    assert tec.eeprom_writes <= 2  # the very first command, power off, and the one that switches it off
+    assert tec.eeprom_writes <= 3  # power off at first, said more than once, and what ends the writing
 
 
 @pytest.mark.parametrize(
@@ -347,6 +347,20 @@ def test_off_comes_at_once_even_in_doubt(
     assert (
         next(time_s for time_s, current_A in plant.currents if time_s > begin_s and current_A == 0.0) < begin_s + 0.05
     )
+
+
+def test_off_gets_through_to_an_instrument_that_is_answering(
+    armed: TeTechnologyController, tec: TeTechnology, plant: StillPlant, clock: VirtualClock
+) -> None:
+    armed.set_setpoint_degC(90.0)
+    wait(clock, tec, 1.0)
+    armed.link.transport.send(armed.link._frame(b"01", 0))  # who asked has died; what begins meanwhile is lost
+    lost, begin_s = tec.lost_commands, clock.now_s()
+    armed.link.doubt()
+    assert armed.off()
+    assert tec.lost_commands > lost
+    off_s = next(time_s for time_s, current_A in plant.currents if time_s > begin_s and current_A == 0.0)
+    assert off_s < begin_s + 0.09
 
 
 def test_a_controller_that_was_switched_off_is_no_longer_armed(

@@ -162,6 +162,18 @@ def test_check_tells_who_answers_and_ends_off(peltier: Peltier, tmp_path: Path) 
     assert result["temperature_degC"] == pytest.approx(60.0, abs=1.0)
 
 
+def test_nothing_runs_where_another_instrument_answers(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace('"keithley2000"\n', '"keithley2000"\nserial_number = "0000001"\n'))
+    status, _, err = peltier("run", path, "--out", tmp_path / "out")
+    assert status == 2
+    assert "bench.meter.serial_number: '0000001': what answers at" in err
+    assert not (tmp_path / "out").exists()
+    status, out, _ = peltier("check", path)  # tells all that it finds
+    assert status == 1
+    assert "NOT AS CONFIGURED: meter: serial number" in out
+
+
 def test_ports_lists_or_says_that_there_is_none(peltier: Peltier) -> None:
     status, out, _ = peltier("ports")
     assert status == 0
