@@ -82,7 +82,7 @@ def run(
     at the first node, at the last on return. slopes: (nodes, 2), dT/dt after the node and before it, K/s.
     """
     m = terms.shape[0]
-    a, b, c, d = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
+    a, b, c, d, at = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     t = reset[0]
     for k in range(time.size):
         if k > 0:
@@ -95,14 +95,20 @@ def run(
                 t = t * math.exp(-x) + forcing * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
                 slopes[k, 1] = forcing - decay * t
             elif dt > 0.0:
-                count = math.ceil(dt / LONGEST_STEP_S - 1e-9)
+                count = max(1, math.ceil(dt / LONGEST_STEP_S - 1e-9))
                 h, now = dt / count, time[k - 1]
                 slopes[k - 1, 0] = _rates(par, terms, values, now, t, own, i, a)
                 for _ in range(count):
                     e = _rates(par, terms, values, now, t, own, i, a)
-                    f = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * e, own + 0.5 * h * a, i, b)
-                    u = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * f, own + 0.5 * h * b, i, c)
-                    w = _rates(par, terms, values, now + h, t + h * u, own + h * c, i, d)
+                    for j in range(m):
+                        at[j] = own[j] + 0.5 * h * a[j]
+                    f = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * e, at, i, b)
+                    for j in range(m):
+                        at[j] = own[j] + 0.5 * h * b[j]
+                    u = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * f, at, i, c)
+                    for j in range(m):
+                        at[j] = own[j] + h * c[j]
+                    w = _rates(par, terms, values, now + h, t + h * u, at, i, d)
                     t += h * (e + 2.0 * f + 2.0 * u + w) / 6.0
                     for j in range(m):
                         own[j] += h * (a[j] + 2.0 * b[j] + 2.0 * c[j] + d[j]) / 6.0

@@ -90,7 +90,7 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
         margin = 0.25 * (high - low)
         candidates = [FilmStart("cooled", float(t)) for t in np.linspace(low - margin, first, SEVERAL_STARTS)[:-1]]
         candidates += [FilmStart("heated", float(t)) for t in np.linspace(first, high + margin, SEVERAL_STARTS)[1:]]
-        none = np.empty((record.rows, 0))
+        none = channel.relays_of(FilmParameters((), shape, best), shape)
         cost = channel.point(FilmParameters((), shape, best), shape, none).cost
         for start in candidates:
             value = channel.point(FilmParameters((), shape, start), shape, none).cost

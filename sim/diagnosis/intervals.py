@@ -7,7 +7,6 @@ is widened by how far apart the sums over blocks of rows are (block sandwich, `c
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from compensator.functions import Array
 from compensator.identify_covariance import block_sandwich
@@ -56,11 +55,9 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     if b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.last(chain.split(names)[0]).channel
-        relays = last.relay_columns(b.parameters, b.parameters.x)
+        relays = last.relays_of(b.parameters, b.parameters.x)
         point = last.point(b.parameters, b.parameters.x, relays, b.coefficients)
-        j = b.jacobian[rows] / last.sigma_dec
-        reach = point.columns / last.sigma_dec
-        j = j - reach @ cho_solve(point.factor, reach.T @ j, check_finite=False)
+        j = point.off(b.jacobian[rows] / last.sigma_dec)
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
     return out
 

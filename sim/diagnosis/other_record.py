@@ -35,7 +35,7 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str
         for start in (FilmStart("heated"), FilmStart("cooled")):
             p = replace(b.parameters, start=start)
             for _ in range(2):  # the second time the model's own resistance heats the film
-                shown = channel_b.predict_from(p, replace(b, parameters=p), channel_b.relay_columns(p, p.x))
+                shown = channel_b.predict_from(p, replace(b, parameters=p), channel_b.relays_of(p, p.x))
                 channel_b.power_output = shown
             residual = np.where(other.output_used, other.output - shown, np.nan)
             square = float(np.nanmean(residual**2))

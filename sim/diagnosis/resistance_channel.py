@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
 from compensator.functions import Array
 from compensator.identify_mixed import WIDTHS
@@ -32,6 +32,7 @@ from sim.diagnosis.film_columns import (
     operator_columns,
     transfer,
 )
+from sim.diagnosis.film_point import LinearProblem, Point, Relays
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
@@ -86,19 +87,6 @@ class ResistanceFit:
     @property
     def effects(self) -> tuple[Switched, ...]:
         return self.parameters.effects
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """Everything at one x: the columns in the fitted rows, coefficients, what is shown in all rows, the cost."""
-
-    x: Array
-    columns: Array
-    coefficients: Array
-    shown: Array
-    film_output: Array
-    cost: float
-    factor: tuple[Array, bool]
 
 
 class ResistanceChannel:
@@ -175,23 +163,21 @@ class ResistanceChannel:
                 shown = -np.log10(form.read(effect.par, 10.0**-shown))
         return shown
 
-    def _prior(self, p: FilmParameters, free: int, extra: int, relays: int) -> Array:
+    def _prior(self, p: FilmParameters, extra: int, relays: int) -> Array:
         """Precision of each coefficient: free ones, operators, behind, relays."""
         return np.concatenate(
             (
-                np.full(free, WIDE_DEC**-2),
+                np.full(self._free, WIDE_DEC**-2),
                 np.full(self.basis.fractions.size, p.weight_dec**-2),
                 np.full(extra, BEHIND_DEC**-2),
                 np.full(relays, max(p.relay_dec, 1e-9) ** -2),
             )
         )
 
-    def point(self, p: FilmParameters, x: Array, relay_columns: Array, guess: Array | None = None) -> _Point:
-        """The best coefficients at x. relay_columns: (rows, relays) or (rows, 0)."""
+    def point(self, p: FilmParameters, x: Array, relays: Relays, guess: Array | None = None) -> Point:
+        """The best coefficients at x."""
         effects, nodes = self.nodes(p, x)
         signals = self._signals(effects, nodes, x)
-        free = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
-        film_columns = free + self.basis.fractions.size
         lags = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance"]
         curved = any(
             isinstance(e.effect.form, Reading) and e.effect.link == "ohmmeter" and not e.effect.form.linear
@@ -199,6 +185,7 @@ class ResistanceChannel:
         )
         rows, y = self.rows, self.output
         coefficients = guess
+        film = signals[nodes.taken]
         rounds = 3 if curved else 1
         for _ in range(rounds):
             if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
@@ -217,21 +204,19 @@ class ResistanceChannel:
             else:
                 offset = self._shown(effects, nodes, signal)
                 offset = offset - self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
-            columns = np.concatenate((at_rows[rows], relay_columns[rows]), axis=1)
-            prior = self._prior(p, free, at_rows.shape[1] - film_columns, relay_columns.shape[1])
-            normal = columns.T @ columns / self.sigma_dec**2
-            normal[np.diag_indices_from(normal)] += prior
-            right = columns.T @ (y[rows] - offset[rows]) / self.sigma_dec**2
-            factor = cho_factor(normal, lower=True, check_finite=False)
-            coefficients = cho_solve(factor, right, check_finite=False)
-        assert coefficients is not None
-        shown = at_rows @ coefficients[: at_rows.shape[1]] + relay_columns @ coefficients[at_rows.shape[1] :] + offset
-        residual = (y[rows] - shown[rows]) / self.sigma_dec
-        cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ coefficients**2)
-        if not math.isfinite(cost):
-            cost = math.inf
-        film_output = (signals @ coefficients[: signals.shape[1]])[nodes.taken]
-        return _Point(x, columns, coefficients, shown, film_output, cost, factor)
+            problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec)
+            found = problem.solved(x, self._prior(p, at_rows.shape[1] - self._film_columns, relays.count))
+            coefficients = found.coefficients
+        return found
+
+    @property
+    def _free(self) -> int:
+        """Columns of the constant and of D."""
+        return 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
+
+    @property
+    def _film_columns(self) -> int:
+        return self._free + self.basis.fractions.size
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
         """A signal at the nodes through the ohmmeter's filters, in every row."""
@@ -243,7 +228,7 @@ class ResistanceChannel:
                 signal = out
         return signal[nodes.taken]
 
-    def _predict(self, p: FilmParameters, x: Array, point: _Point, relay_columns: Array) -> Array:
+    def _predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
         signals = self._signals(effects, nodes, x)
@@ -254,26 +239,25 @@ class ResistanceChannel:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
                 shown = shown + (self._behind(effect, nodes.time_s)[nodes.taken] * c[place])[:, 0]
                 place += 1
-        return np.asarray(shown + relay_columns @ c[place:], dtype=np.float64)
+        return np.asarray(shown + point.problem.relays.every @ c[place:], dtype=np.float64)
 
-    def predict_from(self, p: FilmParameters, fit: ResistanceFit, relay_columns: Array) -> Array:
+    def predict_from(self, p: FilmParameters, fit: ResistanceFit, relays: Relays) -> Array:
         """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
         effects, nodes = self.nodes(p, p.x)
         signals = self._signals(effects, nodes, p.x)
-        c, relays = fit.coefficients, relay_columns.shape[1]
-        own = 1 + (self.basis.curve.count if self.basis.curve is not None else 0) + self.basis.fractions.size
+        c, own = fit.coefficients, self._film_columns
         shown = self._shown(effects, nodes, signals[:, :own] @ c[:own])
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
         ]
-        for e, value in zip(places, c[own : c.size - relays], strict=True):
+        for e, value in zip(places, c[own : c.size - relays.count], strict=True):
             shown = shown + value * self._behind(e, nodes.time_s)[nodes.taken][:, 0]
-        return np.asarray(shown + relay_columns @ c[c.size - relays :], dtype=np.float64)
+        return np.asarray(shown + relays.every @ c[c.size - relays.count :], dtype=np.float64)
 
-    def relay_columns(self, p: FilmParameters, x: Array) -> Array:
-        """The relays' outputs in every row; none where their prior's width is 0."""
+    def relays_of(self, p: FilmParameters, x: Array) -> Relays:
+        """The relays' outputs; none where their prior's width is 0."""
         if not self.relays or p.relay_dec == 0.0:
-            return np.empty((self.record.rows, 0))
+            return Relays(np.empty((self.record.rows, 0)), np.empty((self.rows.size, 0)), np.empty((0, 0)))
         effects, nodes = self.nodes(p, x)
         b = self.basis
         columns = classical_columns(nodes, b.centre_degC, b.slope_per_K, b.half_width_K)
@@ -281,7 +265,9 @@ class ResistanceChannel:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
                 columns = filtered(columns, self.record.taken_s, effect)
-        return np.asarray(columns, dtype=np.float64)
+        columns = np.asarray(columns, dtype=np.float64)
+        fitted = columns[self.rows]
+        return Relays(columns, fitted, fitted.T @ fitted)
 
     # -- the fit
 
@@ -298,13 +284,13 @@ class ResistanceChannel:
         high = np.array([u.high for u in unknowns] + [20.0] * behind)
         return low, high, np.array([u.step for u in unknowns] + [1e-2] * behind)
 
-    def widths(self, p: FilmParameters, point: _Point, relays: int) -> FilmParameters:
+    def widths(self, p: FilmParameters, point: Point) -> FilmParameters:
         """The priors' widths that the coefficients ask for (one step of the fixed point)."""
         inverse = cho_solve(point.factor, np.eye(point.coefficients.size), check_finite=False)
         variance = np.diag(inverse)
         c = point.coefficients
-        free_count = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
-        ops = slice(free_count, free_count + self.basis.fractions.size)
+        relays = point.problem.relays.count
+        ops = slice(self._free, self._film_columns)
         size = self.basis.fractions.size
         weight = math.sqrt(float(np.sum(c[ops] ** 2 + variance[ops])) / size)
         relay = p.relay_dec
@@ -318,35 +304,26 @@ class ResistanceChannel:
             relay = min(max(relay, 1e-6), 1.0)
         return replace(p, weight_dec=min(max(weight, 1e-3), 3.0), relay_dec=relay)
 
-    def evidence(self, p: FilmParameters, point: _Point, relays: int) -> float:
-        """The marginal log-likelihood at the point, up to a constant of the record."""
-        free_count = 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
-        extra = point.coefficients.size - free_count - self.basis.fractions.size - relays
-        prior = self._prior(p, free_count, extra, relays)
-        logdet = 2.0 * float(np.sum(np.log(np.diag(point.factor[0]))))
-        return -point.cost - 0.5 * logdet + 0.5 * float(np.sum(np.log(prior)))
-
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
     ) -> ResistanceFit:
         """Gauss-Newton with Marquardt's damping, and the priors' widths on the way."""
         low, high, h = self.bounds(p)
         x = np.clip(p.x, low, high)
-        relay_columns = self.relay_columns(p, x)
-        point = self.point(p, x, relay_columns)
-        p, point, score = self._settled(p, point, relay_columns, 3 if settle else 0)
+        point = self.point(p, x, self.relays_of(p, x))
+        p, point, score = self._settled(p, point, 3 if settle else 0)
         damping = 1e-3
         jacobian = np.zeros((self.record.rows, x.size))
         for iteration in range(steps):
-            base = self._predict(p, point.x, point, relay_columns)
+            base = self._predict(p, point.x, point)
             for k in range(x.size):
                 moved = point.x.copy()
                 moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                shown = self._predict(p, moved, point, relay_columns)
+                shown = self._predict(p, moved, point)
                 jacobian[:, k] = (shown - base) / (moved[k] - point.x[k])
             j = jacobian[self.rows] / self.sigma_dec
             residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
-            cross = point.columns.T @ j / self.sigma_dec
+            cross = point.along(j) / self.sigma_dec
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
             gradient = j.T @ residual
             held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
@@ -360,7 +337,7 @@ class ResistanceChannel:
                 damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
                 move = np.linalg.solve(damped, gradient / norm) / norm
                 move = np.clip(move, -1.0, 1.0)
-                trial = self.point(p, np.clip(point.x + move, low, high), relay_columns, point.coefficients)
+                trial = self.point(p, np.clip(point.x + move, low, high), point.problem.relays, point.coefficients)
                 if trial.cost < point.cost:
                     point, damping = trial, max(0.1 * damping, 1e-9)
                     break
@@ -368,14 +345,12 @@ class ResistanceChannel:
             if self._heated(p) and 2.0 * point.cost < TRUSTED * self.rows.size:
                 self.power_output = point.film_output.copy()
             if settle and iteration % 3 == 2:
-                relay_columns = self.relay_columns(p, point.x)
-                point = self.point(p, point.x, relay_columns, point.coefficients)
-                p, point, score = self._settled(p, point, relay_columns, 1)
+                point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
+                p, point, score = self._settled(p, point, 1)
             elif before - point.cost < tolerance:
                 break
-        relay_columns = self.relay_columns(p, point.x)
-        point = self.point(p, point.x, relay_columns, point.coefficients)
-        p, point, score = self._settled(p, point, relay_columns, 3 if settle else 0)
+        point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
+        p, point, score = self._settled(p, point, 3 if settle else 0)
         effects, _ = self.split(p, point.x)
         residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
         return ResistanceFit(
@@ -394,19 +369,17 @@ class ResistanceChannel:
         return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in p.effects)
 
     def _settled(
-        self, p: FilmParameters, point: _Point, relay_columns: Array, turns: int
-    ) -> tuple[FilmParameters, _Point, float]:
+        self, p: FilmParameters, point: Point, turns: int
+    ) -> tuple[FilmParameters, Point, float]:
         """The priors' widths at a fixed x, and the marginal likelihood there."""
-        relays = relay_columns.shape[1]
-        score = self.evidence(p, point, relays)
         for _ in range(turns):
-            wider = self.widths(p, point, relays)
-            other = self.point(wider, point.x, relay_columns, point.coefficients)
-            value = self.evidence(wider, other, relays)
-            if value <= score + 0.02:
+            wider = self.widths(p, point)
+            prior = self._prior(wider, point.problem.own.shape[1] - self._film_columns, point.problem.relays.count)
+            other = point.problem.solved(point.x, prior)
+            if other.evidence <= point.evidence + 0.02:
                 break
-            p, point, score = wider, other, value
-        return p, point, score
+            p, point = wider, other
+        return p, point, point.evidence
 
     def noise(self, fit: ResistanceFit) -> float:
         """The ohmmeter's noise, from what a fit leaves from row to row."""

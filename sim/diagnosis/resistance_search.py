@@ -7,9 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_solve
 
-from compensator.functions import Array
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.effects.effect import Effect, Switched, Warming, switched
 
@@ -122,17 +120,12 @@ class ResistanceSearch:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
         channel, effect = self.channel, self.effects[name]
         p = fit.parameters
-        relay_columns = channel.relay_columns(p, p.x)
-        point = channel.point(p, p.x, relay_columns, fit.coefficients)
+        relays = channel.relays_of(p, p.x)
+        point = channel.point(p, p.x, relays, fit.coefficients)
         rows = channel.rows
         residual = (channel.output[rows] - point.shown[rows]) / channel.sigma_dec
         jacobian = fit.jacobian[rows] / channel.sigma_dec
-        reach = point.columns / channel.sigma_dec
-
-        def off(columns: Array) -> Array:
-            return np.asarray(columns - reach @ cho_solve(point.factor, reach.T @ columns, check_finite=False))
-
-        outer = off(jacobian)
+        outer = point.off(jacobian)
         norms = np.linalg.norm(outer, axis=0)
         q = (
             np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
@@ -143,8 +136,8 @@ class ResistanceSearch:
         for trial in starts_of(effect, channel):
             others = [e for e in fit.effects if e.name != name]
             parameters = channel.extended(p, [*others, trial])
-            shown = channel.predict_from(parameters, fit, relay_columns)
-            delta = off(((shown[rows] - point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+            shown = channel.predict_from(parameters, fit, relays)
+            delta = point.off(((shown[rows] - point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
             delta = delta - q @ (q.T @ delta)
             size, along = float(delta @ delta), float(delta @ residual)
             if not size > 1e-9 or not np.isfinite(size):

@@ -7,7 +7,7 @@ from sim.diagnosis.verdict import Verdict
 
 CLOSE = 5.0  # log-likelihood: a set that is this close is as good
 LOOKED_AT = 3
-HOPE = 0.5  # share of an effect's evidence that a rival has to promise
+HOPE = 0.5  # share of what the effect itself promises that a rival has to promise
 
 
 def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str, list[str]]:
@@ -22,16 +22,17 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
         if is_last:
             search = chain.last(upstream)
             fit = search.fit(downstream)
-            others = [n for n in search.effects if n not in names]
+            others = [n for n in search.effects if n not in rest]
             promises = {n: p.gain for n, p in search.promises(fit, others).items()}
         else:
             assert chain.first is not None
             first = chain.first.fit(upstream)
-            others = [n for n in chain.first.effects if n not in names]
+            others = [n for n in chain.first.effects if n not in rest]
             promises = {n: chain.first.promise(first, n) for n in others}
-        order = sorted(others, key=lambda n: -promises[n])[:LOOKED_AT]
+        own = min(promises[name], judged.evidence[name])
+        order = sorted((n for n in others if n != name), key=lambda n: -promises[n])[:LOOKED_AT]
         for other in order:
-            if promises[other] < HOPE * min(judged.evidence[name], 200.0):
+            if promises[other] < HOPE * own:
                 continue
             if chain.score(rest | {other}) > whole - CLOSE:
                 found.append(other)

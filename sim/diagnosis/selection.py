@@ -43,9 +43,9 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf)
     return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)
 
 
-def select_first_links(search: TemperatureSearch) -> frozenset[str]:
-    """The effects that the thermometer's channel alone asks for."""
-    names: frozenset[str] = frozenset()
+def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
+    """The effects that the thermometer's channel alone asks for. names: where the search begins."""
+    names = _improved_first(search, names)
     while len(names) < MOST_EFFECTS:
         fit = search.fit(names)
         others = [n for n in search.effects if n not in names]
@@ -71,18 +71,19 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
     """Swaps and removals until none is better."""
     for _ in range(4):
         best, changed = search.fit(names).minus_log, names
-        if len(names) > 1:
-            for name in sorted(names):
-                rest = names - {name}
-                fit = search.without(search.fit(names), name)
-                if fit.minus_log - best < WORTH:
-                    return _improved_first(search, rest)
-                for other in search.effects:
-                    if other in names or search.promise(fit, other) < PROMISING:
-                        continue
-                    value = search.fit(rest | {other}, fit).minus_log
-                    if value < best - 1.0:
-                        best, changed = value, rest | {other}
+        for name in sorted(names):
+            rest = names - {name}
+            fit = search.without(search.fit(names), name)
+            if fit.minus_log - best < WORTH:
+                return _improved_first(search, rest)
+            if not rest:
+                continue  # the only one was the best of all
+            promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
+            likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
+            for other in likely[:TRIED]:
+                value = search.fit(rest | {other}, fit).minus_log
+                if value < best - 1.0:
+                    best, changed = value, rest | {other}
         if changed == names:
             break
         names = changed
@@ -152,7 +153,7 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
         say("current to temperature")
         upstream = select_first_links(chain.first)
         if chain.renoised_first(upstream):
-            upstream = select_first_links(chain.first)
+            upstream = select_first_links(chain.first, upstream)
     names = upstream
     if chain.record.output is not None:
         say("temperature to resistance")

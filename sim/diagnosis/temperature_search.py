@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from compensator.functions import Array
 from compensator.identify_balance import Stretch, rough_balances
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
@@ -15,7 +16,8 @@ from sim.diagnosis.unknowns import fitted_parameters
 from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
 
 ROUGH_STEPS = 12
-SEARCHED = 28  # values that a search tries before it looks closer
+SEARCHED = 28  # values that a search looks at
+LIKELY = 9  # of them that it tries before it looks closer
 NOTHING = 0.05  # of the smallest size met
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
@@ -75,8 +77,9 @@ class TemperatureSearch:
 
     def _searched(self, fit: TemperatureFit, effect: Effect) -> TemperatureFit:
         """An effect whose cost jumps: values tried one by one, the others' descent short, then a closer look."""
-        parameter = effect.parameters[0]
-        values = np.geomspace(0.3 * parameter.smallest, 3.0 * parameter.largest, SEARCHED)
+        grid = searched_values(effect)
+        gains = self._gains(fit, effect.name, [[float(v)] for v in grid])
+        values = grid[np.sort(np.argsort(gains)[-LIKELY:])]
         best: TemperatureFit | None = None
         for turn in range(3):
             for value in values:
@@ -85,7 +88,7 @@ class TemperatureSearch:
                     best = trial
             assert best is not None
             at = best.effects[-1].par[0]
-            ratio = float(values[1] / values[0])
+            ratio = float(grid[1] / grid[0]) ** (0.25**turn)
             values = np.geomspace(at / ratio, at * ratio, 9)
         assert best is not None
         return self.held(best, effect, float(best.effects[-1].par[0]), 15)
@@ -99,6 +102,24 @@ class TemperatureSearch:
     def promise(self, fit: TemperatureFit, name: str) -> float:
         """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
+        effect = self.effects[name]
+        form = effect.form
+        if isinstance(form, Command) and not form.smooth:
+            values = [[float(v)] for v in searched_values(effect)]
+        elif isinstance(form, HeatFlow) and form.own_rate is not None:
+            values = starting_values(effect, fit)
+        else:
+            values = [
+                [
+                    0.03 * v if k == 0 or par.signed else v
+                    for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))
+                ]
+                for start in starting_values(effect, fit)
+            ]
+        return float(np.max(self._gains(fit, name, values), initial=0.0))
+
+    def _gains(self, fit: TemperatureFit, name: str, values: Sequence[Sequence[float]]) -> Array:
+        """The promise of each of an effect's values."""
         effect, channel = self.effects[name], self.channel
         p = fit.parameters
         rows = channel.rows
@@ -113,31 +134,23 @@ class TemperatureSearch:
         )
         norms = np.linalg.norm(nuisance, axis=0)
         q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
-        form = effect.form
-        if isinstance(form, Command) and not form.smooth:
-            par = effect.parameters[0]
-            values = [[float(v)] for v in np.geomspace(0.3 * par.smallest, 3.0 * par.largest, SEARCHED)]
-        else:
-            values = [
-                [
-                    0.03 * v if k == 0 or par.signed else v
-                    for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))
-                ]
-                for start in starting_values(effect, fit)
-            ]
-            if isinstance(form, HeatFlow) and form.own_rate is not None:
-                values = starting_values(effect, fit)
-        best = 0.0
-        for value in values:
-            trial = channel.extended(p, [*fit.effects, switched(effect, value)])
+        gains = np.zeros(len(values))
+        for place, value in enumerate(values):
+            trial = channel.extended(p, [*fit.effects, switched(effect, list(value))])
             shown = channel.simulate(trial, trial.x, p.first_degC)[1]
             delta = (shown[rows] - fit.shown_degC[rows]) / channel.sigma_K
             delta = delta - e * (np.bincount(channel.stretch, e * delta, channel.stretches) / d)[channel.stretch]
             delta = delta - q @ (q.T @ delta)
             size = float(delta @ delta)
             if size > 1e-9 and np.isfinite(size):
-                best = max(best, 0.5 * float(delta @ like_residual) ** 2 / size)
-        return best
+                gains[place] = 0.5 * float(delta @ like_residual) ** 2 / size
+        return gains
+
+
+def searched_values(effect: Effect) -> Array:
+    """The values of an effect that has to be searched for."""
+    parameter = effect.parameters[0]
+    return np.geomspace(0.3 * parameter.smallest, 3.0 * parameter.largest, SEARCHED)
 
 
 def held_effect(effect: Effect) -> Effect:

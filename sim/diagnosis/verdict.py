@@ -95,7 +95,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
         z, rows = resistance_residual(chain, names)
         assert b is not None
         channel = chain.last(chain.split(names)[0]).channel
-        relays = channel.relay_columns(b.parameters, b.parameters.x)
+        relays = channel.relays_of(b.parameters, b.parameters.x)
         point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
         free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
     else:
