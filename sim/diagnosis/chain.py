@@ -12,9 +12,10 @@ from sim.diagnosis.film_start import scale_of, starting_shape, thinned_path
 from sim.diagnosis.path_estimate import corrected_path, measured_path
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
-from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.resistance_channel import FilmBasis, FilmParameters, ResistanceChannel, ResistanceFit, basis_for
 from sim.diagnosis.resistance_search import ResistanceSearch
+from sim.diagnosis.strays import strays
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
 from sim.effects.effect import Effect
@@ -27,13 +28,19 @@ SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is non
 def temperature_search(
     record: Record, fitted: Mask, effects: dict[str, Effect], kinds: tuple[str, ...] = ("peltier",)
 ) -> TemperatureSearch:
-    """The first links' base fit, weighed by the thermometer's own noise."""
+    """The first links' base fit, weighed by the thermometer's own noise. Its record is without what that fit shows to
+    be lone readings."""
     used = record.temperature_degC[record.temperature_used]
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
         rough = max(rough, 0.3 * record.step_K)
     channel = TemperatureChannel(record, fitted, rough, record.step_K)
     base = base_fit(channel, record, kinds)
+    lone = strays(record.temperature_degC - base.shown_degC, record.temperature_used, 0.5 * record.step_K)
+    if lone.size:
+        record = record.without(lone, lone[:0])
+        channel = TemperatureChannel(record, fitted, rough, record.step_K)
+        base = channel.descend(base.parameters)
     channel = channel.with_noise(max(channel.noise(base), LEAST_NOISE_K))
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base)
@@ -58,12 +65,14 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
 
 @dataclass
 class FilmFacts:
-    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise."""
+    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, and
+    rows whose readings are lone."""
 
     basis: FilmBasis
     shape: Array
     start: FilmStart
     sigma_dec: float
+    strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> FilmFacts:
@@ -99,6 +108,7 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
     fit = channel.descend(FilmParameters((), shape, facts.start))
     facts.shape = fit.parameters.x[:4]
     facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
+    facts.strays = strays(output - fit.shown, record.output_used, LEAST_NOISE_DEC)
     return facts
 
 
@@ -134,6 +144,7 @@ class Chain:
                 path = path_of(self.first, self.first.fit(upstream))
             if self.facts is None:
                 self.facts = film_facts(self.record, path, self.fitted, self.curve)
+                self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
             self.searches[upstream] = resistance_search(self.record, path, self.fitted, self.facts, self.effects)
         return self.searches[upstream]
 

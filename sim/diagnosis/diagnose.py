@@ -129,14 +129,16 @@ def diagnose(
     """Diagnose one record (columns as in a record file: names with units).
 
     base: "generalized_pi" restricts the film to no D(T). holdout: another record of the same rig, on which the gain is
-    measured in place of every third block of rows. Raises ValueError, a line a fault, where nothing can be said.
+    measured; without it every fourth block of rows is held out. Raises ValueError, a line a fault, where nothing can be
+    said.
     """
     with threadpool_limits(limits=1):
-        record = read_columns(columns)
+        record = read_columns(columns, held_out=holdout is None)
         known = dict(effects if effects is not None else catalogue())
         chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)
+            chain.record = chain.first.channel.record
         elif record.output is None:
             raise ValueError("record: neither current_A nor resistance_ohm; expected at least one of them")
         names = select(chain, say)

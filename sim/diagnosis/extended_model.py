@@ -108,7 +108,7 @@ def _shared_out(refit: FilmRefit) -> tuple[Integers, Integers]:
     record, fitted = refit.channel.record, refit.channel.fitted
     held = record.output_used & ~fitted
     if np.sum(held) < 10:
-        held = record.output_used & held_out_rows(record.rows)
+        held = record.output_used & held_out_rows(record.rows, record.first_rows)
         fitted = fitted & ~held
     return _thinned(np.flatnonzero(fitted), MOST_ROWS), np.flatnonzero(held)
 

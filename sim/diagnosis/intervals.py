@@ -11,12 +11,15 @@ import numpy as np
 from compensator.functions import Array
 from compensator.identify_covariance import block_sandwich
 from sim.diagnosis.chain import Chain
+from sim.diagnosis.temperature_search import cells
 from sim.diagnosis.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.verdict import resistance_residual, temperature_residual
 from sim.effects.effect import Command, Switched
 
 NORMAL_95 = 1.96
 HALF_CHI2_95 = 1.92
+MUCH_WORSE = 8.0
+MOST_CELLS = 40
 MEANINGLESS = 4.0  # half an interval on a log scale from which it has no meaning
 VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
 
@@ -50,7 +53,7 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
         deviations = _deviations(weight[:, None] * j, z)
         out |= _by_name(list(a.effects), deviations[len(p.base) :])
         for effect in a.effects:
-            if isinstance(effect.effect.form, Command) and not effect.effect.form.smooth:
+            if isinstance(effect.effect.form, Command) and effect.effect.form.jumps is not None:
                 out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
     if b is not None:
         z, rows = resistance_residual(chain, names)
@@ -96,24 +99,28 @@ def _by_name(
 
 
 def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[float, tuple[float, float] | None]:
-    """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92."""
+    """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92.
+
+    All else follows. The cost is not smooth: a stretch that is worse ends the interval only where it is much worse.
+    """
     assert chain.first is not None
     search = chain.first
     fit = chain.fits(names)[0]
     assert fit is not None
     original = search.effects[effect.name]
+    edges = cells(original, search.channel.record)
     at = float(effect.par[0])
-    edges = []
-    for sign in (-1.0, 1.0):
-        near, far = 0.0, 0.01
-        while far < 4.0:
-            trial = search.held(fit, original, at * float(np.exp(sign * far)), 2)
-            if trial.minus_log > fit.minus_log + HALF_CHI2_95:
+    middle = int(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2))
+    ends = []
+    for side in (-1, 1):
+        last, k, near = middle, middle + side, fit
+        while 0 <= k < edges.size - 1 and abs(k - middle) < MOST_CELLS:
+            near = search.held(near, original, float(np.sqrt(edges[k] * edges[k + 1])), 3)
+            fall = near.minus_log - fit.minus_log
+            if fall < HALF_CHI2_95:
+                last = k
+            elif fall > MUCH_WORSE:
                 break
-            near, far = far, 2.0 * far
-        for _ in range(7):
-            middle = 0.5 * (near + far)
-            trial = search.held(fit, original, at * float(np.exp(sign * middle)), 2)
-            near, far = (near, middle) if trial.minus_log > fit.minus_log + HALF_CHI2_95 else (middle, far)
-        edges.append(at * float(np.exp(sign * far)))
-    return at, (edges[0], edges[1])
+            k += side
+        ends.append(last)
+    return at, (float(edges[ends[0]]), float(edges[ends[1] + 1]))

@@ -1,4 +1,5 @@
-"""A fit on another record of the same rig: only the temperatures and the memory that it began with are its own."""
+"""A fit on another record of the same rig: only what that record began with is its own, temperatures, memory, and how
+far filters were behind."""
 
 from __future__ import annotations
 
@@ -11,8 +12,11 @@ from sim.diagnosis.chain import Chain
 from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.path_estimate import measured_path
 from sim.diagnosis.record import Record
-from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
 from sim.diagnosis.temperature_channel import TemperatureChannel
+
+STEP_DEC, STEP_K = 1e-3, 1e-2  # of a difference quotient
+WIDE = 0.5  # prior of how far a filter is behind, dec and K
 
 
 def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str, Array]:
@@ -33,12 +37,39 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str
         channel_b = ResistanceChannel(other, path, every, own.sigma_dec, own.basis)
         best = np.inf
         for start in (FilmStart("heated"), FilmStart("cooled")):
-            p = replace(b.parameters, start=start)
-            for _ in range(2):  # the second time the model's own resistance heats the film
-                shown = channel_b.predict_from(p, replace(b, parameters=p), channel_b.relays_of(p, p.x))
-                channel_b.power_output = shown
-            residual = np.where(other.output_used, other.output - shown, np.nan)
+            residual = np.where(other.output_used, other.output - _shown(channel_b, b, start), np.nan)
             square = float(np.nanmean(residual**2))
             if square < best:
                 best, out["resistance_dec"] = square, residual
     return out
+
+
+def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart) -> Array:
+    """What is shown in the record's rows; how far the filters were behind is fitted, by Gauss-Newton."""
+    p = replace(fit.parameters, start=start)
+    relays = channel.relays_of(p, p.x)
+    filters = channel.filters_behind(p.effects)
+    linear = slice(channel.film_columns, fit.coefficients.size - relays.count)
+    behind = np.zeros(linear.stop - linear.start + filters)
+
+    def shown_for(behind: Array) -> Array:
+        x, c = p.x.copy(), fit.coefficients.copy()
+        x[x.size - filters :] = behind[behind.size - filters :]
+        c[linear] = behind[: behind.size - filters]
+        return channel.predict_from(replace(p, x=x), replace(fit, coefficients=c), relays)
+
+    for _ in range(2):  # the second time the model's own resistance heats the film
+        shown = shown_for(behind)
+        channel.power_output = shown
+        if behind.size:
+            rows = channel.rows
+            step = np.concatenate((np.full(behind.size - filters, STEP_DEC), np.full(filters, STEP_K)))
+            moved = [shown_for(behind + step * (np.arange(step.size) == k)) for k in range(step.size)]
+            slopes = np.stack([(m - shown)[rows] for m in moved], axis=1) / channel.sigma_dec
+            residual = (channel.output - shown)[rows] / channel.sigma_dec
+            prior = np.diag(step / WIDE)
+            behind = behind + step * np.linalg.lstsq(
+                np.vstack((slopes, prior)), np.append(residual, np.zeros(step.size)), rcond=None
+            )[0]
+            shown = shown_for(behind)
+    return shown

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,8 +16,8 @@ from sim.diagnosis.lattice import lattice_step
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 FEWEST = 40  # readings of a channel below which nothing can be said about it
-BLOCKS = 60  # contiguous blocks of rows, every third of them held out
-HELD_OUT = 3
+BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
+HELD_OUT = 4
 FIRST_SHARE = 0.1
 
 
@@ -50,17 +50,30 @@ class Record:
     def rows(self) -> int:
         return int(self.time_s.size)
 
+    def without(self, temperature: Rows, output: Rows) -> Record:
+        """The same without some rows' readings, which are told as outliers."""
+        temperature_used, output_used = self.temperature_used.copy(), self.output_used.copy()
+        temperature_used[temperature], output_used[output] = False, False
+        outliers = self.outliers[0] + int(temperature.size), self.outliers[1] + int(output.size)
+        return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
+
     @property
     def interval_s(self) -> float:
         """The median step."""
         return float(np.median(np.diff(self.time_s)))
 
 
-def held_out_rows(rows: int) -> Mask:
-    """Every third block of rows, after the first tenth: no other part of a record may have been where that was."""
+def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
+    """Every fourth block of rows, after the first tenth: no other part of a record may have been where that was.
+
+    first_rows: where stretches begin; what a stretch began with can only be seen in the rows after that.
+    """
     row = np.arange(rows)
     block = row * BLOCKS // max(rows, 1)
-    return np.asarray((block % HELD_OUT == 1) & (row >= FIRST_SHARE * rows))
+    held = np.asarray((block % HELD_OUT == 1) & (row >= FIRST_SHARE * rows))
+    for first in first_rows:
+        held[first : first + max(rows // BLOCKS, 1)] = False
+    return held
 
 
 def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> Record:
@@ -107,6 +120,7 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
         broken |= ~np.isfinite(current[:-1])
         current = np.nan_to_num(current)
     test = data.get("meter_current_A")
+    first_rows = np.concatenate(([0], np.flatnonzero(broken) + 1))
     return Record(
         time - time[0],
         temperature,
@@ -117,8 +131,8 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
         output_used,
         taken,
         None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
-        np.concatenate(([0], np.flatnonzero(broken) + 1)),
-        held_out_rows(time.size) if held_out else np.zeros(time.size, dtype=np.bool_),
+        first_rows,
+        held_out_rows(time.size, first_rows) if held_out else np.zeros(time.size, dtype=np.bool_),
         (int(strays.size), lone),
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
     )

@@ -109,17 +109,19 @@ class ResistanceChannel:
 
     # -- the model at one x
 
-    def _filters(self, effects: Sequence[Switched]) -> int:
+    @staticmethod
+    def filters_behind(effects: Sequence[Switched]) -> int:
+        """How many of x, at its end, say how far the film's own filters are behind at the first row."""
         return sum(isinstance(e.effect.form, Filter) and e.effect.form.target == "film_temperature" for e in effects)
 
     def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
         """The same film with these effects."""
-        x = np.concatenate((p.x[:4], values_inside(effects), np.zeros(self._filters(effects))))
+        x = np.concatenate((p.x[:4], values_inside(effects), np.zeros(self.filters_behind(effects))))
         return replace(p, effects=tuple(effects), x=x)
 
     def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
         """Effects with their values, and how far the film's filters are behind (K)."""
-        behind = self._filters(p.effects)
+        behind = self.filters_behind(p.effects)
         return with_values(p.effects, x[4 : x.size - behind]), x[x.size - behind :]
 
     def nodes(self, p: FilmParameters, x: Array) -> tuple[list[Switched], FilmNodes]:
@@ -205,7 +207,7 @@ class ResistanceChannel:
                 offset = self._shown(effects, nodes, signal)
                 offset = offset - self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
             problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec)
-            found = problem.solved(x, self._prior(p, at_rows.shape[1] - self._film_columns, relays.count))
+            found = problem.solved(x, self._prior(p, at_rows.shape[1] - self.film_columns, relays.count))
             coefficients = found.coefficients
         return found
 
@@ -215,7 +217,8 @@ class ResistanceChannel:
         return 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
 
     @property
-    def _film_columns(self) -> int:
+    def film_columns(self) -> int:
+        """Columns of the film itself: constant, D, operators; those of filters follow, then relays."""
         return self._free + self.basis.fractions.size
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
@@ -245,7 +248,7 @@ class ResistanceChannel:
         """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
         effects, nodes = self.nodes(p, p.x)
         signals = self._signals(effects, nodes, p.x)
-        c, own = fit.coefficients, self._film_columns
+        c, own = fit.coefficients, self.film_columns
         shown = self._shown(effects, nodes, signals[:, :own] @ c[:own])
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
@@ -290,7 +293,7 @@ class ResistanceChannel:
         variance = np.diag(inverse)
         c = point.coefficients
         relays = point.problem.relays.count
-        ops = slice(self._free, self._film_columns)
+        ops = slice(self._free, self.film_columns)
         size = self.basis.fractions.size
         weight = math.sqrt(float(np.sum(c[ops] ** 2 + variance[ops])) / size)
         relay = p.relay_dec
@@ -374,7 +377,7 @@ class ResistanceChannel:
         """The priors' widths at a fixed x, and the marginal likelihood there."""
         for _ in range(turns):
             wider = self.widths(p, point)
-            prior = self._prior(wider, point.problem.own.shape[1] - self._film_columns, point.problem.relays.count)
+            prior = self._prior(wider, point.problem.own.shape[1] - self.film_columns, point.problem.relays.count)
             other = point.problem.solved(point.x, prior)
             if other.evidence <= point.evidence + 0.02:
                 break

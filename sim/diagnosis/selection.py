@@ -25,16 +25,21 @@ Progress = Callable[[str], None]
 
 SMALL = 0.5  # of the smallest size met
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
+ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
 
 
 def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf) -> bool:
     """Whether an effect's size has no physical meaning: below half the smallest met, or, of a time, below a fifth of
-    the sampling interval; or `beyond` times the largest met."""
+    the sampling interval; or `beyond` times the largest met. Or what it has besides: a creep of some seconds is a lag.
+    """
     parameters = effect.effect.parameters
     first = next((k for k, p in enumerate(parameters) if not p.choices), None)
     if first is None:
         return False
     p, value = parameters[first], abs(float(effect.par[first]))
+    for q, other in zip(parameters[first + 1 :], effect.par[first + 1 :], strict=True):
+        if not q.choices and not q.smallest / ELSEWHERE <= abs(float(other)) <= q.largest * ELSEWHERE:
+            return True
     if effect.effect.inverse:
         return value > p.largest / SMALL or value < p.smallest / beyond**2
     if value > beyond * p.largest:

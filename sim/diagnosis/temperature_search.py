@@ -17,7 +17,7 @@ from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
 
 ROUGH_STEPS = 12
 SEARCHED = 28  # values that a search looks at
-LIKELY = 9  # of them that it tries before it looks closer
+APART = 1.001  # ratio of two jumps that are not one
 NOTHING = 0.05  # of the smallest size met
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
@@ -58,7 +58,7 @@ class TemperatureSearch:
     def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         effect = self.effects[name]
         form = effect.form
-        if isinstance(form, Command) and not form.smooth:
+        if isinstance(form, Command) and form.jumps is not None:
             return self._searched(fit, effect)
         found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
@@ -76,22 +76,25 @@ class TemperatureSearch:
         return self.channel.descend(parameters, steps)
 
     def _searched(self, fit: TemperatureFit, effect: Effect) -> TemperatureFit:
-        """An effect whose cost jumps: values tried one by one, the others' descent short, then a closer look."""
-        grid = searched_values(effect)
-        gains = self._gains(fit, effect.name, [[float(v)] for v in grid])
-        values = grid[np.sort(np.argsort(gains)[-LIKELY:])]
-        best: TemperatureFit | None = None
-        for turn in range(3):
-            for value in values:
-                trial = self.held(fit if best is None else best, effect, float(value), 2 if turn == 0 else 3)
-                if best is None or trial.minus_log < best.minus_log:
-                    best = trial
-            assert best is not None
-            at = best.effects[-1].par[0]
-            ratio = float(grid[1] / grid[0]) ** (0.25**turn)
-            values = np.geomspace(at / ratio, at * ratio, 9)
-        assert best is not None
-        return self.held(best, effect, float(best.effects[-1].par[0]), 15)
+        """An effect whose cost jumps: values over the whole range tried, each with a short descent of all else, then
+        neighbours of the best, nearer and nearer."""
+        edges = cells(effect, self.channel.record)
+        values = np.sqrt(edges[:-1] * edges[1:])
+        coarse = np.unique(np.searchsorted(edges, searched_values(effect), side="right") - 1)
+        coarse = coarse[(coarse >= 0) & (coarse < values.size)]
+        tried = {int(k): self.held(fit, effect, float(values[k]), 6) for k in coarse}
+        at = min(tried, key=lambda k: tried[k].minus_log)
+        best = tried[at]
+        stride = int(max(np.max(np.diff(coarse), initial=1) // 2, 1))
+        while stride:
+            for k in (at - stride, at + stride):
+                if 0 <= k < values.size and k not in tried:
+                    tried[k] = self.held(best, effect, float(values[k]), 4)
+            near = min((k for k in (at - stride, at, at + stride) if k in tried), key=lambda k: tried[k].minus_log)
+            if near == at:
+                stride //= 2
+            at, best = near, tried[near]
+        return self.held(best, effect, float(values[at]), 15)
 
     def held(self, fit: TemperatureFit, effect: Effect, value: float, steps: int) -> TemperatureFit:
         """A fit with the effect's value held."""
@@ -104,7 +107,7 @@ class TemperatureSearch:
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
         effect = self.effects[name]
         form = effect.form
-        if isinstance(form, Command) and not form.smooth:
+        if isinstance(form, Command) and form.jumps is not None:
             values = [[float(v)] for v in searched_values(effect)]
         elif isinstance(form, HeatFlow) and form.own_rate is not None:
             values = starting_values(effect, fit)
@@ -116,11 +119,7 @@ class TemperatureSearch:
                 ]
                 for start in starting_values(effect, fit)
             ]
-        return float(np.max(self._gains(fit, name, values), initial=0.0))
-
-    def _gains(self, fit: TemperatureFit, name: str, values: Sequence[Sequence[float]]) -> Array:
-        """The promise of each of an effect's values."""
-        effect, channel = self.effects[name], self.channel
+        channel = self.channel
         p = fit.parameters
         rows = channel.rows
         like_residual = channel.residual(fit)
@@ -134,8 +133,8 @@ class TemperatureSearch:
         )
         norms = np.linalg.norm(nuisance, axis=0)
         q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
-        gains = np.zeros(len(values))
-        for place, value in enumerate(values):
+        best = 0.0
+        for value in values:
             trial = channel.extended(p, [*fit.effects, switched(effect, list(value))])
             shown = channel.simulate(trial, trial.x, p.first_degC)[1]
             delta = (shown[rows] - fit.shown_degC[rows]) / channel.sigma_K
@@ -143,8 +142,23 @@ class TemperatureSearch:
             delta = delta - q @ (q.T @ delta)
             size = float(delta @ delta)
             if size > 1e-9 and np.isfinite(size):
-                gains[place] = 0.5 * float(delta @ like_residual) ** 2 / size
-        return gains
+                best = max(best, 0.5 * float(delta @ like_residual) ** 2 / size)
+        return best
+
+
+def cells(effect: Effect, record: Record) -> Array:
+    """The edges between which a parameter's value makes no difference to this record, rising."""
+    parameter, form = effect.parameters[0], effect.form
+    assert isinstance(form, Command)
+    assert form.jumps is not None
+    assert record.current_A is not None
+    low, high = 0.3 * parameter.smallest, 3.0 * parameter.largest
+    jumps = np.unique(form.jumps(record.current_A))
+    edges = [low]
+    for jump in jumps[(jumps > low) & (jumps < high)]:
+        if jump > APART * edges[-1]:
+            edges.append(float(jump))
+    return np.array([*edges, high])
 
 
 def searched_values(effect: Effect) -> Array:

@@ -21,9 +21,8 @@ from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
-CERTAIN = 100.0  # evidence that needs little confirmation by rows that no fit has seen
-LITTLE = 0.02  # share that is enough of more
-CONFIRMED = 0.1  # share of the evidence that those rows have to show besides
+SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
+WEAK = 30.0  # evidence below which they may lose nothing
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
@@ -124,8 +123,8 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
             unseen = held_out_gain(chain, names, rest)
-            share = CONFIRMED if evidence[name] < CERTAIN else LITTLE
-            unconfirmed = unseen is not None and unseen < share * evidence[name]
+            may_lose = SPEAKS_AGAINST * evidence[name] if evidence[name] >= WEAK else 0.0
+            unconfirmed = unseen is not None and unseen < -may_lose
             choosy = any(p.choices for p in chain.effects[name].parameters)
             if evidence[name] < WORTH + choosy * CHOICE or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)

@@ -23,7 +23,7 @@ EFFECT = Effect(
     "actuator_deadband",
     "driver",
     (Parameter("deadband_A", 0.02, 0.3),),
-    Command(send, smooth=False),
+    Command(send, jumps=np.abs),
     "small currents do not reach the plate",
     "measure the current at the element; bias the plate so that the current does not cross zero",
 )

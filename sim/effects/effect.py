@@ -46,11 +46,12 @@ class Parameter:
 class Command:
     """send(par, time_s, current_A) -> (when it acts, what acts); arrays of shape (commands,).
 
-    smooth: False where the outcome jumps with the parameters, so that they have to be searched for.
+    jumps(current_A): the values of the (only) parameter at which the outcome jumps, with nothing in between them, where
+    it does; such a parameter has to be searched for.
     """
 
     send: Callable[[Array, Array, Array], tuple[Array, Array]]
-    smooth: bool = True
+    jumps: Callable[[Array], Array] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,111 @@
+"""The film's linear problem at given envelopes and effects: its columns, its products, its solution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from compensator.functions import Array
+from sim.diagnosis.record import Rows
+
+
+@dataclass(frozen=True, eq=False)
+class Relays:
+    """The relays' outputs: in every row and in the fitted ones, (rows, relays), and the products of the latter."""
+
+    every: Array
+    fitted: Array
+    gram: Array
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.every.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProblem:
+    """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
+
+    at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
+    own output, in every row; gram, right: products of all columns in the fitted rows, over the noise's square.
+    """
+
+    at_rows: Array
+    offset: Array
+    own: Array
+    film: Array
+    relays: Relays
+    gram: Array
+    right: Array
+    wanted: Array
+    fitted: Rows
+    sigma_dec: float
+
+    @classmethod
+    def of(
+        cls, at_rows: Array, offset: Array, film: Array, relays: Relays, output: Array, fitted: Rows, sigma_dec: float
+    ) -> LinearProblem:
+        """With its products."""
+        own, wanted = at_rows[fitted], output[fitted] - offset[fitted]
+        across = own.T @ relays.fitted
+        gram = np.block([[own.T @ own, across], [across.T, relays.gram]]) / sigma_dec**2
+        right = np.concatenate((own.T @ wanted, relays.fitted.T @ wanted)) / sigma_dec**2
+        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec)
+
+    def solved(self, x: Array, prior: Array) -> Point:
+        """The best coefficients under a prior: the precision of each."""
+        normal = self.gram.copy()
+        normal[np.diag_indices_from(normal)] += prior
+        factor = cho_factor(normal, lower=True, check_finite=False)
+        c = cho_solve(factor, self.right, check_finite=False)
+        linear = self.at_rows @ c[: self.own.shape[1]]
+        if self.relays.count:
+            linear += self.relays.every @ c[self.own.shape[1] :]
+        residual = (self.wanted - linear[self.fitted]) / self.sigma_dec
+        cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
+        film_output = self.film @ c[: self.film.shape[1]]
+        shown = linear + self.offset
+        return Point(x, self, prior, c, shown, film_output, cost if math.isfinite(cost) else math.inf, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Everything at one x: coefficients, what is shown and the film's output in all rows, the cost."""
+
+    x: Array
+    problem: LinearProblem
+    prior: Array
+    coefficients: Array
+    shown: Array
+    film_output: Array
+    cost: float
+    factor: tuple[Array, bool]
+
+    @property
+    def columns(self) -> Array:
+        """All columns in the fitted rows."""
+        return np.concatenate((self.problem.own, self.problem.relays.fitted), axis=1)
+
+    @property
+    def evidence(self) -> float:
+        """The marginal log-likelihood, up to a constant of the record."""
+        logdet = 2.0 * float(np.sum(np.log(np.diag(self.factor[0]))))
+        return -self.cost - 0.5 * logdet + 0.5 * float(np.sum(np.log(self.prior)))
+
+    def along(self, columns: Array) -> Array:
+        """The columns' products with others."""
+        problem = self.problem
+        return np.concatenate((problem.own.T @ columns, problem.relays.fitted.T @ columns))
+
+    def off(self, columns: Array) -> Array:
+        """What is left of others, in units of the noise, once the coefficients may follow."""
+        c = cho_solve(self.factor, self.along(columns) / self.problem.sigma_dec, check_finite=False)
+        own, relays = self.problem.own, self.problem.relays
+        reach = own @ c[: own.shape[1]]
+        if relays.count:
+            reach += relays.fitted @ c[own.shape[1] :]
+        return np.asarray(columns - reach / self.problem.sigma_dec, dtype=np.float64)
