@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.functions import KELVIN, Array
 from sim.diagnosis.plate_path import PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
@@ -23,6 +23,7 @@ from sim.effects.effect import Filter, HeatFlow, Switched
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
+ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 APART_K = 10.0  # spread of what has a temperature of its own about the plate's or the ambient's, at the first row
 
 
@@ -112,6 +113,19 @@ class TemperatureChannel:
                 own.append(before.get(effect.name, 0.0))
         x = np.concatenate((base, values_inside(effects), own))
         return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
+
+    def awakened(self, p: PlateParameters) -> PlateParameters:
+        """The same, with a Joule heat where the plate alone has driven it to nothing: from there it would take long
+        to come back."""
+        if p.kind != "peltier" or self.record.current_A is None:
+            return p
+        s, r, _, _, ambient = p.plate()
+        least = ASLEEP * 2.0 * s * (ambient + KELVIN) / float(np.max(np.abs(self.record.current_A)))
+        if r >= least:
+            return p
+        x = p.x.copy()
+        x[1] = PELTIER[1].inside(least)
+        return replace(p, x=x)
 
     def _own(self, p: PlateParameters) -> dict[str, float]:
         names = [e.name for e in p.effects if isinstance(e.effect.form, HeatFlow)]

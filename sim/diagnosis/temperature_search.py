@@ -62,7 +62,7 @@ class TemperatureSearch:
             return self._searched(fit, effect)
         found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
-        best = self.channel.descend(best.parameters, 30)
+        best = self.channel.descend(best.parameters, 60)
         if best.minus_log > fit.minus_log:  # nothing found that is better: begin where the effect is next to nothing
             nothing = [NOTHING * p.smallest for p in effect.parameters]
             if effect.inverse:
@@ -73,7 +73,7 @@ class TemperatureSearch:
 
     def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:
         parameters = self.channel.extended(fit.parameters, [*fit.effects, effect])
-        return self.channel.descend(parameters, steps)
+        return self.channel.descend(self.channel.awakened(parameters), steps)
 
     def _searched(self, fit: TemperatureFit, effect: Effect) -> TemperatureFit:
         """An effect whose cost jumps: values over the whole range tried, each with a short descent of all else, then
