@@ -61,6 +61,8 @@ def film_nodes(
         if isinstance(effect.effect.form, ReadingTime):
             taken = effect.effect.form.taken(effect.par, taken)
     turns = path.turning_s
+    if any(isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance" for e in effects):
+        turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))  # the film's output is curved
     same = turns.size == 0 and np.array_equal(taken, record.time_s)
     time = record.time_s
     if not same:

@@ -21,10 +21,12 @@ RELAY_STEPS = 6
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """How much an effect may bring: gain of the log-likelihood, and the values to begin from."""
+    """How much an effect may bring: gain of the log-likelihood, and the values to begin from; beside: the gain and the
+    values with the film as the fit has it, relays and all."""
 
     gain: float
     start: Switched
+    beside: tuple[float, Switched] | None = None
 
 
 @dataclass
@@ -102,6 +104,12 @@ class ResistanceSearch:
         """A plain fit with relays, kept."""
         return self.keep(self._wide(fit))
 
+    def beside(self, fit: ResistanceFit, start: Switched) -> ResistanceFit:
+        """One more effect with the film as the fit has it, relays and all, kept."""
+        others = [e for e in fit.effects if e.name != start.name]
+        wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
+        return self.keep(replace(wider, plain=without_relays(wider.parameters)))
+
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
         if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM and self.channel.relays:
             wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
@@ -114,7 +122,12 @@ class ResistanceSearch:
         seen = [fit]
         if fit.plain is not None and fit.parameters.relay_dec > 0.0:
             seen.append(self.channel.descend(fit.plain, 1))
-        return {name: max((self.promise(f, name) for f in seen), key=lambda p: p.gain) for name in names}
+        found = {}
+        for name in names:
+            each = [self.promise(f, name) for f in seen]
+            best = max(each, key=lambda p: p.gain)
+            found[name] = Promise(best.gain, best.start, (each[0].gain, each[0].start))
+        return found
 
     def promise(self, fit: ResistanceFit, name: str) -> Promise:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""

@@ -10,7 +10,7 @@ from sim.diagnosis.chain import Chain
 from sim.diagnosis.resistance_channel import ResistanceFit
 from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
-from sim.effects.effect import Switched
+from sim.effects.effect import Reading, Switched
 
 WORTH = 14.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
 PROMISING = 4.0
@@ -127,7 +127,16 @@ def _one_more(
         return None
     if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:
         return search.keep(ends[0])
-    return max((search.widened(e) for e in ends[:WIDENED]), key=lambda e: e.score)
+    found = [search.widened(e) for e in ends[:WIDENED]]
+    done = [e for end in ends[:WIDENED] for e in end.effects]
+    if fit.parameters.relay_dec > 0.0:  # a film of another kind: what shows beside it, and what it may have absorbed
+        beside = [p.beside for n, p in promises.items() if p.beside is not None and p.beside[0] > PROMISING]
+        likely = sorted(beside, key=lambda b: -b[0])[:WIDENED]
+        found += [search.beside(fit, start) for _, start in likely]
+        absorbed = [n for n in others if isinstance(search.effects[n].form, Reading) and n not in {e.name for e in done}]
+        found += [search.widened(search.plain(search.quick(fit, n, promises[n]))) for n in absorbed]
+    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+    return max(sound, key=lambda e: e.score) if sound else None
 
 
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:

@@ -27,6 +27,8 @@ CHOICE = 5.0  # what an effect has to bring besides for each of its values that 
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
+CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
+LITTLE_LEFT = 0.2  # of the noise's variance
 BEYOND = 2.0  # times the largest size met: more has no physical meaning
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
@@ -138,7 +140,8 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 continue
             value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
             now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
-            alone = now <= MOST_LEFT * before
+            sure = value - without >= CERTAIN and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
+            alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and sure)
             together = (
                 now <= MOST_LEFT_OF_ALL * _excess(chain, frozenset(), not upstream)
                 and value - without >= SURVIVES_BESIDE
