@@ -8,6 +8,7 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.film_columns import FilmStart, film_nodes
+from sim.diagnosis.film_memory import remembered
 from sim.diagnosis.film_start import scale_of, starting_shape, thinned_path
 from sim.diagnosis.path_estimate import corrected_path, measured_path
 from sim.diagnosis.plate_path import PlatePath
@@ -21,7 +22,7 @@ from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
 from sim.effects.effect import Effect
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
-SEVERAL_STARTS = 10
+MEMORY_ROUNDS = 3
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -80,8 +81,6 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
     assert record.output is not None
     used = record.output_used & fitted
     output = np.nan_to_num(record.output)
-    first = path.at(record.time_s[:1])[0]
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
     starts = [FilmStart("heated"), FilmStart("cooled")]
     best, shape = FilmStart("heated"), np.zeros(4)
     least = np.inf
@@ -95,17 +94,13 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
     facts = FilmFacts(basis_for(record, path, middle, half, loop, curve), shape, best, 1.0)
     sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
     channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
-    if first > middle - 4.0 * half and first < middle + 4.0 * half:  # it began inside the transition
-        margin = 0.25 * (high - low)
-        candidates = [FilmStart("cooled", float(t)) for t in np.linspace(low - margin, first, SEVERAL_STARTS)[:-1]]
-        candidates += [FilmStart("heated", float(t)) for t in np.linspace(first, high + margin, SEVERAL_STARTS)[1:]]
-        none = channel.relays_of(FilmParameters((), shape, best), shape)
-        cost = channel.point(FilmParameters((), shape, best), shape, none).cost
-        for start in candidates:
-            value = channel.point(FilmParameters((), shape, start), shape, none).cost
-            if value < 0.97 * cost:
-                facts.start, cost = start, value
     fit = channel.descend(FilmParameters((), shape, facts.start))
+    for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
+        start = remembered(channel, fit.parameters)
+        if start == facts.start:
+            break
+        facts.start = start
+        fit = channel.descend(replace(fit.parameters, start=start))
     facts.shape = fit.parameters.x[:4]
     facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
     facts.strays = strays(output - fit.shown, record.output_used, LEAST_NOISE_DEC)
@@ -174,30 +169,39 @@ class Chain:
         return (-a.minus_log if a is not None else 0.0) + (b.score if b is not None else 0.0)
 
     def renoised_first(self, upstream: frozenset[str]) -> bool:
-        """Weigh the first channel by the noise that the fit with these effects leaves; whether it changed."""
+        """Weigh the first channel by the noise that the fit with these effects leaves, without the readings that it
+        shows to be lone; whether anything changed."""
         assert self.first is not None
-        fit = self.first.fit(upstream)
-        sigma = max(self.first.channel.noise(fit), LEAST_NOISE_K)
-        if abs(sigma / self.first.channel.sigma_K - 1.0) < SAME_NOISE:
+        old, record = self.first, self.record
+        fit = old.fit(upstream)
+        sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
+        lone = strays(record.temperature_degC - fit.shown_degC, record.temperature_used, 0.5 * record.step_K)
+        if abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE and not lone.size:
             return False
-        old = self.first
-        self.first = TemperatureSearch(old.channel.with_noise(sigma), old.effects, old.base)
+        self.record = record.without(lone, lone[:0])
+        channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
+        self.first = TemperatureSearch(channel, old.effects, old.base)
         for key, known in old.fits.items():
             if key <= upstream:
                 self.first.fits[key] = self.first.channel.descend(known.parameters, 10)
         return True
 
     def renoised(self, names: frozenset[str]) -> bool:
-        """The same for the last channel."""
+        """The same for the last channel, with the memory that fits best beside these effects."""
         _, b = self.fits(names)
         upstream, _ = self.split(names)
         if b is None or self.facts is None:
             return False
         sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
-        if abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE:
+        assert self.record.output is not None
+        lone = strays(self.record.output - b.shown, self.record.output_used, LEAST_NOISE_DEC)
+        start = remembered(self.searches[upstream].channel, b.parameters)
+        same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE
+        if same and not lone.size and start == self.facts.start:
             return False
-        self.facts = replace(self.facts, sigma_dec=sigma)
+        self.record = self.record.without(lone[:0], lone)
+        self.facts = replace(self.facts, sigma_dec=sigma, start=start)
         self.searches.clear()
         search = self.last(upstream)
-        search.keep(search.whole(b.plain or b.parameters))
+        search.keep(search.whole(replace(b.plain or b.parameters, start=start)))
         return True

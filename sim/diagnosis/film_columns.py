@@ -41,10 +41,13 @@ class FilmNodes:
 
 @dataclass(frozen=True)
 class FilmStart:
-    """What the film remembers at the first row: saturation at one end, and the turning point since, if any."""
+    """What the film remembers at the first row: saturation at one end, and the turning point since, if any; and what
+    it went through in each gap of the rows, up to two temperatures one after the other (nan: nothing beyond the ends).
+    """
 
     initial: Initial = "heated"
     previous_degC: float | None = None
+    passed_degC: tuple[tuple[float, float], ...] = ()
 
 
 def film_nodes(
@@ -61,6 +64,14 @@ def film_nodes(
         if isinstance(effect.effect.form, ReadingTime):
             taken = effect.effect.form.taken(effect.par, taken)
     turns = path.turning_s
+    gaps = record.first_rows[1:]
+    begin, end = record.time_s[gaps - 1], record.time_s[gaps]
+    for a, b in zip(begin, end, strict=True):  # what a simulation does there is made up
+        turns = turns[(turns <= a) | (turns >= b)]
+    passed = np.asarray(start.passed_degC, dtype=np.float64).reshape(-1, 2)
+    known = np.isfinite(passed)
+    within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
+    turns = np.concatenate((turns, within[known]))
     if any(isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance" for e in effects):
         turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))  # the film's output is curved
     same = turns.size == 0 and np.array_equal(taken, record.time_s)
@@ -69,6 +80,8 @@ def film_nodes(
         time = np.union1d(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
     place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
     temperature, k = path.at(time), 0
+    if np.any(known):
+        temperature[np.searchsorted(time, within[known])] = passed[known]
     for effect in effects:
         form = effect.effect.form
         if isinstance(form, Filter) and form.target == "film_temperature":

@@ -10,12 +10,14 @@ import numpy as np
 from compensator.functions import Array
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.film_columns import FilmStart
+from sim.diagnosis.film_memory import beginnings
 from sim.diagnosis.path_estimate import measured_path
 from sim.diagnosis.record import Record
 from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
 from sim.diagnosis.temperature_channel import TemperatureChannel
 
 STEP_DEC, STEP_K = 1e-3, 1e-2  # of a difference quotient
+ROUNDS = 3
 WIDE = 0.5  # prior of how far a filter is behind, dec and K
 
 
@@ -35,16 +37,19 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str
         path = path if path is not None else measured_path(other)
         own = chain.last(chain.split(names)[0]).channel
         channel_b = ResistanceChannel(other, path, every, own.sigma_dec, own.basis)
-        best = np.inf
-        for start in (FilmStart("heated"), FilmStart("cooled")):
-            residual = np.where(other.output_used, other.output - _shown(channel_b, b, start), np.nan)
-            square = float(np.nanmean(residual**2))
-            if square < best:
-                best, out["resistance_dec"] = square, residual
+        starts = beginnings(channel_b, FilmStart())
+        square = [_square(other, _shown(channel_b, b, start, 1)) for start in starts]
+        shown = _shown(channel_b, b, starts[int(np.argmin(square))], ROUNDS)
+        out["resistance_dec"] = np.where(other.output_used, other.output - shown, np.nan)
     return out
 
 
-def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart) -> Array:
+def _square(other: Record, shown: Array) -> float:
+    assert other.output is not None
+    return float(np.mean((other.output - shown)[other.output_used] ** 2))
+
+
+def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart, rounds: int) -> Array:
     """What is shown in the record's rows; how far the filters were behind is fitted, by Gauss-Newton."""
     p = replace(fit.parameters, start=start)
     relays = channel.relays_of(p, p.x)
@@ -58,7 +63,8 @@ def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart) -> 
         c[linear] = behind[: behind.size - filters]
         return channel.predict_from(replace(p, x=x), replace(fit, coefficients=c), relays)
 
-    for _ in range(2):  # the second time the model's own resistance heats the film
+    shown = shown_for(behind)
+    for _ in range(rounds):  # from the second on the model's own resistance heats the film
         shown = shown_for(behind)
         channel.power_output = shown
         if behind.size:

@@ -1,0 +1,100 @@
+"""What the film remembers at the first row, and what it went through while rows are missing.
+
+Either shows in nothing but the resistance that follows: the memory that fits best is taken, envelopes and effects as
+they are. Found with the wrong effects it may be wrong, so that it is looked for again once they are known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.film_columns import FilmStart
+from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
+
+SEVERAL = 10  # turning points before the first row that are tried, on either side
+WORTH_START = 3.0  # log-likelihood that another memory at the first row has to bring
+TRIED = 8  # temperatures on either side of a gap's ends
+NEAREST_K = 0.1
+CLOSER = 7  # times that the place between the best and its neighbours is looked at
+WORTH = 6.0  # log-likelihood that one more temperature in a gap has to bring
+SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
+MOST = 12  # gaps looked at, the longest
+
+
+def remembered(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
+    """The memory with which the film fits best."""
+    start = _begun(channel, p)
+    if channel.record.first_rows.size > 1:
+        start = _through_gaps(channel, replace(p, start=start))
+    return start
+
+
+def beginnings(channel: ResistanceChannel, start: FilmStart) -> list[FilmStart]:
+    """What a film may remember at the first row: saturated, or turned round once since."""
+    path = channel.path
+    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
+    first, margin = float(path.at(channel.record.time_s[:1])[0]), 0.25 * (high - low)
+    there = replace(start, initial="heated", previous_degC=None)
+    found = [there, replace(there, initial="cooled")]
+    for t in np.linspace(low - margin, first, SEVERAL)[:-1]:
+        found.append(replace(there, initial="cooled", previous_degC=float(t)))
+    for t in np.linspace(first, high + margin, SEVERAL)[1:]:
+        found.append(replace(there, previous_degC=float(t)))
+    return found
+
+
+def _begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
+    candidates = beginnings(channel, p.start)
+    costs = {c: _cost(channel, p, c) for c in candidates}
+    best = min(candidates, key=lambda c: costs[c])
+    return best if costs[best] < _cost(channel, p, p.start) - WORTH_START else p.start
+
+
+def _cost(channel: ResistanceChannel, p: FilmParameters, start: FilmStart) -> float:
+    there = replace(p, start=start)
+    return channel.point(there, p.x, channel.relays_of(there, p.x)).cost
+
+
+def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
+    """The temperatures beyond each gap's ends: the last one that the film passed, then one before that; gap by gap."""
+    record, path = channel.record, channel.path
+    first = record.first_rows[1:]
+    length_s = record.time_s[first] - record.time_s[first - 1]
+    longest = [int(k) for k in np.argsort(-length_s)[:MOST] if length_s[k] > SHORT * record.interval_s]
+    passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
+    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
+
+    def cost(k: int, place: int, value: float) -> float:
+        return _cost(channel, p, _through(p.start, _with(passed, k, place, value)))
+
+    for k in sorted(longest):
+        ends = path.at(record.time_s[[first[k] - 1, first[k]]])
+        below, above = float(np.min(ends)), float(np.max(ends))
+        coarse = [float(below - d) for d in np.geomspace(NEAREST_K, max(below - low, 2.0 * NEAREST_K), TRIED)]
+        coarse += [float(above + d) for d in np.geomspace(NEAREST_K, max(high - above, 2.0 * NEAREST_K), TRIED)]
+        for place in (1, 0, 1):
+            none = cost(k, place, np.nan)
+            tried = {t: cost(k, place, t) for t in coarse}
+            near = min(tried, key=lambda t: tried[t])
+            for _ in range(CLOSER):
+                known = np.array(sorted([*tried, below, above]))
+                at = int(np.searchsorted(known, near))
+                for other in known[[max(at - 1, 0), min(at + 1, known.size - 1)]]:
+                    t = 0.5 * (near + float(other))
+                    tried[t] = cost(k, place, t)
+                near = min(tried, key=lambda t: tried[t])
+            passed = _with(passed, k, place, near if tried[near] < none - WORTH else np.nan)
+    return _through(p.start, passed)
+
+
+def _through(start: FilmStart, passed: Array) -> FilmStart:
+    return replace(start, passed_degC=tuple((float(a), float(b)) for a, b in passed))
+
+
+def _with(values: Array, k: int, place: int, value: float) -> Array:
+    out = values.copy()
+    out[k, place] = value
+    return out
