@@ -108,10 +108,10 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
 
 
 def resistance_search(
-    record: Record, path: PlatePath, fitted: Mask, facts: FilmFacts, effects: dict[str, Effect]
+    record: Record, path: PlatePath, fitted: Mask, facts: FilmFacts, effects: dict[str, Effect], relays: bool = True
 ) -> ResistanceSearch:
-    """The last links on one path."""
-    channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis)
+    """The last links on one path. relays: whether the film may be of another kind."""
+    channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis, relays)
     mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
     if record.test_current_A is None:
         mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
@@ -127,6 +127,7 @@ class Chain:
     fitted: Mask
     effects: dict[str, Effect]
     curve: bool = True
+    relays: bool = True
     first: TemperatureSearch | None = None
     facts: FilmFacts | None = None
     searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
@@ -140,7 +141,9 @@ class Chain:
             if self.facts is None:
                 self.facts = film_facts(self.record, path, self.fitted, self.curve)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
-            self.searches[upstream] = resistance_search(self.record, path, self.fitted, self.facts, self.effects)
+            self.searches[upstream] = resistance_search(
+                self.record, path, self.fitted, self.facts, self.effects, self.relays
+            )
         return self.searches[upstream]
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:

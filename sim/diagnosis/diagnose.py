@@ -19,6 +19,7 @@ from sim.diagnosis.gain import Gain, gain, rmse
 from sim.diagnosis.intervals import intervals, vague_effects
 from sim.diagnosis.other_record import residuals_on
 from sim.diagnosis.record import Record, read_columns
+from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
 from sim.diagnosis.selection import WORTH, select
 from sim.diagnosis.verdict import Verdict, judge, resistance_residual, temperature_residual
@@ -150,38 +151,36 @@ def diagnose(
         other = read_columns(holdout, held_out=False) if holdout is not None else None
         found = _diagnosis(chain, judged, other, say)
         if base == "generalized_pi" and record.output is not None:
-            found = _restricted(found)
+            found = _restricted(found, other)
         return found
 
 
-def _restricted(found: Diagnosis) -> Diagnosis:
+def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
     """What a base film without D(T) lacks, named as an effect of its own."""
     chain, names = found.chain, frozenset(found.judged.names)
-    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, first=chain.first)
-    evidence = chain.score(names) - bare.score(names)
     b = chain.fits(names)[1]
-    if evidence < WORTH or b is None or chain.facts is None or chain.facts.basis.curve is None:
+    if b is None or chain.facts is None or chain.facts.basis.curve is None:
+        return found
+    plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=chain.first)
+    of_the_class = chain.score(names) - plain.score(names) < WORTH  # then nothing but D may stand in for what D does
+    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=not of_the_class, first=chain.first)
+    evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
+    if evidence < WORTH:
         return found
     curve = chain.facts.basis.curve
     path = chain.last(chain.split(names)[0]).channel.path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
-    before, after = _residuals(bare, names), _residuals(chain, names)
-    gains = {"resistance_dec": gain(before["resistance_dec"], after["resistance_dec"], chain.record.held_out)}
+    if holdout is None:
+        before, after = residuals(bare, names), residuals(chain, names)
+        held = chain.record.held_out
+    else:
+        before, after = residuals_on(bare, names, holdout), residuals_on(chain, names, holdout)
+        held = np.ones(holdout.rows, dtype=np.bool_)
+    gains = {"resistance_dec": gain(before["resistance_dec"], after["resistance_dec"], held)}
     term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
-
-
-def _residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
-    """Residuals in every row, in K and decades, nan where there is no reading."""
-    record, out = chain.record, {}
-    a, b = chain.fits(names)
-    if a is not None:
-        out["temperature_K"] = np.where(record.temperature_used, record.temperature_degC - a.shown_degC, np.nan)
-    if b is not None and record.output is not None:
-        out["resistance_dec"] = np.where(record.output_used, record.output - b.shown, np.nan)
-    return out
 
 
 def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
@@ -189,13 +188,26 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     held = record.held_out if holdout is None else np.ones(holdout.rows, dtype=np.bool_)
     say("gain")
 
-    def unseen(group: frozenset[str]) -> dict[str, Array]:
-        return _residuals(chain, group) if holdout is None else residuals_on(chain, group, holdout)
+    sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
+    lattice = _lattice(record, float(np.hypot(sigma_K, record.step_K / np.sqrt(12.0)))) if record.step_K > 0.0 else None
+    readings = (record if holdout is None else holdout).temperature_degC
 
-    whole, bare = unseen(names), unseen(frozenset())
-    noise = {}
-    if chain.first is not None:
-        noise["temperature_K"] = float(np.hypot(chain.first.channel.sigma_K, record.step_K / np.sqrt(12.0)))
+    def smooth(group: frozenset[str]) -> dict[str, Array]:
+        return residuals(chain, group) if holdout is None else residuals_on(chain, group, holdout)
+
+    def unseen(group: frozenset[str]) -> dict[str, Array]:
+        out = smooth(group)
+        if lattice is not None and "temperature_K" in out:
+            out["temperature_K"] = rounded(readings, out["temperature_K"], sigma_K, record.step_K)[0]
+        return out
+
+    whole, bare = unseen(names), smooth(frozenset())
+    noise = {"temperature_K": sigma_K}
+    if lattice is not None and "temperature_K" in whole:
+        before = smooth(names)["temperature_K"]
+        variance = rounded(readings, before, sigma_K, record.step_K)[1]
+        noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[held])))
+        lattice = replace(lattice, gain={"temperature_K": gain(before, whole["temperature_K"], held)})
     if chain.facts is not None:
         noise["resistance_dec"] = chain.facts.sigma_dec
     channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
@@ -212,10 +224,8 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]
         findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
-    if record.step_K > 0.0:
-        lattice = _lattice(record, noise.get("temperature_K", 0.0))
-        if lattice is not None:
-            findings.append(lattice)
+    if lattice is not None:
+        findings.append(lattice)
     findings.sort(key=lambda f: -f.evidence)
     unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
     if judged.temperature is not None and not judged.temperature.clean:

@@ -22,6 +22,7 @@ from sim.diagnosis.record import Record
 from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
 
 KNOTS = 7
+CURVED = ("log_resistance", "film_temperature")  # what a filter follows there bends from row to row
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,15 @@ class FilmStart:
     passed_degC: tuple[tuple[float, float], ...] = ()
 
 
+def taken_s(record: Record, effects: Sequence[Switched]) -> Array:
+    """When each row's resistance was read."""
+    taken = record.taken_s
+    for effect in effects:
+        if isinstance(effect.effect.form, ReadingTime):
+            taken = effect.effect.form.taken(effect.par, taken)
+    return taken
+
+
 def film_nodes(
     record: Record,
     path: PlatePath,
@@ -59,10 +69,7 @@ def film_nodes(
     start: FilmStart,
 ) -> FilmNodes:
     """The film's temperature. behind_K: of each filter at the first row; power_W: of the ohmmeter, in each row."""
-    taken = record.taken_s
-    for effect in effects:
-        if isinstance(effect.effect.form, ReadingTime):
-            taken = effect.effect.form.taken(effect.par, taken)
+    taken = taken_s(record, effects)
     turns = path.turning_s
     gaps = record.first_rows[1:]
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
@@ -72,8 +79,8 @@ def film_nodes(
     known = np.isfinite(passed)
     within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
     turns = np.concatenate((turns, within[known]))
-    if any(isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance" for e in effects):
-        turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))  # the film's output is curved
+    if any(isinstance(e.effect.form, Filter) and e.effect.form.target in CURVED for e in effects):
+        turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))
     same = turns.size == 0 and np.array_equal(taken, record.time_s)
     time = record.time_s
     if not same:

@@ -9,10 +9,11 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.chain import Chain
-from sim.diagnosis.film_columns import FilmStart
+from sim.diagnosis.film_columns import FilmStart, taken_s
 from sim.diagnosis.film_memory import beginnings
 from sim.diagnosis.path_estimate import measured_path
 from sim.diagnosis.record import Record
+from sim.diagnosis.residuals import read_within
 from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
 from sim.diagnosis.temperature_channel import TemperatureChannel
 
@@ -40,7 +41,8 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str
         starts = beginnings(channel_b, FilmStart())
         square = [_square(other, _shown(channel_b, b, start, 1)) for start in starts]
         shown = _shown(channel_b, b, starts[int(np.argmin(square))], ROUNDS)
-        out["resistance_dec"] = np.where(other.output_used, other.output - shown, np.nan)
+        known = other.output_used & read_within(other, taken_s(other, b.effects))
+        out["resistance_dec"] = np.where(known, other.output - shown, np.nan)
     return out
 
 

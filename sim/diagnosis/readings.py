@@ -61,6 +61,19 @@ def normal_residual(reading: Array, mu: Array, sigma: float, step: float) -> Arr
     return np.asarray(side * drawn, dtype=np.float64)
 
 
+def expected_reading(mu: Array, sigma: float, step: float) -> tuple[Array, Array]:
+    """Mean and variance of readings on a lattice for predictions of what an ideal instrument shows."""
+    nearest = np.round(mu / step)
+    reach = math.ceil(4.0 * sigma / step) + 1
+    mean, square = np.zeros_like(mu), np.zeros_like(mu)
+    for k in range(-reach, reach + 1):
+        value = (nearest + k) * step
+        share = ndtr((value + 0.5 * step - mu) / sigma) - ndtr((value - 0.5 * step - mu) / sigma)
+        mean += share * value
+        square += share * (value - mu) ** 2
+    return mean, np.maximum(square - (mean - mu) ** 2, 0.0)
+
+
 def lattice_noise(reading: Array, mu: Array, step: float) -> float:
     """The noise before the rounding, of largest likelihood."""
     sizes = step * np.geomspace(0.01, 0.5, 22)

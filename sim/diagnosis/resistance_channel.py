@@ -39,10 +39,11 @@ from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.unknowns import free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming
 
-OPERATORS = 48
+OPERATORS = 96
 CENTRES = 14
 PER_RELAY = 6  # readings that a relay, or an operator, needs at least
-WIDE_DEC = 30.0  # prior of what is free
+WIDE_DEC = 30.0  # prior of the constant
+CURVE_DEC = 1.0  # of D between its knots
 BEHIND_DEC = 0.5
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
@@ -169,7 +170,8 @@ class ResistanceChannel:
         """Precision of each coefficient: free ones, operators, behind, relays."""
         return np.concatenate(
             (
-                np.full(self._free, WIDE_DEC**-2),
+                np.array([WIDE_DEC**-2]),
+                np.full(self._free - 1, CURVE_DEC**-2),
                 np.full(self.basis.fractions.size, p.weight_dec**-2),
                 np.full(extra, BEHIND_DEC**-2),
                 np.full(relays, max(p.relay_dec, 1e-9) ** -2),
