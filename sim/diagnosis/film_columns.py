@@ -8,7 +8,7 @@ parameters are not linear.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from sim.diagnosis.record import Record
 from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
 
 KNOTS = 7
+FOLLOWING = ("log_resistance", "hysteretic_part")  # what filters of these follow is needed at all nodes
 CURVED = ("log_resistance", "film_temperature")  # what a filter follows there bends from row to row
 
 
@@ -30,7 +31,8 @@ class FilmNodes:
     """The film's temperature on the times at which it is needed.
 
     time_s, film_degC: (nodes,); side: the direction of each step, with the memory at the first node; taken: the node
-    at which each row's resistance was read.
+    at which each row's resistance was read; points: the nodes at which the film's output is needed, rising (all of
+    them where a filter follows it); rows: the point of each row.
     """
 
     time_s: Array
@@ -38,6 +40,17 @@ class FilmNodes:
     side: NDArray[np.int8]
     taken: NDArray[np.int64]
     previous_degC: float | None
+    points: NDArray[np.int64]
+    rows: NDArray[np.int64]
+
+    def everywhere(self) -> FilmNodes:
+        """The same with the film's output at all nodes."""
+        return replace(self, points=np.arange(self.time_s.size), rows=self.taken)
+
+    @property
+    def points_s(self) -> Array:
+        """Times of the points."""
+        return self.time_s[self.points]
 
 
 @dataclass(frozen=True)
@@ -103,18 +116,24 @@ def film_nodes(
     side = np.empty(time.size, dtype=np.int8)
     side[0] = -2 if start.initial == "cooled" else 2
     side[1:] = np.sign(np.diff(temperature))
-    return FilmNodes(time, temperature, side, place, start.previous_degC)
+    if any(isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING for e in effects):
+        return FilmNodes(time, temperature, side, place, start.previous_degC, np.arange(time.size), place)
+    if np.all(place[1:] >= place[:-1]):
+        points, rows = place, np.arange(place.size)
+    else:
+        points, rows = np.unique(place, return_inverse=True)
+    return FilmNodes(time, temperature, side, place, start.previous_degC, points, rows)
 
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
-    """Output of each operator at the nodes, shape (nodes, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
     inputs, side = nodes.film_degC, nodes.side
     if nodes.previous_degC is not None:
         inputs = np.concatenate(([nodes.previous_degC], inputs))
         turn = np.int8(np.sign(inputs[1] - inputs[0]))
         side = np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
     gamma = envelope_values(inputs, side, shape[None, :])
-    rows = np.arange(nodes.time_s.size, dtype=np.int64) + (inputs.size - nodes.time_s.size)
+    rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, radii.size))
     operator_outputs(gamma, side, radii, np.zeros(radii.size, dtype=np.int64), 1.0, rows, out)
     return out
@@ -157,6 +176,12 @@ class SmoothCurve:
         inside = np.clip(temperature, self.knots[0], self.knots[-1])
         design = BSpline(self.knots, np.eye(self.knots.size - 4), 3)(inside)
         return np.asarray(design[:, 1:] - 1.0 / (self.count + 1), dtype=np.float64)
+
+    def values(self, temperature: Array, coefficients: Array) -> Array:
+        """The columns times coefficients, shape (samples,)."""
+        inside = np.clip(temperature, self.knots[0], self.knots[-1])
+        spline = BSpline(self.knots, np.concatenate(([0.0], coefficients)), 3)
+        return np.asarray(spline(inside) - float(np.sum(coefficients)) / (self.count + 1), dtype=np.float64)
 
 
 def filtered(columns: Array, time: Array, effect: Switched) -> Array:

@@ -82,7 +82,8 @@ class FilmRefit:
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
         self.channel, self.fit = channel, fit
-        self.effects, nodes = channel.nodes(fit.parameters, fit.parameters.x)
+        self.effects, found = channel.nodes(fit.parameters, fit.parameters.x)
+        nodes = found.everywhere()
         self.nodes: FilmNodes = nodes
         self.every = replace(nodes, taken=np.arange(nodes.time_s.size))
         self.curved = any(

@@ -41,7 +41,7 @@ from sim.effects.effect import Filter, Reading, Switched, Warming
 
 OPERATORS = 96
 CENTRES = 14
-PER_RELAY = 6  # readings that a relay, or an operator, needs at least
+PER_RELAY = 2  # readings that a relay, or an operator, needs at least; their priors do the rest
 WIDE_DEC = 30.0  # prior of the constant
 CURVE_DEC = 1.0  # of D between its knots
 BEHIND_DEC = 0.5
@@ -134,20 +134,36 @@ class ResistanceChannel:
         return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
 
     def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:
-        """Columns at the nodes before the ohmmeter: constant, D, operators; creep included."""
-        floor, _ = radius_floor(x[:4])
-        radii = floor + (1.0 - floor) * self.basis.fractions
-        operators = operator_columns(nodes, x[:4], radii)
-        parts = [np.ones((nodes.time_s.size, 1))]
+        """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
+        operators = self._operators(nodes, x)
+        parts = [np.ones((nodes.points.size, 1))]
         if self.basis.curve is not None:
-            parts.append(self.basis.curve.columns(nodes.film_degC))
+            parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
         extra = []
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "hysteretic_part":
-                operators = filtered(operators, nodes.time_s, effect)
-                extra.append(self._behind(effect, nodes.time_s))
+                operators = filtered(operators, nodes.points_s, effect)
+                extra.append(self._behind(effect, nodes.points_s))
         return np.concatenate([*parts, operators, *extra], axis=1)
+
+    def _operators(self, nodes: FilmNodes, x: Array) -> Array:
+        floor, _ = radius_floor(x[:4])
+        return operator_columns(nodes, x[:4], floor + (1.0 - floor) * self.basis.fractions)
+
+    def _output(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array, c: Array) -> tuple[Array, int]:
+        """The columns of `_signals` times the first of some coefficients, (points,), and how many took part."""
+        place = self.film_columns
+        signal = self._operators(nodes, x) @ c[self._free : place]
+        for effect in effects:
+            form = effect.effect.form
+            if isinstance(form, Filter) and form.target == "hysteretic_part":
+                signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
+                signal = signal + c[place] * self._behind(effect, nodes.points_s)[:, 0]
+                place += 1
+        if self.basis.curve is not None:
+            signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self._free])
+        return c[0] + signal, place
 
     @staticmethod
     def _behind(effect: Switched, time: Array) -> Array:
@@ -158,7 +174,7 @@ class ResistanceChannel:
         return out[:, None]
 
     def _shown(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
-        """The film's output at the nodes through the ohmmeter, in every row."""
+        """The film's output at the points through the ohmmeter, in every row."""
         shown = self._lagged(effects, nodes, transfer(effects, signal)[0])
         for effect in effects:
             form = effect.effect.form
@@ -189,19 +205,19 @@ class ResistanceChannel:
         )
         rows, y = self.rows, self.output
         coefficients = guess
-        film = signals[nodes.taken]
+        film = signals[nodes.rows]
         rounds = 3 if curved else 1
         for _ in range(rounds):
             if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
                 signal = signals @ coefficients[: signals.shape[1]]
             else:
-                signal = np.interp(nodes.time_s, self.record.time_s, self.power_output)
+                signal = np.interp(nodes.points_s, self.record.time_s, self.power_output)
             slope = transfer(effects, signal)[1][:, None] if curved else 1.0
             moved = signals * slope
             for lag in lags:
-                moved = filtered(moved, nodes.time_s, lag)
-                moved = np.concatenate((moved, self._behind(lag, nodes.time_s)), axis=1)
-            at_rows = moved[nodes.taken]
+                moved = filtered(moved, nodes.points_s, lag)
+                moved = np.concatenate((moved, self._behind(lag, nodes.points_s)), axis=1)
+            at_rows = moved[nodes.rows]
             if coefficients is not None and coefficients.size >= signals.shape[1]:
                 linear = at_rows[:, : signals.shape[1]] @ coefficients[: signals.shape[1]]
                 offset = self._shown(effects, nodes, signals @ coefficients[: signals.shape[1]]) - linear
@@ -224,39 +240,38 @@ class ResistanceChannel:
         return self._free + self.basis.fractions.size
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
-        """A signal at the nodes through the ohmmeter's filters, in every row."""
+        """A signal at the points through the ohmmeter's filters, in every row."""
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Filter) and form.target == "log_resistance":
                 out = np.empty(signal.size)
-                form.run(effect.par, nodes.time_s, signal, np.array([signal[0]]), out)
+                form.run(effect.par, nodes.points_s, signal, np.array([signal[0]]), out)
                 signal = out
-        return signal[nodes.taken]
+        return signal[nodes.rows]
 
     def _predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
-        signals = self._signals(effects, nodes, x)
         c = point.coefficients
-        shown = self._shown(effects, nodes, signals @ c[: signals.shape[1]])
-        place = signals.shape[1]
+        signal, place = self._output(effects, nodes, x, c)
+        shown = self._shown(effects, nodes, signal)
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
-                shown = shown + (self._behind(effect, nodes.time_s)[nodes.taken] * c[place])[:, 0]
+                shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]
                 place += 1
         return np.asarray(shown + point.problem.relays.every @ c[place:], dtype=np.float64)
 
     def predict_from(self, p: FilmParameters, fit: ResistanceFit, relays: Relays) -> Array:
         """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
         effects, nodes = self.nodes(p, p.x)
-        signals = self._signals(effects, nodes, p.x)
         c, own = fit.coefficients, self.film_columns
-        shown = self._shown(effects, nodes, signals[:, :own] @ c[:own])
+        fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
+        shown = self._shown(effects, nodes, self._output(effects, nodes, p.x, fresh)[0])
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
         ]
         for e, value in zip(places, c[own : c.size - relays.count], strict=True):
-            shown = shown + value * self._behind(e, nodes.time_s)[nodes.taken][:, 0]
+            shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
         return np.asarray(shown + relays.every @ c[c.size - relays.count :], dtype=np.float64)
 
     def relays_of(self, p: FilmParameters, x: Array) -> Relays:

@@ -13,6 +13,8 @@ from sim.effects.effect import Effect, Switched, Warming, switched
 
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4
+FINER = 7  # sizes looked at before a descent begins
+BEGUN = 2  # descents begun
 WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 FIRST_RELAY_DEC = 1e-3
@@ -60,9 +62,8 @@ class ResistanceSearch:
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
         found = []
-        for start in self.starts(name, promise):
-            parameters = self.channel.extended(plain, [*others, start])
-            found.append(self.channel.descend(without_relays(parameters), QUICK_STEPS))
+        for start in self.starts(without_relays(plain), others, name, promise):
+            found.append(self.channel.descend(start, QUICK_STEPS))
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
     def finish(self, quick: ResistanceFit) -> ResistanceFit:
@@ -83,12 +84,18 @@ class ResistanceSearch:
             self.fits[names] = fit
         return self.fits[names]
 
-    def starts(self, name: str, promise: Promise) -> list[Switched]:
-        """Values to begin from: the promising ones, and the middle of the range."""
-        others = starts_of(self.effects[name], self.channel)
-        middle = others[len(others) // 2]
-        alone = promise.gain > 0.0 or np.array_equal(promise.start.par, middle.par)
-        return [promise.start] if alone else [promise.start, middle]
+    def starts(
+        self, plain: FilmParameters, others: list[Switched], name: str, promise: Promise
+    ) -> list[FilmParameters]:
+        """Where to begin: of the promising values and those over the range, the ones at which the film fits best with
+        its envelopes as they are."""
+        channel = self.channel
+        none = channel.relays_of(plain, plain.x)
+        tried: list[tuple[float, int, FilmParameters]] = []
+        for start in (promise.start, *starts_of(self.effects[name], channel, FINER)):
+            p = channel.extended(plain, [*others, start])
+            tried.append((channel.point(p, p.x, none).cost, len(tried), p))
+        return [p for _, _, p in sorted(tried)[:BEGUN]]
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
@@ -167,7 +174,7 @@ def without_relays(parameters: FilmParameters) -> FilmParameters:
     return replace(parameters, relay_dec=0.0)
 
 
-def starts_of(effect: Effect, channel: ResistanceChannel) -> list[Switched]:
+def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = 4) -> list[Switched]:
     """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
     axes: list[list[float]] = []
     for k, p in enumerate(effect.parameters):
@@ -176,12 +183,10 @@ def starts_of(effect: Effect, channel: ResistanceChannel) -> list[Switched]:
             inside = [c for c in p.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS]
             axes.append(inside or [p.choices[0]])
         elif p.signed:
-            sizes = np.geomspace(p.smallest, p.largest, 4)[[0, 2]]
-            axes.append([float(v) for v in (-sizes[1], -sizes[0], sizes[0], sizes[1])])
+            values = np.geomspace(p.smallest, p.largest, sizes)[::2]
+            axes.append([float(v) for v in (*-values[::-1], *values)])
         else:
-            count = 4 if k == 0 else 3
-            sizes = np.geomspace(p.smallest, p.largest, count)
-            axes.append([float(v) for v in sizes])
+            axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
     if isinstance(effect.form, Warming) and effect.form.heated and channel.record.test_current_A is not None:
         power = channel.record.test_current_A[channel.rows] ** 2 * 10.0 ** -channel.output[channel.rows]
         largest = max(float(np.max(power)), 1e-30)

@@ -7,6 +7,7 @@ from sim.diagnosis.verdict import Verdict
 
 CLOSE = 5.0  # log-likelihood: a set that is this close is as good
 LOOKED_AT = 3
+FAR = 40.0  # log-likelihood after a few steps that no more steps make up for
 HOPE = 0.5  # share of what the effect itself promises that a rival has to promise
 
 
@@ -33,6 +34,8 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
         order = sorted((n for n in others if n != name), key=lambda n: -promises[n])[:LOOKED_AT]
         for other in order:
             if promises[other] < HOPE * own:
+                continue
+            if is_last and search.quick(fit, other).score < search.fit(chain.split(names)[1]).score - FAR:
                 continue
             if chain.score(rest | {other}) > whole - CLOSE:
                 found.append(other)
