@@ -58,9 +58,10 @@ def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     order = np.argsort(acts, kind="stable")
     acts, amounts = acts[order], amounts[order]
     time = np.union1d(record.time_s, acts[acts <= record.time_s[-1]])
-    longest = float(np.max(np.diff(time)))
-    if longest > 1.01 * LONGEST_S:
-        count = np.ceil(np.diff(time) / LONGEST_S).astype(np.int64)
+    lagging = any(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
+    longest_s = min(LONGEST_S, 0.5 * record.interval_s) if lagging else LONGEST_S  # what a lag follows bends
+    if float(np.max(np.diff(time))) > 1.01 * longest_s:
+        count = np.ceil(np.diff(time) / longest_s - 1e-6).astype(np.int64)
         if np.sum(count) < MOST_NODES:
             inside = [
                 time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())

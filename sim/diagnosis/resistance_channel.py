@@ -44,7 +44,7 @@ CENTRES = 14
 PER_RELAY = 2  # readings that a relay, or an operator, needs at least; their priors do the rest
 WIDE_DEC = 30.0  # prior of the constant
 CURVE_DEC = 1.0  # of D between its knots
-BEHIND_DEC = 0.5
+BEHIND_DEC = 0.1  # of how far a filter is behind at the first row
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.verdict import Verdict
 
-CLOSE = 5.0  # log-likelihood: a set that is this close is as good
+CLOSE = 8.0  # log-likelihood: a set that is this close is as good
 LOOKED_AT = 3
 FAR = 40.0  # log-likelihood after a few steps that no more steps make up for
 HOPE = 0.5  # share of what the effect itself promises that a rival has to promise
