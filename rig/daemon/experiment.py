@@ -1,4 +1,4 @@
-"""What `peltier run` and `peltier calibrate` do, on a bench that is open already: the same code, another owner of the ports."""
+"""What `peltier run` and `peltier calibrate` do, on a bench that is open already: another owner of the ports."""
 
 from __future__ import annotations
 

@@ -65,9 +65,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise _Interrupted(number)
 
 
-def _followed(
-    verb: str, client: Client, told: Client, config: Path, out: Path | None, json_target: str | None
-) -> int:
+def _followed(verb: str, client: Client, told: Client, config: Path, out: Path | None, json_target: str | None) -> int:
     """`client` answers, `told` tells what happens."""
     stream = teller(json_target)
     events = told.events(SILENCE_S)

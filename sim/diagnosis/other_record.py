@@ -76,8 +76,10 @@ def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart, rou
             slopes = np.stack([(m - shown)[rows] for m in moved], axis=1) / channel.sigma_dec
             residual = (channel.output - shown)[rows] / channel.sigma_dec
             prior = np.diag(step / WIDE)
-            behind = behind + step * np.linalg.lstsq(
-                np.vstack((slopes, prior)), np.append(residual, np.zeros(step.size)), rcond=None
-            )[0]
+            behind = (
+                behind
+                + step
+                * np.linalg.lstsq(np.vstack((slopes, prior)), np.append(residual, np.zeros(step.size)), rcond=None)[0]
+            )
             shown = shown_for(behind)
     return shown

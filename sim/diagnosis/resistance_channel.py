@@ -388,9 +388,7 @@ class ResistanceChannel:
     def _heated(p: FilmParameters) -> bool:
         return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in p.effects)
 
-    def _settled(
-        self, p: FilmParameters, point: Point, turns: int
-    ) -> tuple[FilmParameters, Point, float]:
+    def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point, float]:
         """The priors' widths at a fixed x, and the marginal likelihood there."""
         for _ in range(turns):
             wider = self.widths(p, point)

@@ -58,6 +58,20 @@ def test_something_that_no_effect_accounts_for() -> None:
     assert document["verdict"] == "unexplained"
 
 
+def test_what_the_film_went_through_in_gaps_is_no_effect() -> None:
+    blind = case("disturbed", 203)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == set()
+    assert document["verdict"] == "clean"
+    assert "gaps" in {warning["code"] for warning in document["warnings"]}
+
+
+def test_a_base_without_d_lacks_it() -> None:
+    blind = case("one", 201, effect="memoryless_term")
+    document = diagnose(blind.columns, **blind.options).document()
+    assert names(document) == {"memoryless_term"}
+
+
 def test_a_record_without_current_and_one_without_resistance() -> None:
     blind = case("one", 1, effect="creep")
     film = {k: v for k, v in blind.columns.items() if k != "current_A"}

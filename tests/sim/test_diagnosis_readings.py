@@ -1,0 +1,50 @@
+"""What the diagnosis makes of readings: outliers in a residual, rounded readings, rows that are held out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.readings import expected_reading
+from sim.diagnosis.record import held_out_rows, read_columns
+from sim.diagnosis.strays import strays
+
+
+def test_outliers_stand_out_of_a_residual_that_drifts() -> None:
+    rng = np.random.default_rng(3)
+    n = 2000
+    residual = 0.5 * np.sin(np.arange(n) / 40.0) + 0.01 * rng.standard_normal(n)
+    alone, pair = 700, (1200, 1202)
+    for k in (alone, *pair):
+        residual[k] += 0.4
+    found = strays(residual, np.ones(n, dtype=np.bool_), 0.0)
+    assert found.tolist() == [alone, *pair]
+
+
+def test_a_step_that_stays_is_no_outlier() -> None:
+    rng = np.random.default_rng(4)
+    residual = 0.01 * rng.standard_normal(1000)
+    residual[500:] += 1.0
+    assert strays(residual, np.ones(1000, dtype=np.bool_), 0.0).size == 0
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.1, 0.4])
+def test_rounded_readings_have_this_mean_and_variance(sigma: float) -> None:
+    rng = np.random.default_rng(5)
+    mu, step = np.array([20.0, 20.06, 20.12, 20.124]), 0.25
+    drawn = np.round((mu + sigma * rng.standard_normal((200_000, 4))) / step) * step
+    mean, variance = expected_reading(mu, sigma, step)
+    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.003)
+    np.testing.assert_allclose(drawn.var(axis=0), variance, atol=0.003)
+
+
+def test_the_rows_after_a_gap_are_not_held_out() -> None:
+    time = np.arange(3000.0)
+    time[1250:] += 60.0
+    columns = {"time_s": time, "temperature_degC": 30.0 + np.sin(time / 50.0), "current_A": np.sin(time / 50.0)}
+    record = read_columns(columns)
+    assert record.first_rows.tolist() == [0, 1250]
+    assert not np.any(record.held_out[1250:1300])
+    assert np.mean(record.held_out) > 0.15
+    assert 0.2 < np.mean(held_out_rows(3000)) < 0.25
+    assert not np.any(read_columns(columns, held_out=False).held_out)
