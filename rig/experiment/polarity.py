@@ -3,6 +3,8 @@
 rest    no current for a moment: how the temperature drifts by itself
 pulse   a share of the current limit (limits.polarity_share), twice as much where that decides nothing; as soon as the
         temperature has left its drift clearly, the way that it left says it. Hot plates are cooled instead.
+again   where it left the wrong way, the opposite current: polarity is wrong only if that moves it the wrong way too;
+        a plate that still drifts from what was before (a long delay, a slow thermometer) goes one way with either
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ FEWEST = 5  # readings at rest
 CLEARLY_K, STEPS, SIGMAS = 0.4, 3.0, 6.0
 CURVED_PER_S = 0.015  # a drift's own change of rate, over the drift: a plate's time constant is a minute or more
 NEAR_LIMIT_K = 5.0
+TRIALS = 3
 
 
 class PolarityPulse:
@@ -82,19 +85,32 @@ def check_polarity(loop: Loop, configuration: Configuration, period_s: float, co
         return
     now = loop.bench.controller.read_temperature()
     hot = cools and now.is_number and now.value > limits.temperature_degC[1] - NEAR_LIMIT_K
-    pulse = PolarityPulse((-1.0 if hot else 1.0) * limits.polarity_share * limits.current_A, limits.current_A, period_s)
+    current_A = (-1.0 if hot else 1.0) * limits.polarity_share * limits.current_A
+    said = 0.0
+    for _ in range(TRIALS):
+        pulse = _pulsed(loop, current_A, limits.current_A, period_s)
+        if pulse.left_K > 0.0:
+            text = f"{current_A:g} A {'heats' if current_A > 0.0 else 'cools'}"
+            loop.folder.event(loop.elapsed_s(), "polarity", text, moved_K=pulse.left_K)
+            return
+        said = pulse.left_K
+        if not cools or _pulsed(loop, -current_A, limits.current_A, period_s).left_K < 0.0:
+            break  # either current moves it the wrong way; otherwise it drifts by itself, and has settled some more
+    text = (
+        f"{current_A:g} A should {'heat' if current_A > 0.0 else 'cool'}, and moved the temperature by "
+        f"{abs(said):.2f} K the other way, {-current_A:g} A as well: the Peltier is connected with the wrong polarity"
+    )
+    raise Tripped("polarity", text, loop.elapsed_s())
+
+
+def _pulsed(loop: Loop, current_A: float, limit_A: float, period_s: float) -> PolarityPulse:
+    """One pulse. Raises Tripped("no_response")."""
+    pulse = PolarityPulse(current_A, limit_A, period_s)
     loop.phase("polarity", pulse, pulse.duration_s, period_s)
-    verb = "cool" if hot else "heat"
     if math.isnan(pulse.left_K):
         text = (
-            f"{pulse.current_A:g} A, then twice that, for {FIRST_S + SECOND_S:g} s did not {verb} the plate: "
-            "is the Peltier connected, and the thermometer on it?"
+            f"{current_A:g} A, then twice that, for {FIRST_S + SECOND_S:g} s did not "
+            f"{'heat' if current_A > 0.0 else 'cool'} the plate: is the Peltier connected, and the thermometer on it?"
         )
         raise Tripped("no_response", text, loop.elapsed_s())
-    if pulse.left_K < 0.0:
-        text = (
-            f"{pulse.current_A:g} A should {verb}, and moved the temperature by {abs(pulse.left_K):.2f} K the other "
-            "way: the Peltier is connected with the wrong polarity"
-        )
-        raise Tripped("polarity", text, loop.elapsed_s())
-    loop.folder.event(loop.elapsed_s(), "polarity", f"{pulse.current_A:g} A {verb}s", moved_K=pulse.left_K)
+    return pulse
