@@ -14,7 +14,8 @@ from sim.effects.effect import Effect, Switched, Warming, switched
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4
 FINER = 7  # sizes looked at before a descent begins
-BEGUN = 2  # descents begun
+BEGUN = 2  # descents begun, the second where its cost is not much larger
+AS_GOOD = 1.2
 WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 FIRST_RELAY_DEC = 1e-3
@@ -95,7 +96,8 @@ class ResistanceSearch:
         for start in (promise.start, *starts_of(self.effects[name], channel, FINER)):
             p = channel.extended(plain, [*others, start])
             tried.append((channel.point(p, p.x, none).cost, len(tried), p))
-        return [p for _, _, p in sorted(tried)[:BEGUN]]
+        tried.sort()
+        return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
