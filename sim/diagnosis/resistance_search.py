@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.effects.effect import Effect, Switched, Warming, switched
 
@@ -20,6 +21,7 @@ WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 FIRST_RELAY_DEC = 1e-3
 RELAY_STEPS = 6
+RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +103,26 @@ class ResistanceSearch:
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
-        fit = self.channel.descend(without_relays(parameters), WHOLE_STEPS)
+        fit = self._reshaped(self.channel.descend(without_relays(parameters), WHOLE_STEPS))
         return self._wide(replace(fit, plain=fit.parameters))
 
     def plain(self, quick: ResistanceFit) -> ResistanceFit:
         """To the end as if the film were of the class."""
-        fit = self.channel.descend(without_relays(quick.parameters), WHOLE_STEPS)
+        fit = self._reshaped(self.channel.descend(without_relays(quick.parameters), WHOLE_STEPS))
         return replace(fit, plain=fit.parameters)
+
+    def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects:
+        those that were found without them may be far off."""
+        channel, p = self.channel, fit.parameters
+        if 2.0 * fit.minus_log / channel.rows.size < RESHAPED_FROM:
+            return fit
+        _, nodes = channel.nodes(p, p.x)
+        thin = thinned_path(nodes, channel.output, channel.fitted, p.start)
+        x = p.x.copy()
+        x[:4], _ = starting_shape(thin, channel.basis.curve is not None)
+        other = channel.descend(replace(p, x=x, weight_dec=self.base.weight_dec), WHOLE_STEPS)
+        return other if other.score > fit.score else fit
 
     def widened(self, fit: ResistanceFit) -> ResistanceFit:
         """A plain fit with relays, kept."""

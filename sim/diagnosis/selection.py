@@ -19,6 +19,8 @@ TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 WIDENED = 2  # candidates that get relays
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
+FAR_FROM_NOISE = 30.0  # mean square residual over noise
+LITTLE_CHANGED = 0.7
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
 
@@ -48,6 +50,12 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf)
     return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)
 
 
+def _hopeless(before: float, after: float, rows: int) -> bool:
+    """Whether the best effect there is changes little of a residual many times the noise: then it is none of these."""
+    square = 2.0 * after / rows
+    return square > FAR_FROM_NOISE and square > LITTLE_CHANGED * 2.0 * before / rows
+
+
 def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
     """The effects that the thermometer's channel alone asks for. names: where the search begins."""
     names = _improved_first(search, names)
@@ -67,7 +75,10 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
         }
         if not gains or max(gains.values()) < WORTH:
             break
-        names |= {max(gains, key=lambda n: gains[n])}
+        best = max(gains, key=lambda n: gains[n])
+        if _hopeless(fit.minus_log, found[best].minus_log, search.channel.rows.size):
+            break
+        names |= {best}
         names = _improved_first(search, names)
     return names
 
@@ -101,6 +112,8 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
         fit = search.fit(names)
         found = _one_more(search, fit)
         if found is None or found.score - fit.score < WORTH:
+            break
+        if _hopeless(fit.minus_log, found.minus_log, search.channel.rows.size):
             break
         names = frozenset(e.name for e in found.effects)
         names = _improved_last(search, names)
@@ -141,8 +154,8 @@ def _one_more(
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     for _ in range(3):
         best = search.fit(names)
-        if len(names) < 2:
-            return names
+        if len(names) < 2 or 2.0 * best.minus_log > FAR_FROM_NOISE * search.channel.rows.size:
+            return names  # as long as something large is missing, whatever is there may stand in for it
         changed: ResistanceFit | None = None
         for name in sorted(names):
             fit = search.without(best, name)
