@@ -97,7 +97,7 @@ class Answers:
         """A job with what it said and what came out."""
         job: Job | None = self.desk.queue.find(_text(question, "id", ""))
         if job is None:
-            raise Refusal(404, ["id: expected a job of this daemon's life"])
+            raise Refusal(404, ["id: expected a job that waits, runs, or has just ended"])
         return {"job": job.table(), "said": job.said, "result": job.result}
 
     def _who(self, question: dict[str, Any]) -> dict[str, Any]:

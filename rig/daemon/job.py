@@ -11,7 +11,8 @@ from typing import Any
 from rig.files.configuration import ConfigurationFile
 from rig.outcome import Outcome
 
-KEPT = 200
+KEPT = 200  # ended jobs that are told of
+FOLLOWED = 8  # of them with all that they said and gave, which is much
 MOST_QUEUED = 100
 WAITING, RUNNING = "queued", "running"
 
@@ -73,6 +74,7 @@ class Queue:
         self._waiting: list[Job] = []
         self._ended = ended[-KEPT:]
         self._known: dict[str, Job] = {}
+        self._followed: list[str] = []
         self.running: Job | None = None
 
     def __len__(self) -> int:
@@ -85,8 +87,6 @@ class Queue:
                 return False
             self._waiting.append(job)
             self._known[job.id] = job
-            while len(self._known) > KEPT + MOST_QUEUED:
-                self._known.pop(next(iter(self._known)))
             return True
 
     def next(self) -> Job | None:
@@ -105,7 +105,7 @@ class Queue:
         return None
 
     def find(self, number: str) -> Job | None:
-        """A job of this daemon's life, whatever became of it."""
+        """A job that waits, runs, or was among the last that ended."""
         return self._known.get(number)
 
     def keep(self, job: Job) -> None:
@@ -114,6 +114,9 @@ class Queue:
             if self.running is job:
                 self.running = None
             self._ended = [*self._ended, job.table()][-KEPT:]
+            self._followed.append(job.id)
+            while len(self._followed) > FOLLOWED:
+                self._known.pop(self._followed.pop(0), None)
 
     def tables(self) -> list[dict[str, Any]]:
         """All of them, the newest first: those that wait, the one that runs, those that ended."""
