@@ -18,7 +18,7 @@ from sim.diagnosis.false_alarm import false_alarm
 from sim.diagnosis.gain import Gain, gain, rmse
 from sim.diagnosis.intervals import intervals, vague_effects
 from sim.diagnosis.other_record import residuals_on
-from sim.diagnosis.record import Record, read_columns
+from sim.diagnosis.record import Mask, Record, read_columns
 from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
 from sim.diagnosis.selection import WORTH, select
@@ -171,41 +171,38 @@ def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
     path = chain.last(chain.split(names)[0]).channel.path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
-    if holdout is None:
-        before, after = residuals(bare, names), residuals(chain, names)
-        held = chain.record.held_out
-    else:
-        before, after = residuals_on(bare, names, holdout), residuals_on(chain, names, holdout)
-        held = np.ones(holdout.rows, dtype=np.bool_)
-    gains = {"resistance_dec": gain(before["resistance_dec"], after["resistance_dec"], held)}
+    before, after = (_unrounded(c, names, holdout)["resistance_dec"] for c in (bare, chain))
+    gains = {"resistance_dec": gain(before, after, _unseen_rows(chain, holdout))}
     term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
 
+def _unseen_rows(chain: Chain, holdout: Record | None) -> Mask:
+    """The rows that no fit has seen: of another record all."""
+    return chain.record.held_out if holdout is None else np.ones(holdout.rows, dtype=np.bool_)
+
+
+def _unrounded(chain: Chain, names: frozenset[str], holdout: Record | None) -> dict[str, Array]:
+    """Residuals in the record's rows, or another's, as if no reading were rounded."""
+    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout)
+
+
 def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
     record, names = chain.record, frozenset(judged.names)
-    held = record.held_out if holdout is None else np.ones(holdout.rows, dtype=np.bool_)
+    held = _unseen_rows(chain, holdout)
     say("gain")
 
     sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
     lattice = _lattice(record, float(np.hypot(sigma_K, record.step_K / np.sqrt(12.0)))) if record.step_K > 0.0 else None
     readings = (record if holdout is None else holdout).temperature_degC
 
-    def smooth(group: frozenset[str]) -> dict[str, Array]:
-        return residuals(chain, group) if holdout is None else residuals_on(chain, group, holdout)
-
-    def unseen(group: frozenset[str]) -> dict[str, Array]:
-        out = smooth(group)
-        if lattice is not None and "temperature_K" in out:
-            out["temperature_K"] = rounded(readings, out["temperature_K"], sigma_K, record.step_K)[0]
-        return out
-
-    whole, bare = unseen(names), smooth(frozenset())
+    whole, bare = _unrounded(chain, names, holdout), _unrounded(chain, frozenset(), holdout)
     noise = {"temperature_K": sigma_K}
-    if lattice is not None and "temperature_K" in whole:
-        before = smooth(names)["temperature_K"]
-        variance = rounded(readings, before, sigma_K, record.step_K)[1]
+    on_lattice = lattice is not None and "temperature_K" in whole
+    if lattice is not None and on_lattice:
+        before = whole["temperature_K"]
+        whole["temperature_K"], variance = rounded(readings, before, sigma_K, record.step_K)
         noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[held])))
         lattice = replace(lattice, gain={"temperature_K": gain(before, whole["temperature_K"], held)})
     if chain.facts is not None:
@@ -219,7 +216,9 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     rivals = rivals_of(chain, names, judged)
     findings = []
     for name in judged.names:
-        rest = unseen(names - {name})
+        rest = _unrounded(chain, names - {name}, holdout)
+        if on_lattice:
+            rest["temperature_K"] = rounded(readings, rest["temperature_K"], sigma_K, record.step_K)[0]
         gains = {c: gain(rest[c], whole[c], held) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]

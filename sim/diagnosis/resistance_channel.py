@@ -182,8 +182,9 @@ class ResistanceChannel:
                 shown = -np.log10(form.read(effect.par, 10.0**-shown))
         return shown
 
-    def _prior(self, p: FilmParameters, extra: int, relays: int) -> Array:
+    def _prior(self, p: FilmParameters, problem: LinearProblem) -> Array:
         """Precision of each coefficient: free ones, operators, behind, relays."""
+        extra, relays = problem.own.shape[1] - self.film_columns, problem.relays.count
         return np.concatenate(
             (
                 np.array([WIDE_DEC**-2]),
@@ -225,7 +226,7 @@ class ResistanceChannel:
                 offset = self._shown(effects, nodes, signal)
                 offset = offset - self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
             problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec)
-            found = problem.solved(x, self._prior(p, at_rows.shape[1] - self.film_columns, relays.count))
+            found = problem.solved(x, self._prior(p, problem))
             coefficients = found.coefficients
         return found
 
@@ -331,7 +332,7 @@ class ResistanceChannel:
         low, high, h = self.bounds(p)
         x = np.clip(p.x, low, high)
         point = self.point(p, x, self.relays_of(p, x))
-        p, point, score = self._settled(p, point, 3 if settle else 0)
+        p, point = self._settled(p, point, 3 if settle else 0)
         damping = 1e-3
         jacobian = np.zeros((self.record.rows, x.size))
         for iteration in range(steps):
@@ -366,18 +367,18 @@ class ResistanceChannel:
                 self.power_output = point.film_output.copy()
             if settle and iteration % 3 == 2:
                 point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
-                p, point, score = self._settled(p, point, 1)
+                p, point = self._settled(p, point, 1)
             elif before - point.cost < tolerance:
                 break
         point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
-        p, point, score = self._settled(p, point, 3 if settle else 0)
+        p, point = self._settled(p, point, 3 if settle else 0)
         effects, _ = self.split(p, point.x)
         residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
         return ResistanceFit(
             replace(p, effects=tuple(effects), x=point.x),
             point.shown,
             point.film_output,
-            score,
+            point.evidence,
             self.sigma_dec,
             point.coefficients,
             jacobian.copy(),
@@ -388,16 +389,15 @@ class ResistanceChannel:
     def _heated(p: FilmParameters) -> bool:
         return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in p.effects)
 
-    def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point, float]:
-        """The priors' widths at a fixed x, and the marginal likelihood there."""
+    def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
+        """The priors' widths at a fixed x, and the point with them."""
         for _ in range(turns):
             wider = self.widths(p, point)
-            prior = self._prior(wider, point.problem.own.shape[1] - self.film_columns, point.problem.relays.count)
-            other = point.problem.solved(point.x, prior)
+            other = point.problem.solved(point.x, self._prior(wider, point.problem))
             if other.evidence <= point.evidence + 0.02:
                 break
             p, point = wider, other
-        return p, point, point.evidence
+        return p, point
 
     def noise(self, fit: ResistanceFit) -> float:
         """The ohmmeter's noise, from what a fit leaves from row to row."""
