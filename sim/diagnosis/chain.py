@@ -19,6 +19,7 @@ from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.diagnosis.strays import strays
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
+from sim.diagnosis.tied import Tied, settled, tied
 from sim.effects.effect import Effect
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
@@ -121,7 +122,7 @@ def resistance_search(
 @dataclass
 class Chain:
     """Both ends' searches; either may be missing. Paths and searches of the last links are kept by the first links'
-    effects."""
+    effects. together: whether both channels are fitted as one, where the simulated temperature drives the film."""
 
     record: Record
     fitted: Mask
@@ -131,13 +132,19 @@ class Chain:
     first: TemperatureSearch | None = None
     facts: FilmFacts | None = None
     searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
+    together: bool = False
+    simulated: set[frozenset[str]] = field(default_factory=set)
+    pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
 
     def last(self, upstream: frozenset[str]) -> ResistanceSearch:
         """The search of the last links behind these effects of the first ones."""
         if upstream not in self.searches:
             path = measured_path(self.record)
             if self.first is not None:
-                path = path_of(self.first, self.first.fit(upstream))
+                fit = self.first.fit(upstream)
+                path = path_of(self.first, fit)
+                if path is fit.path:
+                    self.simulated.add(upstream)
             if self.facts is None:
                 self.facts = film_facts(self.record, path, self.fitted, self.curve)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
@@ -153,6 +160,36 @@ class Chain:
 
     def fits(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
         """The best fits with exactly these effects."""
+        pair = self.pair(names)
+        return (pair.a, pair.b) if pair is not None else self._one_by_one(names)
+
+    def pair(self, names: frozenset[str]) -> Tied | None:
+        """Both channels fitted as one; None where each is fitted for itself."""
+        if not self.together or self.first is None or self.record.output is None:
+            return None
+        if names not in self.pairs:
+            upstream, _ = self.split(names)
+            a, b = self._one_by_one(names)
+            assert a is not None
+            assert b is not None
+            begin = None
+            if upstream in self.simulated:
+                begin = tied(self.first.channel, self.last(upstream).channel, a, b)
+            self.pairs[names] = settled(begin) if begin is not None else None
+        return self.pairs[names]
+
+    def keep(self, names: frozenset[str], pair: Tied) -> None:
+        """Remember a pair, if it is the best with its effects."""
+        known = self.pair(names)
+        if known is None or pair.score > known.score:
+            self.pairs[names] = pair
+
+    def film_channel(self, names: frozenset[str]) -> ResistanceChannel:
+        """The channel that the last links' fit with these effects is of."""
+        pair = self.pair(names)
+        return pair.last if pair is not None else self.last(self.split(names)[0]).channel
+
+    def _one_by_one(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
         upstream, downstream = self.split(names)
         a = self.first.fit(upstream) if self.first is not None else None
         b = None

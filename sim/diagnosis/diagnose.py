@@ -21,7 +21,7 @@ from sim.diagnosis.other_record import residuals_on
 from sim.diagnosis.record import Mask, Record, read_columns
 from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
-from sim.diagnosis.selection import WORTH, select
+from sim.diagnosis.selection import ABSORBS, select
 from sim.diagnosis.verdict import Verdict, judge, resistance_residual, temperature_residual
 from sim.diagnosis.warnings import Warning, warnings_of
 from sim.effects import memoryless_term
@@ -162,13 +162,13 @@ def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
     if b is None or chain.facts is None or chain.facts.basis.curve is None:
         return found
     plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=chain.first)
-    of_the_class = chain.score(names) - plain.score(names) < WORTH  # then nothing but D may stand in for what D does
+    of_the_class = chain.score(names) - plain.score(names) < ABSORBS  # then nothing but D may stand in for what D does
     bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=not of_the_class, first=chain.first)
     evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
-    if evidence < WORTH:
+    if evidence < ABSORBS:
         return found
     curve = chain.facts.basis.curve
-    path = chain.last(chain.split(names)[0]).channel.path
+    path = chain.film_channel(names).path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
     before, after = (_unrounded(c, names, holdout)["resistance_dec"] for c in (bare, chain))

@@ -61,7 +61,7 @@ def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
         plate = _plate(first.parameters) if first is not None else None
         if last is None:
             return ExtendedModel(None, plate, effects, None)
-        refit = FilmRefit(chain.last(chain.split(names)[0]).channel, last)
+        refit = FilmRefit(chain.film_channel(names), last)
         solution, error = film_of(refit, chain.curve)
         return ExtendedModel(solution.model(last.parameters.start.initial), plate, effects, error)
 

@@ -38,6 +38,14 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     """By effect and parameter: the value and its 95 % interval, None where an interval has no meaning."""
     a, b = chain.fits(names)
     out: dict[str, dict[str, tuple[float, tuple[float, float] | None]]] = {}
+    pair = chain.pair(names)
+    if pair is not None:
+        p = pair.a.parameters
+        end = p.x.size + p.first_degC.size
+        deviations = _deviations(*pair.columns())
+        out |= _by_name(list(pair.a.effects), deviations[len(p.base) : p.x.size])
+        out |= _by_name(list(pair.b.effects), deviations[end + 4 :])
+        return out | _profiles(chain, names)
     if a is not None and chain.first is not None:
         z, rows = temperature_residual(chain, names)
         channel = chain.first.channel
@@ -52,12 +60,10 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
             j[:, k] -= e * part[channel.stretch]
         deviations = _deviations(weight[:, None] * j, z)
         out |= _by_name(list(a.effects), deviations[len(p.base) :])
-        for effect in a.effects:
-            if isinstance(effect.effect.form, Command) and effect.effect.form.jumps is not None:
-                out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
+        out |= _profiles(chain, names)
     if b is not None:
         z, rows = resistance_residual(chain, names)
-        last = chain.last(chain.split(names)[0]).channel
+        last = chain.film_channel(names)
         relays = last.relays_of(b.parameters, b.parameters.x)
         point = last.point(b.parameters, b.parameters.x, relays, b.coefficients)
         j = point.off(b.jacobian[rows] / last.sigma_dec)
@@ -98,6 +104,16 @@ def _by_name(
     return out
 
 
+def _profiles(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:
+    """The intervals of effects whose cost jumps."""
+    a, _ = chain.fits(names)
+    out = {}
+    for effect in a.effects if a is not None else ():
+        if isinstance(effect.effect.form, Command) and effect.effect.form.jumps is not None:
+            out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
+    return out
+
+
 def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[float, tuple[float, float] | None]:
     """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92.
 
@@ -105,8 +121,7 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     """
     assert chain.first is not None
     search = chain.first
-    fit = chain.fits(names)[0]
-    assert fit is not None
+    fit = search.fit(chain.split(names)[0])
     original = search.effects[effect.name]
     edges = cells(original, search.channel.record)
     at = float(effect.par[0])

@@ -36,7 +36,7 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record) -> dict[str
         out["temperature_K"] = np.where(other.temperature_used, other.temperature_degC - shown, np.nan)
     if b is not None and other.output is not None:
         path = path if path is not None else measured_path(other)
-        own = chain.last(chain.split(names)[0]).channel
+        own = chain.film_channel(names)
         channel_b = ResistanceChannel(other, path, every, own.sigma_dec, own.basis)
         starts = beginnings(channel_b, FilmStart())
         square = [_square(other, _shown(channel_b, b, start, 1)) for start in starts]

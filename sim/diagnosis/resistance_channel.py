@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +37,7 @@ from sim.diagnosis.film_point import LinearProblem, Point, Relays
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
-from sim.diagnosis.unknowns import free, positive, unknowns_of, values_inside, with_values
+from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming
 
 OPERATORS = 96
@@ -107,6 +108,12 @@ class ResistanceChannel:
         if np.any(bad):
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
+
+    def on(self, path: PlatePath) -> ResistanceChannel:
+        """The same rows on another path."""
+        other = copy(self)
+        other.path = path
+        return other
 
     # -- the model at one x
 
@@ -250,7 +257,7 @@ class ResistanceChannel:
                 signal = out
         return signal[nodes.rows]
 
-    def _predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
+    def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
         c = point.coefficients
@@ -293,17 +300,21 @@ class ResistanceChannel:
     # -- the fit
 
     def bounds(self, p: FilmParameters) -> tuple[Array, Array, Array]:
-        """Least, largest and step of each unknown."""
+        """Least, largest and step of each of x."""
+        unknowns = self.unknowns(p)
+        behind = p.x.size - len(unknowns)
+        low = np.array([u.low for u in unknowns] + [-20.0] * behind)
+        high = np.array([u.high for u in unknowns] + [20.0] * behind)
+        return low, high, np.array([u.step for u in unknowns] + [1e-2] * behind)
+
+    def unknowns(self, p: FilmParameters) -> list[Unknown]:
+        """Of the envelopes and of the effects."""
         t = self.path.plate_degC
         low_T, high_T = float(np.min(t)), float(np.max(t))
         span = high_T - low_T
         a = positive("a", 0.5 / span, 200.0 / span)
         c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
-        unknowns = [a, c, a, c, *unknowns_of(p.effects)]
-        behind = p.x.size - len(unknowns)
-        low = np.array([u.low for u in unknowns] + [-20.0] * behind)
-        high = np.array([u.high for u in unknowns] + [20.0] * behind)
-        return low, high, np.array([u.step for u in unknowns] + [1e-2] * behind)
+        return [a, c, a, c, *unknowns_of(p.effects)]
 
     def widths(self, p: FilmParameters, point: Point) -> FilmParameters:
         """The priors' widths that the coefficients ask for (one step of the fixed point)."""
@@ -336,11 +347,11 @@ class ResistanceChannel:
         damping = 1e-3
         jacobian = np.zeros((self.record.rows, x.size))
         for iteration in range(steps):
-            base = self._predict(p, point.x, point)
+            base = self.predict(p, point.x, point)
             for k in range(x.size):
                 moved = point.x.copy()
                 moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                shown = self._predict(p, moved, point)
+                shown = self.predict(p, moved, point)
                 jacobian[:, k] = (shown - base) / (moved[k] - point.x[k])
             j = jacobian[self.rows] / self.sigma_dec
             residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec

@@ -10,9 +10,11 @@ from sim.diagnosis.chain import Chain
 from sim.diagnosis.resistance_channel import ResistanceFit
 from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
+from sim.diagnosis.tied import widened
 from sim.effects.effect import Reading, Switched
 
-WORTH = 14.0  # log-likelihood that an effect has to bring: what clean records do not reach (benchmark diagnosis)
+ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
+ABSORBS = 14.0  # the same where the film is of another kind: what its relays lack may look like an effect
 PROMISING = 4.0
 MOST_EFFECTS = 4
 TRIED = 4  # candidates followed to the end in a round
@@ -25,15 +27,16 @@ NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
 
 
-SMALL = 0.5  # of the smallest size met
+SMALL = 0.2  # of the smallest size met
+SHORT_TIME = 0.5  # the same of a time
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
 ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
 
 
 def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf) -> bool:
-    """Whether an effect's size has no physical meaning: below half the smallest met, or, of a time, below a fifth of
-    the sampling interval; or `beyond` times the largest met. Or what it has besides: a creep of some seconds is a lag.
-    """
+    """Whether an effect's size has no physical meaning: below a fifth of the smallest met (a time: below half, or below
+    a fifth of the sampling interval); or `beyond` times the largest met. Or what it has besides: a creep of some
+    seconds is a lag."""
     parameters = effect.effect.parameters
     first = next((k for k, p in enumerate(parameters) if not p.choices), None)
     if first is None:
@@ -47,7 +50,7 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf)
     if value > beyond * p.largest:
         return True
     is_time = p.name.endswith("_s") and "per" not in p.name
-    return value < SMALL * p.smallest or (is_time and value < SHORT * interval_s)
+    return value < max(SHORT_TIME * p.smallest, SHORT * interval_s) if is_time else value < SMALL * p.smallest
 
 
 def _hopeless(before: float, after: float, rows: int) -> bool:
@@ -73,7 +76,7 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
             for n, f in found.items()
             if not any(without_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
         }
-        if not gains or max(gains.values()) < WORTH:
+        if not gains or max(gains.values()) < ENTRY:
             break
         best = max(gains, key=lambda n: gains[n])
         if _hopeless(fit.minus_log, found[best].minus_log, search.channel.rows.size):
@@ -90,7 +93,7 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
         for name in sorted(names):
             rest = names - {name}
             fit = search.without(search.fit(names), name)
-            if fit.minus_log - best < WORTH:
+            if fit.minus_log - best < ENTRY:
                 return _improved_first(search, rest)
             if not rest:
                 continue  # the only one was the best of all
@@ -106,12 +109,17 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
     return names
 
 
+def entry_of(fit: ResistanceFit) -> float:
+    """What an effect of the last links has to bring in the fitted rows."""
+    return ENTRY if fit.parameters.relay_dec == 0.0 else ABSORBS
+
+
 def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
     """The effects that the ohmmeter's channel alone asks for."""
     while len(names) < MOST_EFFECTS:
         fit = search.fit(names)
         found = _one_more(search, fit)
-        if found is None or found.score - fit.score < WORTH:
+        if found is None or found.score - fit.score < entry_of(found):
             break
         if _hopeless(fit.minus_log, found.minus_log, search.channel.rows.size):
             break
@@ -159,7 +167,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
         changed: ResistanceFit | None = None
         for name in sorted(names):
             fit = search.without(best, name)
-            if best.score - fit.score < WORTH:
+            if best.score - fit.score < entry_of(best):
                 return _improved_last(search, names - {name})
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
                 continue  # nothing else can do as much and leave nothing
@@ -191,12 +199,14 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
         if chain.first is not None:
             say("both together")
             names = _joint(chain, names)
+            chain.together = True
+            names = _told_by_the_film(chain, names)
     return names
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:
     """Score less what each effect has to bring."""
-    return chain.score(names) - WORTH * len(names)
+    return chain.score(names) - ENTRY * len(names)
 
 
 def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
@@ -229,6 +239,34 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
         if best == names:
             return names
         names = best
+    return names
+
+
+def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+    """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
+    while len(names) < MOST_EFFECTS:
+        pair = chain.pair(names)
+        if pair is None or chain.first is None:
+            return names
+        found: dict[str, tuple[float, Switched]] = {}
+        for name, effect in chain.first.effects.items():
+            if name not in names and getattr(effect.form, "jumps", None) is None:
+                found[name] = pair.promised(effect)
+        likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
+        best, value = names, chain.score(names) + ENTRY
+        for name in likely:
+            trial = widened(pair, found[name][1])
+            if trial is None or any(without_meaning(e, chain.record.interval_s) for e in trial.a.effects):
+                continue
+            chain.keep(names | {name}, trial)
+            if chain.score(names | {name}) > value:
+                best, value = names | {name}, chain.score(names | {name})
+        if best == names:
+            return names
+        added, names = best - names, best
+        for name in sorted(names - added):  # what stood in for it goes
+            if chain.score(names) - chain.score(names - {name}) < ENTRY:
+                names -= {name}
     return names
 
 

@@ -17,7 +17,16 @@ from compensator.functions import KELVIN, Array
 from sim.diagnosis.plate_path import PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
-from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
+from sim.diagnosis.unknowns import (
+    Unknown,
+    along_values,
+    free,
+    logarithmic,
+    positive,
+    unknowns_of,
+    values_inside,
+    with_values,
+)
 from sim.effects.effect import Filter, HeatFlow, Switched
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
@@ -185,17 +194,25 @@ class TemperatureChannel:
         out = simulate_plate(self.record, nodes, replace(p, x=x).plate(), effects, first, own, behind)
         return out.path, out.shown_degC
 
-    def _prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows]:
-        """What is known beforehand, in spreads, and which unknown it speaks of: the ambient, temperatures of own."""
+    def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
+        """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
+        how many spreads a step of that changes it."""
         base = len(p.base)
         own = own_temperatures(p.effects) + thermometer_filters(p.effects)
         index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
         away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
-        return away, index
+        scale = np.ones(index.size)
+        scale[0] = 10.0 / AMBIENT_DEGC[1]
+        return away, index, scale
+
+    def priors(self, p: PlateParameters) -> float:
+        """Logarithm of what is known beforehand."""
+        away = self.prior(p, p.x)[0]
+        return -0.5 * float(away @ away)
 
     def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
         like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
-        away, _ = self._prior(p, x)
+        away = self.prior(p, x)[0]
         total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
         return total if math.isfinite(total) else math.inf
 
@@ -210,6 +227,7 @@ class TemperatureChannel:
     def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
         """Gauss-Newton with Marquardt's damping from p."""
         low, high, h = self.bounds(p)
+        log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
         x, first = np.clip(p.x, low, high), p.first_degC.copy()
         path, shown = self.simulate(p, x, first)
         cost, damping = self.cost(p, x, shown), 1e-3
@@ -223,9 +241,7 @@ class TemperatureChannel:
             like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
             j = jacobian[self.rows] / self.sigma_K
             w = like.curvature
-            away, index = self._prior(p, x)
-            scale = np.ones(index.size)
-            scale[0] = 10.0 / AMBIENT_DEGC[1]
+            away, index, scale = self.prior(p, x)
             gradient = j.T @ like.pull
             gradient[index] -= scale * away
             normal = (w[:, None] * j).T @ j
@@ -246,7 +262,7 @@ class TemperatureChannel:
                 damped = reduced / np.outer(norm, norm) + damping * np.eye(norm.size)
                 damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
                 move = np.linalg.solve(damped, right / norm) / norm
-                trial = np.clip(x + np.clip(move, -1.5, 1.5), low, high)
+                trial = np.clip(x + along_values(np.clip(move, -1.5, 1.5), log), low, high)
                 trial_first = first + (pull - cross.T @ (trial - x)) / d
                 trial_path, trial_shown = self.simulate(p, trial, trial_first)
                 trial_cost = self.cost(p, trial, trial_shown)
@@ -258,6 +274,19 @@ class TemperatureChannel:
             if before - cost < tolerance:
                 self._slopes(p, x, first, shown, high, h, jacobian)
                 break
+        return self._fit(p, x, first, path, shown, jacobian)
+
+    def at(self, p: PlateParameters) -> TemperatureFit:
+        """The fit that these parameters are, with its slopes."""
+        _, high, h = self.bounds(p)
+        path, shown = self.simulate(p, p.x, p.first_degC)
+        jacobian = np.empty((self.record.rows, p.x.size))
+        self._slopes(p, p.x, p.first_degC, shown, high, h, jacobian)
+        return self._fit(p, p.x, p.first_degC, path, shown, jacobian)
+
+    def _fit(
+        self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
+    ) -> TemperatureFit:
         like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
         effects, _, _ = self.split(p, x)
         final = PlateParameters(p.kind, tuple(effects), x, first)

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.functions import Array
+from sim.diagnosis.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
 
+LEAST_LEFT = 0.2  # of a value, after a step
 BEYOND = 30.0  # how far outside the sizes met a fit may go
 
 
@@ -85,3 +87,14 @@ def values_inside(effects: Sequence[Switched]) -> Array:
             if not p.choices
         ]
     )
+
+
+def logarithmic(unknowns: Sequence[Unknown], count: int) -> Mask:
+    """Which of a fit's vector of so many numbers, unknowns first, are on a log scale."""
+    return np.array([u.log for u in unknowns] + [False] * (count - len(unknowns)))
+
+
+def along_values(move: Array, log: Mask) -> Array:
+    """A step on the fit's scale that is one along the values themselves: what unknowns cancel of each other is
+    linear in these."""
+    return np.where(log, np.log1p(np.maximum(move, LEAST_LEFT - 1.0)), move)

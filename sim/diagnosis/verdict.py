@@ -16,14 +16,17 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.selection import WORTH, without_meaning
+from sim.diagnosis.selection import ABSORBS, without_meaning
 from sim.effects.effect import Switched
 
+WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: clean records do not reach it
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
-WEAK = 30.0  # evidence below which they may lose nothing
-CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
+WEAK = 30.0  # evidence below which they may lose no more than chance lets them
+CHANCE = 1.64  # standard deviations
+CHOICE = 2.0  # what an effect has to bring besides for each of its values that was chosen among several
+CHOICE_BESIDE = 5.0  # the same where the film is of another kind
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
@@ -60,7 +63,7 @@ def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Row
     """Residual over noise of the ohmmeter in the fitted rows, and the rows."""
     _, b = chain.fits(names)
     assert b is not None
-    channel = chain.last(chain.split(names)[0]).channel
+    channel = chain.film_channel(names)
     return channel.residual(b), channel.rows
 
 
@@ -78,8 +81,7 @@ def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Ad
         found.append(None)
     if record.output is not None:
         z, rows = resistance_residual(chain, names)
-        search = chain.last(chain.split(names)[0])
-        temperature = search.channel.path.at(record.time_s[rows])
+        temperature = chain.film_channel(names).path.at(record.time_s[rows])
         state = {"resistance": chain.fits(names)[1].shown[rows]}  # type: ignore[union-attr]
         if record.test_current_A is not None:
             state["test current"] = record.test_current_A[rows]
@@ -95,7 +97,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
     if last:
         z, rows = resistance_residual(chain, names)
         assert b is not None
-        channel = chain.last(chain.split(names)[0]).channel
+        channel = chain.film_channel(names)
         relays = channel.relays_of(b.parameters, b.parameters.x)
         point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
         free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
@@ -125,10 +127,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             rest = names - {name}
             evidence[name] = whole - chain.score(rest)
             unseen = held_out_gain(chain, names, rest)
-            may_lose = SPEAKS_AGAINST * evidence[name] if evidence[name] >= WEAK else 0.0
-            unconfirmed = unseen is not None and unseen < -may_lose
-            choosy = any(p.choices for p in chain.effects[name].parameters)
-            if evidence[name] < WORTH + choosy * CHOICE or unconfirmed or too_small(chain, names, name):
+            unconfirmed = unseen is not None and unseen < -may_lose(chain, evidence[name])
+            short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
+            if short or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
@@ -157,6 +158,23 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         names = names - {min(failing, key=lambda n: failing[n])}
 
 
+def may_lose(chain: Chain, evidence: float) -> float:
+    """What unseen rows may lose by an effect of this evidence: a share of it, or, of little evidence, what chance takes
+    from the share of it that they should gain."""
+    if evidence >= WEAK:
+        return SPEAKS_AGAINST * evidence
+    gain = evidence * float(np.sum(chain.record.held_out)) / max(float(np.sum(chain.fitted)), 1.0)
+    return max(CHANCE * float(np.sqrt(2.0 * gain + 0.5)) - gain, 0.0)
+
+
+def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
+    """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
+    b = chain.fits(names)[1]
+    of_the_class = name in chain.split(names)[0] or b is None or b.parameters.relay_dec == 0.0
+    choosy = any(p.choices for p in chain.effects[name].parameters)
+    return WORTH + choosy * CHOICE if of_the_class else ABSORBS + choosy * CHOICE_BESIDE
+
+
 def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:
     """Log-likelihood that the rows no fit has seen gain by the effects that `rest` lacks; None without such rows."""
     record = chain.record
@@ -178,8 +196,7 @@ def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> 
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
-    """Whether an effect's size is below any physical meaning: half the smallest met, or, of a time, a fifth of the
-    sampling interval."""
+    """Whether an effect's size is without physical meaning: see `without_meaning`."""
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:

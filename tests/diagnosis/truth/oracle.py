@@ -2,7 +2,9 @@
 
 The record without noise is linearized in all that a fit has free (plate, first temperature, every parameter of the
 film, parameters of the other effects). What an effect changes, over the noise, is projected off these directions; half
-the square of what is left is the expected log-likelihood ratio. The smallest size that can be found is the one where
+the square of what is left is the expected log-likelihood ratio. An effect may move the film's temperature by many times
+what can be seen of it once plate and film follow: so the film is asked what a small share of that move changes, or its
+curvature would pass for evidence. The smallest size that can be found is the one where
 that is half the 99.9 % quantile of chi-square with as many degrees of freedom as the effect has parameters: a test with
 one false alarm in a thousand then finds it half of the time.
 """
@@ -31,6 +33,8 @@ FILM_EFFECTS = {
     "parallel_leakage",
     "meter_range_error",
 }
+SHIFTS = {"self_heating": "theta_K_per_W", "film_drift": "drift_K_per_h"}  # what moves the film's temperature itself
+FAINT = 0.03  # share of a move of the film's temperature
 FROZEN = {("meter_range_error", "threshold_ohm"), ("thermometer_quantization", "step_K")}
 
 
@@ -108,10 +112,27 @@ class Oracle:
         return self._weighted(rig, heat) - self.base
 
     def difference(self, effects: Effects, whole: bool = False) -> Array:
-        """What adding the effects (or, with `whole`, having just these) changes, over the noise."""
-        wanted = effects if whole else {**self.rig.effects, **effects}
-        changed = {name for name in wanted if wanted[name] != self.rig.effects.get(name)}
-        return self._moved(self.rig.having(wanted), self.heat if changed <= FILM_EFFECTS else None)
+        """What adding the effects (or, with `whole`, having just these) changes, over the noise; to first order in the
+        film's temperature."""
+        now = self.rig.effects
+        wanted = effects if whole else {**now, **effects}
+        changed = {name for name in wanted if wanted[name] != now.get(name)}
+        heat = self.heat if changed <= FILM_EFFECTS else thermal(self.rig.having(wanted), self.schedule)
+        if self.channels == "temperature" or not np.array_equal(heat.taken, self.heat.taken):
+            return self._moved(self.rig.having(wanted), heat)
+        faint, direct = dict(now), dict(wanted)
+        for name in changed & set(SHIFTS):
+            key = SHIFTS[name]
+            before = now.get(name, {}).get(key, 0.0)
+            faint[name] = {key: before + FAINT * (wanted[name][key] - before)}
+            direct[name] = {key: before}
+        nearby = replace(self.heat, base=self.heat.base + FAINT * (heat.base - self.heat.base))
+        rows = self.heat.seen.size
+        base = self.base[rows:] * self.rig.noise_dec
+        moved = (log_ohm(self.rig.having(faint), self.schedule, nearby) - base) / FAINT
+        added = log_ohm(self.rig.having(direct), self.schedule, self.heat) - base
+        shown = (heat.seen - self.heat.seen) / self.sigma_K
+        return np.concatenate([shown, (moved + added) / self.rig.noise_dec])
 
     def rest(self, difference: Array) -> Array:
         """What no free parameter can imitate."""
