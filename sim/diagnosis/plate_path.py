@@ -48,6 +48,11 @@ class Nodes:
     rows: NDArray[np.int64]
 
 
+def lagging(effects: Sequence[Switched]) -> bool:
+    """Whether the thermometer lags."""
+    return any(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
+
+
 def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     """The record's rows and the moments at which its commands act."""
     assert record.current_A is not None
@@ -58,8 +63,7 @@ def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     order = np.argsort(acts, kind="stable")
     acts, amounts = acts[order], amounts[order]
     time = np.union1d(record.time_s, acts[acts <= record.time_s[-1]])
-    lagging = any(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
-    longest_s = min(LONGEST_S, 0.5 * record.interval_s) if lagging else LONGEST_S  # what a lag follows bends
+    longest_s = min(LONGEST_S, 0.5 * record.interval_s) if lagging(effects) else LONGEST_S  # what a lag follows bends
     if float(np.max(np.diff(time))) > 1.01 * longest_s:
         count = np.ceil(np.diff(time) / longest_s - 1e-6).astype(np.int64)
         if np.sum(count) < MOST_NODES:
@@ -115,4 +119,6 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
         return np.empty(0)
     step = np.diff(temperature)
     turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
-    return nodes.time_s[np.setdiff1d(turn, nodes.rows)]
+    between = np.ones(nodes.time_s.size, dtype=np.bool_)
+    between[nodes.rows] = False
+    return nodes.time_s[turn[between[turn]]]

@@ -214,7 +214,7 @@ class ResistanceChannel:
         rows, y = self.rows, self.output
         coefficients = guess
         film = signals[nodes.rows]
-        rounds = 3 if curved else 1
+        rounds = 1 if not curved else 3 if guess is None else 2  # near a guess two are enough
         for _ in range(rounds):
             if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
                 signal = signals @ coefficients[: signals.shape[1]]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.functions import KELVIN, Array
-from sim.diagnosis.plate_path import PlatePath, plate_nodes, simulate_plate
+from sim.diagnosis.plate_path import Nodes, PlatePath, lagging, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.unknowns import (
@@ -27,7 +27,7 @@ from sim.diagnosis.unknowns import (
     values_inside,
     with_values,
 )
-from sim.effects.effect import Filter, HeatFlow, Switched
+from sim.effects.effect import Command, Filter, HeatFlow, Switched
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
@@ -96,6 +96,7 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
+        self._plain_nodes: dict[bool, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
@@ -190,9 +191,17 @@ class TemperatureChannel:
     def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows."""
         effects, own, behind = self.split(p, x)
-        nodes = plate_nodes(self.record, effects)
-        out = simulate_plate(self.record, nodes, replace(p, x=x).plate(), effects, first, own, behind)
+        out = simulate_plate(self.record, self._nodes(effects), replace(p, x=x).plate(), effects, first, own, behind)
         return out.path, out.shown_degC
+
+    def _nodes(self, effects: Sequence[Switched]) -> Nodes:
+        """The times of a simulation; computed once where no effect moves the commands."""
+        if any(isinstance(e.effect.form, Command) for e in effects):
+            return plate_nodes(self.record, effects)
+        finer = lagging(effects)
+        if finer not in self._plain_nodes:
+            self._plain_nodes[finer] = plate_nodes(self.record, effects)
+        return self._plain_nodes[finer]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
         """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
