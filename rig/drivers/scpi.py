@@ -132,6 +132,10 @@ class ScpiLink:
         self.resynchronise()
         return answer
 
+    def is_token(self, text: str) -> bool:
+        """Whether this is the token of the last answer, where a question asks for it in between too."""
+        return _is_token(text.strip().encode("latin-1"), self._expected)
+
     def _uncalled(self) -> bool:
         """Whether bytes are there that nobody has asked for."""
         return self.transport.has_more
