@@ -81,6 +81,8 @@ class Tied:
             small = [SMALL_SHARE * v if s else v for v, s in zip(start, scaled, strict=True)]
             d_T, d_R, free = self._delta([*self.a.effects, switched(effect, small)])
             cross = self.over_T.T @ (self.weight_T * d_T) + self.over_R.T @ free
+            if not np.all(np.isfinite(cross)):
+                continue
             size = float(d_T @ (self.weight_T * d_T)) + float(d_R @ free) - float(cross @ _solved(self.normal, cross))
             along = float(d_T @ self.pull_T) + float(d_R @ self.z) - float(cross @ _solved(self.normal, self.gradient))
             if not size > 1e-9 or not np.isfinite(size):
@@ -102,7 +104,8 @@ class Tied:
 
 
 def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
-    """Both fits with their slopes; None where the film is of another kind, or the record in too many stretches."""
+    """Both fits with their slopes; None where the film is of another kind, the record in too many stretches, or a slope
+    without an end."""
     if b.parameters.relay_dec > 0.0 or first.stretches > MOST_STRETCHES:
         return None
     p, q = a.parameters, b.parameters
@@ -138,6 +141,8 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
     away, index, scale = first.prior(p, p.x)
     gradient[index] -= scale * away
     normal[index, index] += scale * scale
+    if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(gradient))):
+        return None
     return Tied(
         first, last, a, b, point, shown, columns_T, like.curvature, like.pull, columns_R, free_R, z, normal, gradient
     )
