@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
@@ -22,6 +23,8 @@ from sim.diagnosis.record import Record
 from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
 
 KNOTS = 7
+SIMPLE = 3  # degree of what D has of simple form
+GRID = 400
 FOLLOWING = ("log_resistance", "hysteretic_part")  # what filters of these follow is needed at all nodes
 CURVED = ("log_resistance", "film_temperature")  # what a filter follows there bends from row to row
 
@@ -158,14 +161,27 @@ def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_
 
 @dataclass(frozen=True, eq=False)
 class SmoothCurve:
-    """Any smooth D(T) on a range: cubic splines, as many as tell any of the named forms within 1e-4 of its span."""
+    """Any smooth D(T) on a range: cubic splines, as many as tell any of the named forms within 1e-4 of its span.
+
+    Its columns are Legendre's polynomials of degree 1 to 3 over the range, and then what else the splines can do, each
+    of mean square 1 about: a curve of simple form has coefficients of the first few only. mix: from these to splines.
+    """
 
     knots: Array
+    mix: Array
 
     @classmethod
     def over(cls, low: float, high: float, count: int = KNOTS) -> SmoothCurve:
         inner = np.linspace(low, high, count)
-        return cls(np.concatenate(([low] * 3, inner, [high] * 3)))
+        knots = np.concatenate(([low] * 3, inner, [high] * 3))
+        design = _splines(knots, np.linspace(low, high, GRID))
+        x = np.linspace(-1.0, 1.0, GRID)
+        simple = np.stack([legval(x, [0.0] * k + [1.0]) for k in range(SIMPLE + 1)], axis=1)
+        simple = np.linalg.qr(simple)[0] * np.sqrt(GRID)
+        others = np.linalg.svd(design - simple @ (simple.T @ design) / GRID, full_matrices=False)[0]
+        wanted = np.concatenate((simple[:, 1:], np.sqrt(GRID) * others[:, : design.shape[1] - SIMPLE]), axis=1)
+        mix = np.linalg.lstsq(np.column_stack((design, np.ones(GRID))), wanted, rcond=None)[0][:-1]
+        return cls(knots, np.asarray(mix, dtype=np.float64))
 
     @property
     def count(self) -> int:
@@ -173,15 +189,22 @@ class SmoothCurve:
 
     def columns(self, temperature: Array) -> Array:
         """Shape (samples, count): without the constant."""
-        inside = np.clip(temperature, self.knots[0], self.knots[-1])
-        design = BSpline(self.knots, np.eye(self.knots.size - 4), 3)(inside)
-        return np.asarray(design[:, 1:] - 1.0 / (self.count + 1), dtype=np.float64)
+        return np.asarray(_splines(self.knots, temperature) @ self.mix, dtype=np.float64)
 
     def values(self, temperature: Array, coefficients: Array) -> Array:
         """The columns times coefficients, shape (samples,)."""
         inside = np.clip(temperature, self.knots[0], self.knots[-1])
-        spline = BSpline(self.knots, np.concatenate(([0.0], coefficients)), 3)
-        return np.asarray(spline(inside) - float(np.sum(coefficients)) / (self.count + 1), dtype=np.float64)
+        of_splines = self.mix @ coefficients
+        spline = BSpline(self.knots, np.concatenate(([0.0], of_splines)), 3)
+        return np.asarray(spline(inside) - float(np.sum(of_splines)) / (self.count + 1), dtype=np.float64)
+
+
+def _splines(knots: Array, temperature: Array) -> Array:
+    """Cubic B-splines but the first, less their mean; beyond the ends constant."""
+    inside = np.clip(temperature, knots[0], knots[-1])
+    count = knots.size - 4
+    design = BSpline(knots, np.eye(count), 3)(inside)
+    return np.asarray(design[:, 1:] - 1.0 / count, dtype=np.float64)
 
 
 def filtered(columns: Array, time: Array, effect: Switched) -> Array:

@@ -24,6 +24,7 @@ from compensator.functions import Array
 from compensator.identify_mixed import WIDTHS
 from compensator.identify_operators import radius_floor
 from sim.diagnosis.film_columns import (
+    SIMPLE,
     FilmNodes,
     FilmStart,
     SmoothCurve,
@@ -44,7 +45,8 @@ OPERATORS = 96
 CENTRES = 14
 PER_RELAY = 2  # readings that a relay, or an operator, needs at least; their priors do the rest
 WIDE_DEC = 30.0  # prior of the constant
-CURVE_DEC = 1.0  # of D between its knots
+CURVE_DEC = 1.0  # of D's slope over the range, and the most of what bends it
+LEAST_CURVE_DEC = 1e-4
 BEHIND_DEC = 0.1  # of how far a filter is behind at the first row
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
@@ -62,13 +64,16 @@ class FilmBasis:
 
 @dataclass(frozen=True, eq=False)
 class FilmParameters:
-    """x: envelopes (4), effects, how far film filters are behind; weight, relay: the priors' widths, in decades."""
+    """x: envelopes (4), effects, how far film filters are behind; weight, relay: the priors' widths, in decades; bend,
+    wave: of what D has of degree 2 and 3, and of what else it has."""
 
     effects: tuple[Switched, ...]
     x: Array
     start: FilmStart
     weight_dec: float = 0.3
     relay_dec: float = 0.0
+    bend_dec: float = CURVE_DEC
+    wave_dec: float = CURVE_DEC
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +200,19 @@ class ResistanceChannel:
         return np.concatenate(
             (
                 np.array([WIDE_DEC**-2]),
-                np.full(self._free - 1, CURVE_DEC**-2),
+                self._curve_widths(p) ** -2,
                 np.full(self.basis.fractions.size, p.weight_dec**-2),
                 np.full(extra, BEHIND_DEC**-2),
                 np.full(relays, max(p.relay_dec, 1e-9) ** -2),
             )
         )
+
+    def _curve_widths(self, p: FilmParameters) -> Array:
+        """The prior's width of each coefficient of D."""
+        widths = np.full(self._free - 1, p.wave_dec)
+        widths[:SIMPLE] = p.bend_dec
+        widths[:1] = CURVE_DEC
+        return widths
 
     def point(self, p: FilmParameters, x: Array, relays: Relays, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
@@ -334,7 +346,14 @@ class ResistanceChannel:
             if square < 1e-14:
                 relay = p.relay_dec
             relay = min(max(relay, 1e-6), 1.0)
-        return replace(p, weight_dec=min(max(weight, 1e-3), 3.0), relay_dec=relay)
+        bends, waves = slice(2, 1 + SIMPLE), slice(1 + SIMPLE, self._free)
+        bend, wave = (
+            min(max(math.sqrt(float(np.mean(c[part] ** 2 + variance[part]))), LEAST_CURVE_DEC), CURVE_DEC)
+            if self._free > 1
+            else CURVE_DEC
+            for part in (bends, waves)
+        )
+        return replace(p, weight_dec=min(max(weight, 1e-3), 3.0), relay_dec=relay, bend_dec=bend, wave_dec=wave)
 
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
+from compensator.functions import Array
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
-from sim.effects.effect import Effect, Switched, Warming, switched
+from sim.effects.effect import Effect, Reading, Switched, Warming, switched
 
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4
@@ -21,6 +22,8 @@ WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 FIRST_RELAY_DEC = 1e-3
 RELAY_STEPS = 6
+PAIR_SIZES = 7
+TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
@@ -155,28 +158,11 @@ class ResistanceSearch:
 
     def promise(self, fit: ResistanceFit, name: str) -> Promise:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
-        channel, effect = self.channel, self.effects[name]
-        p = fit.parameters
-        relays = channel.relays_of(p, p.x)
-        point = channel.point(p, p.x, relays, fit.coefficients)
-        rows = channel.rows
-        residual = (channel.output[rows] - point.shown[rows]) / channel.sigma_dec
-        jacobian = fit.jacobian[rows] / channel.sigma_dec
-        outer = point.off(jacobian)
-        norms = np.linalg.norm(outer, axis=0)
-        q = (
-            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
-            if np.any(norms > 1e-9)
-            else np.zeros((rows.size, 1))
-        )
-        best, start = 0.0, starts_of(effect, channel)[0]
-        for trial in starts_of(effect, channel):
-            others = [e for e in fit.effects if e.name != name]
-            parameters = channel.extended(p, [*others, trial])
-            shown = channel.predict_from(parameters, fit, relays)
-            delta = point.off(((shown[rows] - point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
-            delta = delta - q @ (q.T @ delta)
-            size, along = float(delta @ delta), float(delta @ residual)
+        view, effect = _View(self.channel, fit), self.effects[name]
+        best, start = 0.0, starts_of(effect, self.channel)[0]
+        for trial in starts_of(effect, self.channel):
+            delta = view.left_of(trial)
+            size, along = float(delta @ delta), float(delta @ view.residual)
             if not size > 1e-9 or not np.isfinite(size):
                 continue
             gain = 0.5 * along * along / size
@@ -184,6 +170,70 @@ class ResistanceSearch:
             if gain > best:
                 best, start = gain, trial
         return Promise(best, start)
+
+    def two_at_once(self, fit: ResistanceFit) -> ResistanceFit | None:
+        """The best fit with two more effects of the ohmmeter's terminals: what one bends the other may straighten, so
+        that neither shows alone. None where no two promise anything."""
+        names = frozenset(e.name for e in fit.effects)
+        others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
+        plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.relay_dec else fit
+        view, promised = _View(self.channel, plain), []
+        for pair in combinations(others, 2):
+            starts = [starts_of(self.effects[name], self.channel) for name in pair]
+            columns = [[view.left_of(start) for start in of_one] for of_one in starts]
+            for one, other in product(*columns):
+                both = np.stack((one, other), axis=1)
+                if np.all(np.isfinite(both)):
+                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]
+                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
+                        promised.append(pair)
+                        break
+        p = without_relays(plain.parameters)
+        ends = [self._two(p, pair) for pair in promised]
+        return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
+
+    def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
+        """A plain fit with these two as well, from the sizes of both at which the film fits best."""
+        none = self.channel.relays_of(p, p.x)
+        begin: list[tuple[float, int, FilmParameters]] = []
+        for two in product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair)):
+            trial = self.channel.extended(p, [*p.effects, *two])
+            begin.append((self.channel.point(trial, trial.x, none).cost, len(begin), trial))
+        begin.sort()
+        fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
+        best = max(fits, key=lambda fit: fit.score)
+        return replace(best, plain=best.parameters)
+
+
+class _View:
+    """A fit seen by what is left of it once the film's coefficients and everything fitted may follow."""
+
+    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
+        p = fit.parameters
+        self._channel, self._fit, self._relays = channel, fit, channel.relays_of(p, p.x)
+        self._point = channel.point(p, p.x, self._relays, fit.coefficients)
+        rows = channel.rows
+        self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
+        outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
+        norms = np.linalg.norm(outer, axis=0)
+        self._q = (
+            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
+            if np.any(norms > 1e-9)
+            else np.zeros((rows.size, 1))
+        )
+
+    def left_of(self, effect: Switched) -> Array:
+        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        others = [e for e in fit.effects if e.name != effect.name]
+        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit, self._relays)
+        delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
+
+
+def at_the_terminals(effect: Effect) -> bool:
+    """Whether it bends the reading as a function of the resistance alone."""
+    return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
 
 
 def without_relays(parameters: FilmParameters) -> FilmParameters:

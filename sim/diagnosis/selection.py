@@ -28,13 +28,13 @@ Progress = Callable[[str], None]
 
 
 SMALL = 0.2  # of the smallest size met
-SHORT_TIME = 0.5  # the same of a time
+LEAST_TIME = LEAST_BESIDE = 0.5  # the same of a time, and where the film is of another kind
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
 ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
 
 
-def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf) -> bool:
-    """Whether an effect's size has no physical meaning: below a fifth of the smallest met (a time: below half, or below
+def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf, least: float = SMALL) -> bool:
+    """Whether an effect's size has no physical meaning: below `least` of the smallest met (a time: below half, or below
     a fifth of the sampling interval); or `beyond` times the largest met. Or what it has besides: a creep of some
     seconds is a lag."""
     parameters = effect.effect.parameters
@@ -46,11 +46,11 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf)
         if not q.choices and not q.smallest / ELSEWHERE <= abs(float(other)) <= q.largest * ELSEWHERE:
             return True
     if effect.effect.inverse:
-        return value > p.largest / SMALL or value < p.smallest / beyond**2
+        return value > p.largest / least or value < p.smallest / beyond**2
     if value > beyond * p.largest:
         return True
     is_time = p.name.endswith("_s") and "per" not in p.name
-    return value < max(SHORT_TIME * p.smallest, SHORT * interval_s) if is_time else value < SMALL * p.smallest
+    return value < max(LEAST_TIME * p.smallest, SHORT * interval_s) if is_time else value < least * p.smallest
 
 
 def _hopeless(before: float, after: float, rows: int) -> bool:
@@ -120,7 +120,12 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
         fit = search.fit(names)
         found = _one_more(search, fit)
         if found is None or found.score - fit.score < entry_of(found):
-            break
+            found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
+            interval = search.channel.record.interval_s
+            if found is None or any(without_meaning(e, interval) for e in found.effects):
+                break
+            if found.score - fit.score < 2.0 * entry_of(found):
+                break
         if _hopeless(fit.minus_log, found.minus_log, search.channel.rows.size):
             break
         names = frozenset(e.name for e in found.effects)

@@ -16,7 +16,7 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.selection import ABSORBS, without_meaning
+from sim.diagnosis.selection import ABSORBS, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
 
 WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: clean records do not reach it
@@ -169,10 +169,15 @@ def may_lose(chain: Chain, evidence: float) -> float:
 
 def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
     """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
-    b = chain.fits(names)[1]
-    of_the_class = name in chain.split(names)[0] or b is None or b.parameters.relay_dec == 0.0
+    of_the_class = name in chain.split(names)[0] or film_of_the_class(chain, names)
     choosy = any(p.choices for p in chain.effects[name].parameters)
     return WORTH + choosy * CHOICE if of_the_class else ABSORBS + choosy * CHOICE_BESIDE
+
+
+def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether the film needs no relays beside its play operators, or there is none."""
+    b = chain.fits(names)[1]
+    return b is None or b.parameters.relay_dec == 0.0
 
 
 def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:
@@ -197,10 +202,11 @@ def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether an effect's size is without physical meaning: see `without_meaning`."""
+    least = SMALL if film_of_the_class(chain, names) or name in chain.split(names)[0] else LEAST_BESIDE
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:
-                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND)
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND, least)
     return False
 
 
