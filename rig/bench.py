@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -13,11 +13,12 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import open_controller, open_meter
-from rig.faults import fault
+from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
+from rig.serial_numbers import strangers
 from rig.simulation import simulated_world
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
@@ -61,16 +62,14 @@ def open_bench(
         stack.callback(controller.close)
         stack.enter_context(_output_off(controller, c.bench.controller.port, guard))
         identities = {"controller": controller.identify()}
-        if not whatever_serial_number:
-            _check_serial_number(file, "controller", c.bench.controller, identities["controller"])
+        _require_ours(file, identities, whatever_serial_number)
         controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         meter = None
         if c.bench.meter is not None:
             meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)
             stack.callback(meter.close)
             identities["meter"] = meter.identify()
-            if not whatever_serial_number:
-                _check_serial_number(file, "meter", c.bench.meter, identities["meter"])
+            _require_ours(file, identities, whatever_serial_number)
             try:
                 meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
             except ValueError as error:
@@ -103,13 +102,10 @@ def _output_off(controller: TemperatureController, port: str, guard: Guard) -> I
     guard.let_go()
 
 
-def _check_serial_number(
-    file: ConfigurationFile, role: str, table: ControllerTable | MeterTable, identity: Identity
-) -> None:
-    """Two USB adapters may have changed places, and with them two benches. Raises Faults."""
-    if table.serial_number is not None and table.serial_number != identity.serial_number:
-        expected = f"{table.serial_number!r}: what answers at {table.port} is {identity}"
-        raise fault(file.path, f"bench.{role}.serial_number", expected)
+def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:
+    lines = [] if whatever_serial_number else strangers(file, identities)
+    if lines:
+        raise Faults(lines)
 
 
 def _opened(

@@ -54,15 +54,11 @@ def main(options: argparse.Namespace) -> int:
 
 def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str]:
     """Who they are; a line for each that is another one than the configuration says."""
-    tables = {"controller": file.content.bench.controller, "meter": file.content.bench.meter}
-    faults = []
+    from rig.serial_numbers import strangers
+
     for role, identity in bench.identities.items():
         voice.say(f"{role}: {identity}")
-        table = tables[role]
-        wanted = table.serial_number if table is not None else None
-        if wanted is not None and wanted != identity.serial_number:
-            faults.append(f"{role}: serial number {identity.serial_number!r}; bench.{role} says {wanted!r}")
-    return faults
+    return strangers(file, bench.identities)
 
 
 def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:

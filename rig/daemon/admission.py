@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.drivers.identity import Identity
 from rig.drivers.registry import is_own
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable, configuration_of, read_configuration
+from rig.serial_numbers import strangers
 
 LARGEST_FILE = 1_000_000  # bytes
 
@@ -91,9 +94,10 @@ def _files_of(raw: dict[str, Any]) -> list[tuple[str, Any]]:
     return found
 
 
-def admit(job: ConfigurationFile, bench: ConfigurationFile) -> None:
-    """Raises Faults where a job asks for other instruments than the bench has, or for wider limits."""
-    lines = []
+def admit(job: ConfigurationFile, bench: ConfigurationFile, identities: Mapping[str, Identity]) -> None:
+    """Raises Faults where a job asks for other instruments than the bench has, or for wider limits. identities: who
+    answered at the bench's ports, as far as it was ever there."""
+    lines = strangers(job, identities)
     ours, theirs = bench.content, job.content
     pairs: list[tuple[str, ControllerTable | MeterTable | None, ControllerTable | MeterTable | None]] = [
         ("controller", ours.bench.controller, theirs.bench.controller),

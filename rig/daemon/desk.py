@@ -20,6 +20,7 @@ from rig.daemon.gate import Gate, Off
 from rig.daemon.job import Job, JobStopped, Queue, new_id
 from rig.daemon.latch import STOPPED, Latch, after_restart, tripped
 from rig.daemon.webhook import post
+from rig.drivers.identity import Identity
 from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import default_folder
@@ -61,7 +62,7 @@ class Desk:
         self.in_loop = False
         self.memory_since_s: float | None = None
         self.model = model_of(file)
-        self.instruments: dict[str, str] = {}
+        self.identities: dict[str, Identity] = {}
         self.has_dead_man = False
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
         self.last_cycle_s = clock.now_s()
@@ -181,7 +182,7 @@ class Desk:
         self, file: ConfigurationFile, name: str | None = None, out: Path | None = None, kind: str | None = None
     ) -> Job:
         """Put an experiment into the queue, or, with a kind of "calibration", its calibration. Raises Faults."""
-        admit(file, self.file)
+        admit(file, self.file, self.identities)
         e = file.content.experiment
         if out is not None and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
             raise Faults([f"{out}: --out: exists and is not empty; expected a new folder"])
@@ -244,7 +245,7 @@ class Desk:
             "reading": reading,
             "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
             "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
-            "instruments": self.instruments,
+            "instruments": {role: str(identity) for role, identity in self.identities.items()},
             "ticks": dict(self.ticks.__dict__),
             "memory_known": self.memory_since_s is not None,
             "viewers": 0,

@@ -22,6 +22,7 @@ from rig.files.run_folder import part_of
 from rig.loop import Tick
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.reading import Quality
+from rig.serial_numbers import strangers
 
 
 class JobRun(Watcher):
@@ -48,6 +49,8 @@ class JobRun(Watcher):
         trip: tuple[str, str] | None = None
         desk.model = model_of(job.file) or desk.model
         try:
+            if lines := strangers(job.file, self._raw.identities):  # the bench may have come back as another one
+                raise Faults(lines)
             self._configure(job.file.content)
             calibration = self._done()
             job.state, job.exit_status = "done", 0

@@ -94,7 +94,7 @@ class Keeper:
     def _attach(self, bench: Bench) -> None:
         desk = self._desk
         desk.gate.attach(bench.controller)
-        desk.instruments = {role: str(identity) for role, identity in bench.identities.items()}
+        desk.identities = dict(bench.identities)
         desk.has_dead_man = bench.controller.has_dead_man
         desk.output, desk.confirmed = "off", True
         desk.online, desk.offline_because = True, ""

@@ -10,6 +10,7 @@ import pytest
 
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
+from rig.drivers.identity import Identity
 from rig.faults import Faults
 from rig.files.configuration import read_configuration
 from rig.history import reading
@@ -173,16 +174,22 @@ def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(
 
 def test_what_may_not_run_on_this_bench_is_refused_with_a_line_each(tmp_path: Path) -> None:
     bench = read_configuration(write_current(tmp_path, more=SERVE))
-    text = bench.text
+    text, there = bench.text, {"controller": Identity("Meerstetter", "TEC-1091", "112", "5.30")}
     for old, new, place in (
         ('driver = "meerstetter"', 'driver = "srs_ldc500"', "bench.controller.driver"),
         ("[10, 95]", "[10, 99]", "limits.temperature_degC"),
         ("current_A = 4.0", "current_A = 5.0", "limits.current_A"),
         ('port = "sim://"', 'port = "/dev/null"', "sim://"),
+        (
+            'port = "sim://"',
+            'port = "sim://"\nserial_number = "113"',
+            "bench.controller.serial_number: '113': what answers",
+        ),
     ):
         with pytest.raises(Faults) as faults:
-            admit(by_text(text.replace(old, new, 1), "job", tmp_path), bench)
+            admit(by_text(text.replace(old, new, 1), "job", tmp_path), bench, there)
         assert any(place in line for line in faults.value.lines), faults.value.lines
+    admit(bench, bench, there)
     for path in ("/etc/passwd", "../secret.csv"):
         with pytest.raises(Faults, match="without a path"):
             by_text(text.replace('["start 0 A", "hold 60 s"]', f'"{path}"'), "job", tmp_path)

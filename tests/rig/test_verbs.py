@@ -171,7 +171,7 @@ def test_nothing_runs_where_another_instrument_answers(peltier: Peltier, tmp_pat
     assert not (tmp_path / "out").exists()
     status, out, _ = peltier("check", path)  # tells all that it finds
     assert status == 1
-    assert "NOT AS CONFIGURED: meter: serial number" in out
+    assert "bench.meter.serial_number: '0000001': what answers at" in out
 
 
 def test_ports_lists_or_says_that_there_is_none(peltier: Peltier) -> None:
