@@ -1,4 +1,4 @@
-"""One job on the bench, in a thread of its own: what `peltier run` does, watched."""
+"""One job on the bench, in the worker's thread: what `peltier run` does, watched."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ class JobRun(Watcher):
             meter=desk.gate.meter_for_jobs(bench.meter) if bench.meter is not None else None,
         )
         self._conditioned = False
-        self.thread = threading.Thread(target=self._work, name="job", daemon=True)
 
-    def _work(self) -> None:
+    def work(self) -> None:
+        """The job from its beginning to its end, whatever that is."""
         desk, job = self._desk, self._job
         job.state, job.started_s = "running", desk.label_s()
         desk.job_changed(job)

@@ -15,6 +15,7 @@ from rig.daemon.desk import Desk
 from rig.daemon.job_run import JobRun
 from rig.daemon.row import quality_of
 from rig.daemon.systemd import Notifier
+from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
 from rig.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.files.configuration import ConfigurationFile
@@ -35,7 +36,8 @@ class Keeper:
     def __init__(self, file: ConfigurationFile, desk: Desk, notifier: Notifier, guard: Guard = UNGUARDED) -> None:
         self._file, self._desk, self._notifier, self._guard = file, desk, notifier, guard
         self._idling = threading.RLock()
-        self._run: JobRun | None = None
+        self._worker = Worker("job")
+        self._over: threading.Event | None = None  # of the job that runs
         self._opened = False
         self._signals = SignalStop()
         self._ending = False
@@ -108,9 +110,10 @@ class Keeper:
         off = desk.gate.stop(error)
         if not off.confirmed:
             desk.output, desk.confirmed = "unknown", False
-        if self._run is not None:
-            self._run.thread.join(JOB_ENDS_S)
-            self._run = None
+        if self._over is not None:
+            if not self._over.wait(JOB_ENDS_S):
+                self._worker.abandon()
+            self._over = None
         desk.gate.attach(None)
 
     def _lost(self, error: BaseException) -> None:
@@ -132,7 +135,7 @@ class Keeper:
             self._see_whether_to_end()
             if self._jobs(bench, controller):
                 due = clock.now_s()
-            busy = desk.in_loop or (bench.virtual and self._run is not None)
+            busy = desk.in_loop or (bench.virtual and self._over is not None)
             if clock.now_s() >= due:
                 if not busy:
                     with self._idling:
@@ -145,7 +148,7 @@ class Keeper:
                 self._notifier.cycle()
             if not bench.virtual:
                 self._pause(due - clock.now_s())
-            elif self._run is None:
+            elif self._over is None:
                 clock.sleep_until_s(due)
             else:
                 self._pause(0.02)
@@ -164,11 +167,11 @@ class Keeper:
 
     def _jobs(self, bench: Bench, controller: TemperatureController) -> bool:
         """See to the job that ended, and start the next where nothing is latched; whether one ended."""
-        desk, ended = self._desk, self._run is not None
-        if self._run is not None:
-            if self._run.thread.is_alive():
+        desk, ended = self._desk, self._over is not None
+        if self._over is not None:
+            if not self._over.is_set():
                 return False
-            self._run = None
+            self._over = None
             limits = self._file.content.limits
             dead_man_s = self._file.content.bench.controller.dead_man_s
             with self._idling:
@@ -179,8 +182,7 @@ class Keeper:
             desk.gate.open()
             job = desk.queue.next()
         if job is not None:
-            self._run = JobRun(desk, bench, job, self._idling)
-            self._run.thread.start()
+            self._over = self._worker.begin(JobRun(desk, bench, job, self._idling).work)
         return ended
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rig.files.run_folder import RunFolder
-from rig.report.figures import COLOURS, new_figure, saved, thinned
+from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -63,11 +63,12 @@ def _loops(folder: RunFolder, result: Calibration) -> str:
     checked = folder.column("phase") == "check"
     for inside, colour, name in ((~checked, "#9fb6d8", "fitted rows"), (checked, COLOURS["measured"], "held-out rows")):
         t, r = thinned(temperature[inside], resistance[inside])
-        axes[0].semilogy(t, r, color=colour, linewidth=1.2, label=name)
+        axes[0].plot(t, r, color=colour, linewidth=1.2, label=name)
     t, predicted = thinned(temperature[checked], 10.0 ** -result.predicted_output[checked])
-    axes[0].semilogy(t, predicted, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
+    axes[0].plot(t, predicted, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel("resistance / ohm")
+    log_scale(axes[0])
     axes[0].legend(loc="upper right")
     return figure(
         saved(fig, folder.part, "loops"),

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from compensator.functions import Array
 from rig.report.diagnosis_words import CHANNELS, judged_channels
-from rig.report.figures import COLOURS, SETTINGS, saved
+from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure
 
 if TYPE_CHECKING:
@@ -153,5 +153,6 @@ def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
 
 def _loop(axis: Axes, temperature: Array, output: Array, model: Array) -> None:
     colour = COLOURS["measured"]
-    axis.semilogy(temperature, 10.0**-output, ".", markersize=2, color=colour, rasterized=True, label="measured")
-    axis.semilogy(temperature, 10.0**-model, "-", linewidth=0.9, rasterized=True)
+    axis.plot(temperature, 10.0**-output, ".", markersize=2, color=colour, rasterized=True, label="measured")
+    axis.plot(temperature, 10.0**-model, "-", linewidth=0.9, rasterized=True)
+    log_scale(axis)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogFormatter
 
 from compensator.functions import Array
 
@@ -50,6 +51,23 @@ def new_figure(
         figure = Figure(figsize=(10.0, height), layout="constrained")
         axes = figure.subplots(rows, 1, sharex=share, squeeze=False, height_ratios=heights)
     return figure, list(axes[:, 0])
+
+
+class _Prefixed(LogFormatter):
+    """Labels such as 80 k where a log scale wants one. Plain text: mathematical text, each time that it is set, leaves
+    its glyphs in the font (FT2Font.load_char), 25 kB a figure, and a daemon draws for weeks."""
+
+    _with_prefix = EngFormatter(sep="\N{THIN SPACE}")
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return self._with_prefix(x) if super().__call__(x, pos) else ""
+
+
+def log_scale(axes: Axes) -> None:
+    """The ordinate on a log scale, its labels with SI prefixes."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(_Prefixed())
+    axes.yaxis.set_minor_formatter(_Prefixed())
 
 
 def thinned(*columns: Array) -> list[Array]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.files.run_folder import RunFolder
 from rig.loop import COLUMNS
-from rig.report.figures import COLOURS, new_figure, saved, thinned
+from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, tiles, write_page
 
 
@@ -38,7 +38,8 @@ def write_profile_report(folder: RunFolder, kind: str) -> None:
     if measured:
         t, shown = thinned(time, readings)
         axes[2].plot(t, shown, color=COLOURS["measured"])
-        axes[2].set_yscale("log" if film == "resistance_ohm" else "linear")
+        if film == "resistance_ohm":
+            log_scale(axes[2])
         axes[2].set_ylabel(f"{quantity} / {unit}")
     axes[-1].set_xlabel("time / s")
     numbers = [(str(len(folder.rows)), "rows"), (f"{float(time[-1]):.0f} s", "duration")]

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from rig.files.run_folder import RunFolder
-from rig.report.figures import COLOURS, new_figure, saved, thinned
+from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -77,9 +77,10 @@ def _courses(folder: RunFolder, folders: dict[str, RunFolder]) -> str:
         track["reference_degC"],
         track["current_A"],
     )
-    axes[0].semilogy(time, measured, color=COLOURS["measured"], label="measured", linewidth=1.8)
-    axes[0].semilogy(time, target, color=COLOURS["target"], label="wanted", linestyle=(0, (4, 2)), linewidth=1.1)
+    axes[0].plot(time, measured, color=COLOURS["measured"], label="measured", linewidth=1.8)
+    axes[0].plot(time, target, color=COLOURS["target"], label="wanted", linestyle=(0, (4, 2)), linewidth=1.1)
     axes[0].set_ylabel("resistance / ohm")
+    log_scale(axes[0])
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     if np.any(np.isfinite(reference)):
         axes[1].plot(time, reference, color=COLOURS["target"], linestyle=(0, (4, 2)), linewidth=1.0, label="reference")
@@ -102,10 +103,11 @@ def _loop(folder: RunFolder, own: str) -> str:
     fig, axes = new_figure(1, 4.6)
     before_t, before_r = thinned(folder.column("temperature_degC")[inside], folder.column("resistance_ohm")[inside])
     temperature, measured = thinned(track["temperature_degC"], track["resistance_ohm"])
-    axes[0].semilogy(before_t, before_r, color="#b9c0cc", linewidth=1.0, label="conditioning and approach")
-    axes[0].semilogy(temperature, measured, color=COLOURS.get(own, "#1f5fbf"), linewidth=1.1, label="tracking")
+    axes[0].plot(before_t, before_r, color="#b9c0cc", linewidth=1.0, label="conditioning and approach")
+    axes[0].plot(temperature, measured, color=COLOURS.get(own, "#1f5fbf"), linewidth=1.1, label="tracking")
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel("resistance / ohm")
+    log_scale(axes[0])
     axes[0].legend(loc="upper right")
     return figure(
         saved(fig, folder.part, "loop"),
