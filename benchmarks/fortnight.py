@@ -208,6 +208,7 @@ def main() -> int:
     print(f"{options.days:g} days simulated in {time.perf_counter() - begin:.0f} s")
     print(f"memory after the first day, over the {max(days - 1.0, 0.0):.1f} days of the longest life, kB")
     print(f"    from {after[0]} to {after[-1]}: growth {growth_kB:+d}        asked: none")
+    print(f"    at the end of each day: {', '.join(str(rss) for rss in after[::24])}")
     print(
         f"ticks done {total['done']}, missed {total['missed']}, latest {latest_s:.2f} s        asked: told and counted"
     )

@@ -6,6 +6,7 @@ them again every few seconds, and arrives with the output off.
 
 from __future__ import annotations
 
+import gc
 import math
 import signal
 import threading
@@ -172,6 +173,7 @@ class Keeper:
             if not self._over.is_set():
                 return False
             self._over = None
+            self._tidy()
             limits = self._file.content.limits
             dead_man_s = self._file.content.bench.controller.dead_man_s
             with self._idling:
@@ -184,6 +186,13 @@ class Keeper:
         if job is not None:
             self._over = self._worker.begin(JobRun(desk, bench, job, self._idling).work)
         return ended
+
+    def _tidy(self) -> None:
+        """Collect what a job leaves in cycles, before it piles up: a collection of all objects is due only when a
+        quarter of them is new. What is there after the first job is there for good and need not be looked at again."""
+        gc.collect()
+        if not gc.get_freeze_count():
+            gc.freeze()
 
 
 class _Idle:

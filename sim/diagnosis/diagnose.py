@@ -22,7 +22,7 @@ from sim.diagnosis.record import Mask, Record, read_columns
 from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
 from sim.diagnosis.selection import ABSORBS, select
-from sim.diagnosis.verdict import Verdict, judge, resistance_residual, temperature_residual
+from sim.diagnosis.verdict import UNSEEN, Verdict, judge, resistance_residual, temperature_residual
 from sim.diagnosis.warnings import Warning, warnings_of
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -30,7 +30,6 @@ from sim.effects.effect import Effect
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
-UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 
 
 @dataclass(frozen=True)

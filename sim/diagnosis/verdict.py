@@ -25,14 +25,14 @@ BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behi
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
 WEAK = 30.0  # evidence below which they may lose no more than chance lets them
 CHANCE = 1.64  # standard deviations
-CHOICE = 2.0  # what an effect has to bring besides for each of its values that was chosen among several
-CHOICE_BESIDE = 5.0  # the same where the film is of another kind
+CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
 CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
 LITTLE_LEFT = 0.2  # of the noise's variance
 BEYOND = 2.0  # times the largest size met: more has no physical meaning
+UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -133,6 +133,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
+            if not _predicts(chain, names, rest, not upstream):
+                failing[name] = WORTH
+                continue
             left = temperature if upstream else resistance
             if not upstream and temperature is not None and not temperature.clean and evidence[name] < BEHIND_UNKNOWN:
                 failing[name] = evidence[name]  # the film's temperature itself is not well known
@@ -171,7 +174,7 @@ def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
     """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
     of_the_class = name in chain.split(names)[0] or film_of_the_class(chain, names)
     choosy = any(p.choices for p in chain.effects[name].parameters)
-    return WORTH + choosy * CHOICE if of_the_class else ABSORBS + choosy * CHOICE_BESIDE
+    return (WORTH if of_the_class else ABSORBS) + choosy * CHOICE
 
 
 def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
@@ -198,6 +201,29 @@ def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> 
         a, b = (record.output[rows] - fit.shown[rows] for fit in (last, none))  # type: ignore[union-attr]
         total, seen = total + 0.5 * float(b @ b - a @ a) / chain.facts.sigma_dec**2, True
     return total if seen else None
+
+
+def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: bool) -> bool:
+    """Whether unseen rows are told to about their noise, or most of what they lack is what the effect gives."""
+    after, before = (_unseen_square(chain, group, last) for group in (names, rest))
+    if after is None or before is None or after < UNSEEN * UNSEEN:
+        return True
+    return after - 1.0 <= MOST_LEFT * (before - 1.0)
+
+
+def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
+    """Mean square of one channel's residual over its noise in the rows that no fit has seen; None without such rows."""
+    record, (a, b) = chain.record, chain.fits(names)
+    if last and b is not None and record.output is not None and chain.facts is not None:
+        rows = record.held_out & record.output_used
+        residual, sigma = record.output[rows] - b.shown[rows], chain.facts.sigma_dec
+    elif not last and a is not None and chain.first is not None:
+        rows = record.held_out & record.temperature_used
+        residual = record.temperature_degC[rows] - a.shown_degC[rows]
+        sigma = float(np.hypot(chain.first.channel.sigma_K, record.step_K / np.sqrt(12.0)))
+    else:
+        return None
+    return float(np.mean(residual**2)) / sigma**2 if residual.size else None
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
