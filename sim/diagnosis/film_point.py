@@ -31,7 +31,8 @@ class LinearProblem:
     """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
 
     at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
-    own output, in every row; gram, right: products of all columns in the fitted rows, over the noise's square.
+    own output, in every row; gram, right: products of all columns in the fitted rows, over the noise's square;
+    range_of: the outputs by which the ohmmeter chose its range in every row.
     """
 
     at_rows: Array
@@ -44,17 +45,26 @@ class LinearProblem:
     wanted: Array
     fitted: Rows
     sigma_dec: float
+    range_of: Array
 
     @classmethod
     def of(
-        cls, at_rows: Array, offset: Array, film: Array, relays: Relays, output: Array, fitted: Rows, sigma_dec: float
+        cls,
+        at_rows: Array,
+        offset: Array,
+        film: Array,
+        relays: Relays,
+        output: Array,
+        fitted: Rows,
+        sigma_dec: float,
+        range_of: Array,
     ) -> LinearProblem:
         """With its products."""
         own, wanted = at_rows[fitted], output[fitted] - offset[fitted]
         across = own.T @ relays.fitted
         gram = np.block([[own.T @ own, across], [across.T, relays.gram]]) / sigma_dec**2
         right = np.concatenate((own.T @ wanted, relays.fitted.T @ wanted)) / sigma_dec**2
-        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec)
+        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec, range_of)
 
     def solved(self, x: Array, prior: Array) -> Point:
         """The best coefficients under a prior: the precision of each."""

@@ -113,6 +113,7 @@ class ResistanceChannel:
         if np.any(bad):
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
+        self._readings = self.power_output
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -185,13 +186,17 @@ class ResistanceChannel:
         form.run(effect.par, time, np.zeros(time.size), np.array([-1.0]), out)
         return out[:, None]
 
-    def _shown(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
-        """The film's output at the points through the ohmmeter, in every row."""
+    def _shown(
+        self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array, range_of: Array | None = None
+    ) -> Array:
+        """The film's output at the points through the ohmmeter, in every row. range_of: the outputs by which the
+        ohmmeter chooses its range, where a small step must not change that."""
         shown = self._lagged(effects, nodes, transfer(effects, signal)[0])
+        seen = shown if range_of is None else range_of
         for effect in effects:
             form = effect.effect.form
             if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and form.linear:
-                shown = -np.log10(form.read(effect.par, 10.0**-shown))
+                shown = shown - seen - np.log10(form.read(effect.par, 10.0**-seen))
         return shown
 
     def _prior(self, p: FilmParameters, problem: LinearProblem) -> Array:
@@ -240,14 +245,24 @@ class ResistanceChannel:
             at_rows = moved[nodes.rows]
             if coefficients is not None and coefficients.size >= signals.shape[1]:
                 linear = at_rows[:, : signals.shape[1]] @ coefficients[: signals.shape[1]]
-                offset = self._shown(effects, nodes, signals @ coefficients[: signals.shape[1]]) - linear
+                signal = signals @ coefficients[: signals.shape[1]]
             else:
-                offset = self._shown(effects, nodes, signal)
-                offset = offset - self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
-            problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec)
-            found = problem.solved(x, self._prior(p, problem))
+                linear = self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
+            points = []
+            for range_of in self._ranges(effects, nodes, signal):
+                offset = self._shown(effects, nodes, signal, range_of) - linear
+                problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec, range_of)
+                points.append(problem.solved(x, self._prior(p, problem)))
+            found = min(points, key=lambda point: point.cost)
             coefficients = found.coefficients
         return found
+
+    def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array]:
+        """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
+        surer where a range's error leaves a gap between two of them."""
+        modelled = self._lagged(effects, nodes, transfer(effects, signal)[0])
+        in_ranges = any(e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False) for e in effects)
+        return [modelled, self._readings] if in_ranges else [modelled]
 
     @property
     def _free(self) -> int:
@@ -274,7 +289,7 @@ class ResistanceChannel:
         effects, nodes = self.nodes(p, x)
         c = point.coefficients
         signal, place = self._output(effects, nodes, x, c)
-        shown = self._shown(effects, nodes, signal)
+        shown = self._shown(effects, nodes, signal, point.problem.range_of)
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
                 shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]

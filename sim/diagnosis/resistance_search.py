@@ -21,6 +21,7 @@ AS_GOOD = 1.2
 WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 FIRST_RELAY_DEC = 1e-3
+NEXT_WIDTH_DEC = 3e-3  # a width that is not found from the first one
 RELAY_STEPS = 6
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
@@ -139,7 +140,12 @@ class ResistanceSearch:
 
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
         if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM and self.channel.relays:
-            wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
+            known = {k.parameters.relay_dec for k in self.fits.values() if k.parameters.relay_dec > NEXT_WIDTH_DEC}
+            found = [
+                self.channel.descend(replace(fit.parameters, relay_dec=width), RELAY_STEPS)
+                for width in (FIRST_RELAY_DEC, *sorted(known)[len(known) // 2 :][:1])  # what other fits have needed
+            ]
+            wider = max(found, key=lambda f: f.score if np.isfinite(f.score) else -np.inf)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit

@@ -166,7 +166,7 @@ def may_lose(chain: Chain, evidence: float) -> float:
     from the share of it that they should gain."""
     if evidence >= WEAK:
         return SPEAKS_AGAINST * evidence
-    gain = evidence * float(np.sum(chain.record.held_out)) / max(float(np.sum(chain.fitted)), 1.0)
+    gain = max(evidence, 0.0) * float(np.sum(chain.record.held_out)) / max(float(np.sum(chain.fitted)), 1.0)
     return max(CHANCE * float(np.sqrt(2.0 * gain + 0.5)) - gain, 0.0)
 
 
