@@ -45,6 +45,27 @@ def test_two_hidden_effects() -> None:
     assert names(document) == set(blind.hidden)
 
 
+def test_two_resistances_that_bend_the_reading_against_each_other() -> None:
+    """Neither shows alone: D takes both."""
+    blind = case("three", 1701)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == {"sensor_lag", "series_resistance", "parallel_leakage"}
+    covered(document, blind)
+
+
+def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
+    blind = case("smallest", 1602, effect="radiative_loss", factor=1.5)
+    document = diagnose(blind.columns).document()
+    assert names(document) == {"radiative_loss"}
+    covered(document, blind)
+
+
+def test_a_range_error_beside_a_film_of_another_kind() -> None:
+    blind = case("other_film_effect", 3013)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == {"meter_range_error"}
+
+
 @pytest.mark.parametrize(("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 0), ("other_film", 1)])
 def test_nothing_hidden_nothing_named(kind: str, seed: int) -> None:
     document = diagnose(case(kind, seed).columns).document()

@@ -12,10 +12,12 @@ from scipy.integrate import solve_ivp
 
 from tests.diagnosis.cases import Case, case, write_record
 from tests.diagnosis.score import named_as_set, score, wilson
-from tests.diagnosis.truth.combine import allowed
+from tests.diagnosis.truth.combine import allowed, recorded_current
 from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed
 from tests.diagnosis.truth.draw import Bench, draw_bench, draw_film
+from tests.diagnosis.truth.oracle import Oracle
 from tests.diagnosis.truth.rig import Clean, Effects, Rig, Schedule, simulate
+from tests.diagnosis.truth.sizes import weaker
 
 Array = NDArray[np.float64]
 FILMS = ("of_class", "preisach", "forc")
@@ -188,6 +190,21 @@ def test_a_case_depends_on_its_seed_alone(tmp_path: Path) -> None:
     read = np.genfromtxt(tmp_path / "record.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(read["resistance_ohm"], one.columns["resistance_ohm"])
     assert one.details["smallest_share"]["creep"] <= 0.25
+
+
+def test_the_oracle_takes_no_curvature_for_evidence() -> None:
+    """A small effect's log-likelihood ratio goes with the square of its size, whatever plate and film follow."""
+    bench = draw_bench(np.random.default_rng(3), rows=1600)
+    oracle = Oracle(bench.rig, bench.schedule, recorded_current(bench, {}), cautious=False)
+    for name, parameters in (
+        ("radiative_loss", {"loss_per_K3_s": 2e-11 / bench.rig.plate.capacity_J_per_K}),
+        ("self_heating", {"theta_K_per_W": 300.0}),
+        ("film_drift", {"drift_K_per_h": 0.3}),
+    ):
+        whole = oracle.evidence({name: parameters})
+        tenth = oracle.evidence({name: weaker(name, parameters, 0.1)})
+        assert tenth > 0.0
+        assert whole / tenth == pytest.approx(100.0, rel=0.25), name
 
 
 def test_disturbances_leave_a_record() -> None:
