@@ -32,7 +32,7 @@ class LinearProblem:
 
     at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
     own output, in every row; gram, right: products of all columns in the fitted rows, over the noise's square;
-    range_of: the outputs by which the ohmmeter chose its range in every row.
+    range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
     """
 
     at_rows: Array
@@ -45,7 +45,7 @@ class LinearProblem:
     wanted: Array
     fitted: Rows
     sigma_dec: float
-    range_of: Array
+    range_of: Array | None
 
     @classmethod
     def of(
@@ -57,7 +57,7 @@ class LinearProblem:
         output: Array,
         fitted: Rows,
         sigma_dec: float,
-        range_of: Array,
+        range_of: Array | None,
     ) -> LinearProblem:
         """With its products."""
         own, wanted = at_rows[fitted], output[fitted] - offset[fitted]

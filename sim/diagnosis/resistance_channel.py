@@ -233,19 +233,17 @@ class ResistanceChannel:
         film = signals[nodes.rows]
         rounds = 1 if not curved else 3 if guess is None else 2  # near a guess two are enough
         for _ in range(rounds):
-            if curved and coefficients is not None and coefficients.size >= signals.shape[1]:
-                signal = signals @ coefficients[: signals.shape[1]]
-            else:
-                signal = np.interp(nodes.points_s, self.record.time_s, self.power_output)
+            known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
+            guessed = known.size == signals.shape[1]
+            signal = signals @ known if guessed else np.interp(nodes.points_s, self.record.time_s, self.power_output)
             slope = transfer(effects, signal)[1][:, None] if curved else 1.0
             moved = signals * slope
             for lag in lags:
                 moved = filtered(moved, nodes.points_s, lag)
                 moved = np.concatenate((moved, self._behind(lag, nodes.points_s)), axis=1)
             at_rows = moved[nodes.rows]
-            if coefficients is not None and coefficients.size >= signals.shape[1]:
-                linear = at_rows[:, : signals.shape[1]] @ coefficients[: signals.shape[1]]
-                signal = signals @ coefficients[: signals.shape[1]]
+            if guessed:
+                linear = at_rows[:, : known.size] @ known
             else:
                 linear = self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
             points = []
@@ -257,12 +255,12 @@ class ResistanceChannel:
             coefficients = found.coefficients
         return found
 
-    def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array]:
+    def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
-        surer where a range's error leaves a gap between two of them."""
-        modelled = self._lagged(effects, nodes, transfer(effects, signal)[0])
-        in_ranges = any(e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False) for e in effects)
-        return [modelled, self._readings] if in_ranges else [modelled]
+        surer where a range's error leaves a gap between two of them. None where it has but one."""
+        if not any(e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False) for e in effects):
+            return [None]
+        return [self._lagged(effects, nodes, transfer(effects, signal)[0]), self._readings]
 
     @property
     def _free(self) -> int:

@@ -99,8 +99,8 @@ class Tied:
         path, shown = self.first.simulate(trial, trial.x, trial.first_degC)
         d_T = (shown - self.a.shown_degC)[self.first.rows] / self.first.sigma_K
         film = self.last.on(path).predict(self.b.parameters, self.b.parameters.x, self.point)
-        raw = (film - self.shown)[self.last.rows]
-        return d_T, raw / self.last.sigma_dec, self.point.off((raw / self.last.sigma_dec)[:, None])[:, 0]
+        d_R = (film - self.shown)[self.last.rows] / self.last.sigma_dec
+        return d_T, d_R, self.point.off(d_R[:, None])[:, 0]
 
 
 def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
@@ -123,7 +123,8 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
         h = h if p.x[k] + h <= high[k] else -h
         x = p.x.copy()
         x[k] += h
-        over_R.append((_film(first, last, a, b, point, x, p.first_degC) - shown)[film_rows] / (h * last.sigma_dec))
+        path, _ = first.simulate(p, x, p.first_degC)
+        over_R.append((last.on(path).predict(q, q.x, point) - shown)[film_rows] / (h * last.sigma_dec))
     for k in range(p.first_degC.size):
         firsts = p.first_degC.copy()
         firsts[k] += 0.01
@@ -146,19 +147,6 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
     return Tied(
         first, last, a, b, point, shown, columns_T, like.curvature, like.pull, columns_R, free_R, z, normal, gradient
     )
-
-
-def _film(
-    first: TemperatureChannel,
-    last: ResistanceChannel,
-    a: TemperatureFit,
-    b: ResistanceFit,
-    point: Point,
-    x: Array,
-    firsts: Array,
-) -> Array:
-    path, _ = first.simulate(a.parameters, x, firsts)
-    return last.on(path).predict(b.parameters, b.parameters.x, point)
 
 
 def _solved(normal: Array, right: Array) -> Array:

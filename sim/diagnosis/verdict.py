@@ -19,7 +19,7 @@ from sim.diagnosis.record import Rows
 from sim.diagnosis.selection import ABSORBS, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
 
-WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: clean records do not reach it
+WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clean records reach it
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
@@ -185,22 +185,31 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 
 def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:
     """Log-likelihood that the rows no fit has seen gain by the effects that `rest` lacks; None without such rows."""
-    record = chain.record
-    total, seen = 0.0, False
-    pairs = list(zip(chain.fits(names), chain.fits(rest), strict=True))
-    rows = record.held_out & record.temperature_used
-    whole, bare = pairs[0]
-    if whole is not None and bare is not None and np.any(rows):
-        sigma = max(chain.first.channel.sigma_K if chain.first is not None else 1.0, 0.3 * record.step_K)
-        a, b = (record.temperature_degC[rows] - fit.shown_degC[rows] for fit in (whole, bare))  # type: ignore[union-attr]
-        total, seen = total + 0.5 * float(b @ b - a @ a) / sigma**2, True
-    rows = record.held_out & record.output_used
-    last, none = pairs[1]
-    if last is not None and none is not None and record.output is not None and np.any(rows):
-        assert chain.facts is not None
-        a, b = (record.output[rows] - fit.shown[rows] for fit in (last, none))  # type: ignore[union-attr]
-        total, seen = total + 0.5 * float(b @ b - a @ a) / chain.facts.sigma_dec**2, True
-    return total if seen else None
+    gains = []
+    for last in (False, True):
+        a, b = _unseen_residual(chain, rest, last), _unseen_residual(chain, names, last)
+        if a is not None and b is not None:
+            sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
+            gains.append(0.5 * float(a @ a - b @ b) / sigma**2)
+    return sum(gains) if gains else None
+
+
+def _told_apart_K(chain: Chain) -> float:
+    assert chain.first is not None
+    return max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
+
+
+def _unseen_residual(chain: Chain, names: frozenset[str], last: bool) -> Array | None:
+    """One channel's residual in the rows that no fit has seen, K or decades; None without such rows."""
+    record, (a, b) = chain.record, chain.fits(names)
+    residual = np.empty(0)
+    if last and b is not None and record.output is not None:
+        rows = record.held_out & record.output_used
+        residual = record.output[rows] - b.shown[rows]
+    elif not last and a is not None:
+        rows = record.held_out & record.temperature_used
+        residual = record.temperature_degC[rows] - a.shown_degC[rows]
+    return residual if residual.size else None
 
 
 def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: bool) -> bool:
@@ -213,17 +222,16 @@ def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: b
 
 def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
     """Mean square of one channel's residual over its noise in the rows that no fit has seen; None without such rows."""
-    record, (a, b) = chain.record, chain.fits(names)
-    if last and b is not None and record.output is not None and chain.facts is not None:
-        rows = record.held_out & record.output_used
-        residual, sigma = record.output[rows] - b.shown[rows], chain.facts.sigma_dec
-    elif not last and a is not None and chain.first is not None:
-        rows = record.held_out & record.temperature_used
-        residual = record.temperature_degC[rows] - a.shown_degC[rows]
-        sigma = float(np.hypot(chain.first.channel.sigma_K, record.step_K / np.sqrt(12.0)))
-    else:
+    residual = _unseen_residual(chain, names, last)
+    if residual is None:
         return None
-    return float(np.mean(residual**2)) / sigma**2 if residual.size else None
+    if last:
+        assert chain.facts is not None
+        sigma = chain.facts.sigma_dec
+    else:
+        assert chain.first is not None
+        sigma = float(np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0)))
+    return float(np.mean(residual**2)) / sigma**2
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
