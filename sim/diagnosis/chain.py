@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from compensator.functions import Array
+from compensator.identify_search import transition
 from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.film_memory import remembered
-from sim.diagnosis.film_start import scale_of, starting_shape, thinned_path
+from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.path_estimate import corrected_path, measured_path
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
@@ -91,8 +92,8 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
         if square < 0.97 * least:
             best, shape, least = start, found, square
     thin = thinned_path(film_nodes(record, path, [], [], None, best), output, used, best)
-    middle, half, loop = scale_of(thin)
-    facts = FilmFacts(basis_for(record, path, middle, half, loop, curve), shape, best, 1.0)
+    middle, half = transition(thin)
+    facts = FilmFacts(basis_for(record, path, middle, half, curve), shape, best, 1.0)
     sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
     channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
     fit = channel.descend(FilmParameters((), shape, facts.start))

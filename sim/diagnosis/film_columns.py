@@ -50,6 +50,15 @@ class FilmNodes:
         """The same with the film's output at all nodes."""
         return replace(self, points=np.arange(self.time_s.size), rows=self.taken)
 
+    def same_film(self, other: FilmNodes) -> bool:
+        """Whether the film goes through the same temperatures, and is read at the same of them."""
+        return (
+            self.previous_degC == other.previous_degC
+            and np.array_equal(self.film_degC, other.film_degC)
+            and np.array_equal(self.side, other.side)
+            and np.array_equal(self.taken, other.taken)
+        )
+
     @property
     def points_s(self) -> Array:
         """Times of the points."""
@@ -142,21 +151,26 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
     return out
 
 
-def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
-    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
-    widths, place = np.unique(half_width_K, return_inverse=True)
+def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
+    """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
     side, inputs = nodes.side, nodes.film_degC
     if nodes.previous_degC is not None:
         inputs = np.concatenate(([nodes.previous_degC], inputs))
         side = np.concatenate((side[:1], [np.int8(np.sign(inputs[1] - inputs[0]))], side[1:])).astype(np.int8)
-    plays = np.empty((nodes.taken.size, widths.size))
+    plays = np.empty((nodes.taken.size, half_width_K.size))
     order = np.argsort(nodes.taken, kind="stable")
     rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)
     part = np.empty_like(plays)
-    group = np.zeros(widths.size, dtype=np.int64)
-    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, widths, group, np.inf, rows, part)
+    group = np.zeros(half_width_K.size, dtype=np.int64)
+    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, part)
     plays[order] = part
-    return np.asarray(np.tanh(slope * (plays[:, place] - centre)), dtype=np.float64)
+    return plays
+
+
+def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
+    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
+    widths, place = np.unique(half_width_K, return_inverse=True)
+    return np.asarray(np.tanh(slope * (play_outputs(nodes, widths)[:, place] - centre)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,21 +9,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.functions import Array
+from sim.diagnosis.film_relays import Relays
 from sim.diagnosis.record import Rows
-
-
-@dataclass(frozen=True, eq=False)
-class Relays:
-    """The relays' outputs: in every row and in the fitted ones, (rows, relays), and the products of the latter."""
-
-    every: Array
-    fitted: Array
-    gram: Array
-
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return int(self.every.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +18,7 @@ class LinearProblem:
     """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
 
     at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
-    own output, in every row; gram, right: products of all columns in the fitted rows, over the noise's square;
+    own output, in every row; relays: as they are shown; gram, right: products of all columns in the fitted rows, over the noise's square;
     range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
     """
 
@@ -77,7 +64,7 @@ class LinearProblem:
             linear += self.relays.every @ c[self.own.shape[1] :]
         residual = (self.wanted - linear[self.fitted]) / self.sigma_dec
         cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
-        film_output = self.film @ c[: self.film.shape[1]]
+        film_output = self.film @ c[: self.film.shape[1]] + self.relays.film @ c[self.own.shape[1] :]
         shown = linear + self.offset
         return Point(x, self, prior, c, shown, film_output, cost if math.isfinite(cost) else math.inf, factor)
 

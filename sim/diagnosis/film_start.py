@@ -6,10 +6,9 @@ import numpy as np
 
 from compensator.functions import Array
 from compensator.identify_forms import SMOOTH, Form
-from compensator.identify_mixed import half_loop_width
 from compensator.identify_projection import equal_structure
 from compensator.identify_rows import Path
-from compensator.identify_search import search, transition
+from compensator.identify_search import search
 from sim.diagnosis.film_columns import FilmNodes, FilmStart
 from sim.diagnosis.record import Mask
 
@@ -55,9 +54,3 @@ def starting_shape(path: Path, curve: bool) -> tuple[Array, float]:
     form = Form(SMOOTH if curve else "none", False, low, high)
     found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form.name]
     return found.theta[:4].copy(), found.square
-
-
-def scale_of(path: Path) -> tuple[float, float, float]:
-    """Middle and half-width of the transition (degC, K), and half the loop's width (K)."""
-    middle, half = transition(path)
-    return middle, half, half_loop_width(path)

@@ -21,20 +21,19 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from compensator.functions import Array
-from compensator.identify_mixed import WIDTHS
 from compensator.identify_operators import radius_floor
 from sim.diagnosis.film_columns import (
     SIMPLE,
     FilmNodes,
     FilmStart,
     SmoothCurve,
-    classical_columns,
     film_nodes,
     filtered,
     operator_columns,
     transfer,
 )
-from sim.diagnosis.film_point import LinearProblem, Point, Relays
+from sim.diagnosis.film_point import LinearProblem, Point
+from sim.diagnosis.film_relays import RelayPlane, Relays
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
@@ -42,8 +41,7 @@ from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_
 from sim.effects.effect import Filter, Reading, Switched, Warming
 
 OPERATORS = 96
-CENTRES = 14
-PER_RELAY = 2  # readings that a relay, or an operator, needs at least; their priors do the rest
+PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
 WIDE_DEC = 30.0  # prior of the constant
 CURVE_DEC = 1.0  # of D's slope over the range, and the most of what bends it
 LEAST_CURVE_DEC = 1e-4
@@ -53,13 +51,11 @@ TRUSTED = 4.0  # mean square residual over noise below which the model's resista
 
 @dataclass(frozen=True, eq=False)
 class FilmBasis:
-    """What a record's film is built of: D's splines, places of the radii, and the relays (centre, slope, width)."""
+    """What a record's film is built of: D's splines, places of the radii, and the plane of relays."""
 
     curve: SmoothCurve | None
     fractions: Array
-    centre_degC: Array
-    slope_per_K: Array
-    half_width_K: Array
+    plane: RelayPlane
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +110,7 @@ class ResistanceChannel:
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
         self._readings = self.power_output
+        self._known_columns: tuple[FilmNodes, Array] | None = None
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -235,21 +232,25 @@ class ResistanceChannel:
         for _ in range(rounds):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
             guessed = known.size == signals.shape[1]
-            signal = signals @ known if guessed else np.interp(nodes.points_s, self.record.time_s, self.power_output)
-            slope = transfer(effects, signal)[1][:, None] if curved else 1.0
-            moved = signals * slope
+            signal = np.interp(nodes.points_s, self.record.time_s, self.power_output)
+            if coefficients is not None and guessed:
+                of_relays = coefficients[coefficients.size - relays.count :]
+                signal = signals @ known + self._at_points(nodes, relays.film @ of_relays)
+            slope = transfer(effects, signal)[1] if curved else np.ones(signal.size)
+            shown = relays.bent(slope[nodes.rows], rows) if curved and relays.count else relays
+            moved = signals * slope[:, None] if curved else signals
             for lag in lags:
                 moved = filtered(moved, nodes.points_s, lag)
                 moved = np.concatenate((moved, self._behind(lag, nodes.points_s)), axis=1)
             at_rows = moved[nodes.rows]
-            if guessed:
-                linear = at_rows[:, : known.size] @ known
+            if coefficients is not None and guessed:
+                linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
             else:
-                linear = self._lagged(effects, nodes, (slope * signal[:, None])[:, 0])
+                linear = self._lagged(effects, nodes, slope * signal)
             points = []
             for range_of in self._ranges(effects, nodes, signal):
                 offset = self._shown(effects, nodes, signal, range_of) - linear
-                problem = LinearProblem.of(at_rows, offset, film, relays, y, rows, self.sigma_dec, range_of)
+                problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, range_of)
                 points.append(problem.solved(x, self._prior(p, problem)))
             found = min(points, key=lambda point: point.cost)
             coefficients = found.coefficients
@@ -282,45 +283,61 @@ class ResistanceChannel:
                 signal = out
         return signal[nodes.rows]
 
+    @staticmethod
+    def _at_points(nodes: FilmNodes, signal: Array) -> Array:
+        """A signal of the rows at the points, straight between them."""
+        order = np.argsort(nodes.taken, kind="stable")
+        return np.interp(nodes.points_s, nodes.time_s[nodes.taken[order]], signal[order])
+
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
-        c = point.coefficients
+        c, relays = point.coefficients, point.problem.relays
         signal, place = self._output(effects, nodes, x, c)
+        signal = signal + self._at_points(nodes, relays.film @ c[c.size - relays.count :])
         shown = self._shown(effects, nodes, signal, point.problem.range_of)
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
                 shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]
                 place += 1
-        return np.asarray(shown + point.problem.relays.every @ c[place:], dtype=np.float64)
+        return np.asarray(shown, dtype=np.float64)
 
     def predict_from(self, p: FilmParameters, fit: ResistanceFit, relays: Relays) -> Array:
         """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
         effects, nodes = self.nodes(p, p.x)
         c, own = fit.coefficients, self.film_columns
         fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
-        shown = self._shown(effects, nodes, self._output(effects, nodes, p.x, fresh)[0])
+        signal = self._output(effects, nodes, p.x, fresh)[0]
+        signal = signal + self._at_points(nodes, relays.film @ c[c.size - relays.count :])
+        shown = self._shown(effects, nodes, signal)
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
         ]
         for e, value in zip(places, c[own : c.size - relays.count], strict=True):
             shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
-        return np.asarray(shown + relays.every @ c[c.size - relays.count :], dtype=np.float64)
+        return np.asarray(shown, dtype=np.float64)
+
+    def _plane_columns(self, nodes: FilmNodes) -> Array:
+        """The relays' columns at the rows' readings; computed once for one temperature of the film."""
+        known = self._known_columns
+        if known is None or not nodes.same_film(known[0]):
+            self._known_columns = known = (nodes, self.basis.plane.columns(nodes))
+        return known[1]
 
     def relays_of(self, p: FilmParameters, x: Array) -> Relays:
-        """The relays' outputs; none where their prior's width is 0."""
+        """The relays' columns; none where their prior's width is 0."""
         if not self.relays or p.relay_dec == 0.0:
-            return Relays(np.empty((self.record.rows, 0)), np.empty((self.rows.size, 0)), np.empty((0, 0)))
+            return Relays.none(self.record.rows, self.rows)
         effects, nodes = self.nodes(p, x)
-        b = self.basis
-        columns = classical_columns(nodes, b.centre_degC, b.slope_per_K, b.half_width_K)
+        columns = self._plane_columns(nodes)
         for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Filter) and form.target == "log_resistance":
+            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "hysteretic_part":
                 columns = filtered(columns, self.record.taken_s, effect)
-        columns = np.asarray(columns, dtype=np.float64)
-        fitted = columns[self.rows]
-        return Relays(columns, fitted, fitted.T @ fitted)
+        shown = columns
+        for effect in effects:
+            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
+                shown = filtered(shown, self.record.taken_s, effect)
+        return Relays.of(columns, shown, self.rows)
 
     # -- the fit
 
@@ -451,21 +468,13 @@ class ResistanceChannel:
         return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
 
 
-def basis_for(record: Record, path: PlatePath, middle: float, half: float, loop_K: float, curve: bool) -> FilmBasis:
+def basis_for(record: Record, path: PlatePath, middle: float, half: float, curve: bool) -> FilmBasis:
     """Placed for a record: D's splines over the range, relays where the output changes."""
     low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
     readings = int(np.sum(record.output_used))
-    centres = min(CENTRES, max(readings // (PER_RELAY * WIDTHS.size), 4))
-    edge = np.linspace(-1.0, 1.0, centres)
-    operators = min(OPERATORS, max(readings // PER_RELAY, 12))
-    reach = min(2.2 * half, 0.6 * (high - low))
-    centre = middle + reach * np.sinh(1.2 * edge) / math.sinh(1.2)
-    slope = 0.9 / np.gradient(centre)
-    widths = loop_K * WIDTHS
+    operators = min(OPERATORS, max(readings // PER_OPERATOR, 12))
     return FilmBasis(
         SmoothCurve.over(low - 0.5, high + 0.5) if curve else None,
         np.arange(operators) / operators,
-        np.tile(centre, widths.size),
-        np.tile(slope, widths.size),
-        np.repeat(widths, centre.size),
+        RelayPlane.over(middle, min(2.2 * half, 0.6 * (high - low)), high - low, readings),
     )

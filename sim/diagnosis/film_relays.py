@@ -1,0 +1,102 @@
+"""A film of another kind: a smooth density of relays over the whole Preisach plane, whatever its form.
+
+N(c, h) = tanh((F_h[T] - c) / width of the grid) stand on a grid of centres c and half-widths h. What each adds has a
+normal prior; its standard deviation falls off from the middle of the loop, and neighbours' are correlated (exponential
+kernel): a density is smooth, but may bend anywhere. In the directions of the correlation matrix the prior is that of
+independent columns of unlike width (C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning, 2006, ch. 2 and
+6); those with next to no variance are left out. One width for all is left, which a record decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.film_columns import FilmNodes, play_outputs
+from sim.diagnosis.record import Rows
+
+CENTRES = WIDTHS = 24
+PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
+MOST_COLUMNS = 200
+CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh
+CLOSER_NARROW = 2.2  # how much closer the half-widths stand where they are narrow: sinh
+WIDEST = 0.2  # half-width, of the range of temperatures: of a film that is not understood, no loop's width is known
+CORRELATED = (0.3, 0.3)  # over centres (-1 to 1) and half-widths (0 to 1): the kernel's lengths
+FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
+STEEP = 0.9  # of a relay's step, times the distance of the centres
+ROWS_AT_ONCE = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class RelayPlane:
+    """centre_degC, slope_per_K, half_width_K: of each relay, (relays,); mix: from columns to relays, (relays, columns),
+    for columns of one prior width."""
+
+    centre_degC: Array
+    slope_per_K: Array
+    half_width_K: Array
+    mix: Array
+
+    @classmethod
+    def over(cls, middle_degC: float, reach_K: float, range_K: float, readings: int) -> RelayPlane:
+        """The plane about a loop. reach_K: of the centres to either side; range_K: of the plate's temperatures;
+        readings: of the film, that have to tell of it."""
+        u, v = np.linspace(-1.0, 1.0, CENTRES), np.linspace(0.0, 1.0, WIDTHS)
+        centre = middle_degC + reach_K * np.sinh(CLOSER_MIDDLE * u) / math.sinh(CLOSER_MIDDLE)
+        half_width = WIDEST * range_K * np.sinh(CLOSER_NARROW * v) / math.sinh(CLOSER_NARROW)
+        slope = STEEP / np.gradient(centre)
+        over_u, over_v = np.tile(u, WIDTHS), np.repeat(v, CENTRES)
+        away = np.hypot(
+            np.subtract.outer(over_u, over_u) / CORRELATED[0], np.subtract.outer(over_v, over_v) / CORRELATED[1]
+        )
+        amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
+        variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
+        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))
+        mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
+        mix /= math.sqrt(float(np.sum(mix * mix)))
+        return cls(np.tile(centre, WIDTHS), np.tile(slope, WIDTHS), np.repeat(half_width, CENTRES), mix)
+
+    def columns(self, nodes: FilmNodes) -> Array:
+        """What each column is at the rows' readings, (rows, columns)."""
+        widths, place = np.unique(self.half_width_K, return_inverse=True)
+        plays = play_outputs(nodes, widths)
+        out = np.empty((nodes.taken.size, self.mix.shape[1]))
+        for first in range(0, nodes.taken.size, ROWS_AT_ONCE):
+            rows = slice(first, first + ROWS_AT_ONCE)
+            out[rows] = np.tanh(self.slope_per_K * (plays[rows][:, place] - self.centre_degC)) @ self.mix
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class Relays:
+    """The relays' columns: of the film itself, in every row; as they are shown in every row and in the fitted ones,
+    (rows, columns), and the products of the latter."""
+
+    film: Array
+    every: Array
+    fitted: Array
+    gram: Array
+
+    @classmethod
+    def of(cls, film: Array, every: Array, fitted: Rows) -> Relays:
+        """With the products."""
+        chosen = every[fitted]
+        return cls(film, every, chosen, chosen.T @ chosen)
+
+    @classmethod
+    def none(cls, rows: int, fitted: Rows) -> Relays:
+        """A film of the class has none."""
+        empty = np.empty((rows, 0))
+        return cls.of(empty, empty, fitted)
+
+    def bent(self, slope: Array, fitted: Rows) -> Relays:
+        """As they show where the reading changes by `slope` with the film's output, (rows,)."""
+        return Relays.of(self.film, self.every * slope[:, None], fitted)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.every.shape[1])
