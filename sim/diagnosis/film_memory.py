@@ -55,7 +55,7 @@ def _begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
 
 def _cost(channel: ResistanceChannel, p: FilmParameters, start: FilmStart) -> float:
     there = replace(p, start=start)
-    return channel.point(there, p.x, channel.relays_of(there, p.x)).cost
+    return channel.point(there, p.x).cost
 
 
 def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:

@@ -59,14 +59,30 @@ class RelayPlane:
         mix /= math.sqrt(float(np.sum(mix * mix)))
         return cls(np.tile(centre, WIDTHS), np.tile(slope, WIDTHS), np.repeat(half_width, CENTRES), mix)
 
+    @property
+    def count(self) -> int:
+        """How many columns."""
+        return int(self.mix.shape[1])
+
     def columns(self, nodes: FilmNodes) -> Array:
         """What each column is at the rows' readings, (rows, columns)."""
-        widths, place = np.unique(self.half_width_K, return_inverse=True)
-        plays = play_outputs(nodes, widths)
-        out = np.empty((nodes.taken.size, self.mix.shape[1]))
+        return self._steps_times(nodes, self.mix)
+
+    def signal(self, nodes: FilmNodes, coefficients: Array) -> Array:
+        """The columns times coefficients, (rows,)."""
+        return self._steps_times(nodes, (self.mix @ coefficients)[:, None])[:, 0]
+
+    def _steps_times(self, nodes: FilmNodes, weights: Array) -> Array:
+        """The relays' outputs times weights: single precision is 1e-6 of a step."""
+        half_width, place = np.unique(self.half_width_K, return_inverse=True)
+        plays = play_outputs(nodes, half_width)
+        slope = self.slope_per_K.astype(np.float32)
+        middle = (self.slope_per_K * self.centre_degC).astype(np.float32)
+        weights_32 = weights.astype(np.float32)
+        out = np.empty((nodes.taken.size, weights.shape[1]))
         for first in range(0, nodes.taken.size, ROWS_AT_ONCE):
             rows = slice(first, first + ROWS_AT_ONCE)
-            out[rows] = np.tanh(self.slope_per_K * (plays[rows][:, place] - self.centre_degC)) @ self.mix
+            out[rows] = np.tanh(slope * plays[rows].astype(np.float32)[:, place] - middle) @ weights_32
         return out
 
 

@@ -64,8 +64,7 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     if b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)
-        relays = last.relays_of(b.parameters, b.parameters.x)
-        point = last.point(b.parameters, b.parameters.x, relays, b.coefficients)
+        point = last.point(b.parameters, b.parameters.x, b.coefficients)
         j = point.off(b.jacobian[rows] / last.sigma_dec)
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
     return out

@@ -54,16 +54,15 @@ def _square(other: Record, shown: Array) -> float:
 def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart, rounds: int) -> Array:
     """What is shown in the record's rows; how far the filters were behind is fitted, by Gauss-Newton."""
     p = replace(fit.parameters, start=start)
-    relays = channel.relays_of(p, p.x)
     filters = channel.filters_behind(p.effects)
-    linear = slice(channel.film_columns, fit.coefficients.size - relays.count)
+    linear = slice(channel.film_columns, fit.coefficients.size - channel.relay_count(p))
     behind = np.zeros(linear.stop - linear.start + filters)
 
     def shown_for(behind: Array) -> Array:
         x, c = p.x.copy(), fit.coefficients.copy()
         x[x.size - filters :] = behind[behind.size - filters :]
         c[linear] = behind[: behind.size - filters]
-        return channel.predict_from(replace(p, x=x), replace(fit, coefficients=c), relays)
+        return channel.predict_from(replace(p, x=x), replace(fit, coefficients=c))
 
     shown = shown_for(behind)
     for _ in range(rounds):  # from the second on the model's own resistance heats the film

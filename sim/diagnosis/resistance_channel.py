@@ -23,6 +23,7 @@ from scipy.linalg import cho_solve
 from compensator.functions import Array
 from compensator.identify_operators import radius_floor
 from sim.diagnosis.film_columns import (
+    FOLLOWING,
     SIMPLE,
     FilmNodes,
     FilmStart,
@@ -110,7 +111,9 @@ class ResistanceChannel:
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
         self._readings = self.power_output
+        self._no_relays = Relays.none(record.rows, self.rows)
         self._known_columns: tuple[FilmNodes, Array] | None = None
+        self._known_relays: tuple[Array, tuple[Switched, ...], Relays] | None = None
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -216,9 +219,10 @@ class ResistanceChannel:
         widths[:1] = CURVE_DEC
         return widths
 
-    def point(self, p: FilmParameters, x: Array, relays: Relays, guess: Array | None = None) -> Point:
+    def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
         effects, nodes = self.nodes(p, x)
+        relays = self._relays_at(effects, nodes) if self.relay_count(p) else self._no_relays
         signals = self._signals(effects, nodes, x)
         lags = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance"]
         curved = any(
@@ -292,9 +296,9 @@ class ResistanceChannel:
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
-        c, relays = point.coefficients, point.problem.relays
+        c = point.coefficients
         signal, place = self._output(effects, nodes, x, c)
-        signal = signal + self._at_points(nodes, relays.film @ c[c.size - relays.count :])
+        signal = signal + self._relay_signal(effects, nodes, c[c.size - self.relay_count(p) :])
         shown = self._shown(effects, nodes, signal, point.problem.range_of)
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
@@ -302,42 +306,63 @@ class ResistanceChannel:
                 place += 1
         return np.asarray(shown, dtype=np.float64)
 
-    def predict_from(self, p: FilmParameters, fit: ResistanceFit, relays: Relays) -> Array:
+    def predict_from(self, p: FilmParameters, fit: ResistanceFit) -> Array:
         """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
         effects, nodes = self.nodes(p, p.x)
         c, own = fit.coefficients, self.film_columns
         fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
-        signal = self._output(effects, nodes, p.x, fresh)[0]
-        signal = signal + self._at_points(nodes, relays.film @ c[c.size - relays.count :])
+        relays = c.size - self.relay_count(fit.parameters)
+        signal = self._output(effects, nodes, p.x, fresh)[0] + self._relay_signal(effects, nodes, c[relays:])
         shown = self._shown(effects, nodes, signal)
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
         ]
-        for e, value in zip(places, c[own : c.size - relays.count], strict=True):
+        for e, value in zip(places, c[own:relays], strict=True):
             shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
         return np.asarray(shown, dtype=np.float64)
 
+    def relay_count(self, p: FilmParameters) -> int:
+        """How many coefficients the relays have; none where their prior's width is 0."""
+        return self.basis.plane.count if self.relays and p.relay_dec > 0.0 else 0
+
+    def _relays_at(self, effects: Sequence[Switched], nodes: FilmNodes) -> Relays:
+        """The relays' columns; computed once for one temperature of the film."""
+        columns = self._plane_columns(nodes)
+        filters = tuple(e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING)
+        known = self._known_relays
+        if known is not None and known[0] is columns and _same_values(known[1], filters):
+            return known[2]
+        film = self._crept(columns, effects)
+        shown = film
+        for effect in filters:
+            if getattr(effect.effect.form, "target", "") == "log_resistance":
+                shown = filtered(shown, self.record.taken_s, effect)
+        relays = Relays.of(film, shown, self.rows)
+        self._known_relays = (columns, filters, relays)
+        return relays
+
     def _plane_columns(self, nodes: FilmNodes) -> Array:
-        """The relays' columns at the rows' readings; computed once for one temperature of the film."""
         known = self._known_columns
         if known is None or not nodes.same_film(known[0]):
             self._known_columns = known = (nodes, self.basis.plane.columns(nodes))
         return known[1]
 
-    def relays_of(self, p: FilmParameters, x: Array) -> Relays:
-        """The relays' columns; none where their prior's width is 0."""
-        if not self.relays or p.relay_dec == 0.0:
-            return Relays.none(self.record.rows, self.rows)
-        effects, nodes = self.nodes(p, x)
-        columns = self._plane_columns(nodes)
+    def _crept(self, columns: Array, effects: Sequence[Switched]) -> Array:
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "hysteretic_part":
                 columns = filtered(columns, self.record.taken_s, effect)
-        shown = columns
-        for effect in effects:
-            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
-                shown = filtered(shown, self.record.taken_s, effect)
-        return Relays.of(columns, shown, self.rows)
+        return columns
+
+    def _relay_signal(self, effects: Sequence[Switched], nodes: FilmNodes, coefficients: Array) -> Array:
+        """What the relays add to the film's output at the points."""
+        if not coefficients.size:
+            return np.zeros(nodes.points.size)
+        known = self._known_columns
+        if known is not None and nodes.same_film(known[0]):
+            signal = known[1] @ coefficients
+        else:
+            signal = self.basis.plane.signal(nodes, coefficients)
+        return self._at_points(nodes, self._crept(signal[:, None], effects)[:, 0])
 
     # -- the fit
 
@@ -391,7 +416,7 @@ class ResistanceChannel:
         """Gauss-Newton with Marquardt's damping, and the priors' widths on the way."""
         low, high, h = self.bounds(p)
         x = np.clip(p.x, low, high)
-        point = self.point(p, x, self.relays_of(p, x))
+        point = self.point(p, x)
         p, point = self._settled(p, point, 3 if settle else 0)
         damping = 1e-3
         jacobian = np.zeros((self.record.rows, x.size))
@@ -418,7 +443,7 @@ class ResistanceChannel:
                 damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
                 move = np.linalg.solve(damped, gradient / norm) / norm
                 move = np.clip(move, -1.0, 1.0)
-                trial = self.point(p, np.clip(point.x + move, low, high), point.problem.relays, point.coefficients)
+                trial = self.point(p, np.clip(point.x + move, low, high), point.coefficients)
                 if trial.cost < point.cost:
                     point, damping = trial, max(0.1 * damping, 1e-9)
                     break
@@ -426,11 +451,11 @@ class ResistanceChannel:
             if self._heated(p) and 2.0 * point.cost < TRUSTED * self.rows.size:
                 self.power_output = point.film_output.copy()
             if settle and iteration % 3 == 2:
-                point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
+                point = self.point(p, point.x, point.coefficients)
                 p, point = self._settled(p, point, 1)
             elif before - point.cost < tolerance:
                 break
-        point = self.point(p, point.x, self.relays_of(p, point.x), point.coefficients)
+        point = self.point(p, point.x, point.coefficients)
         p, point = self._settled(p, point, 3 if settle else 0)
         effects, _ = self.split(p, point.x)
         residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
@@ -466,6 +491,13 @@ class ResistanceChannel:
     def residual(self, fit: ResistanceFit) -> Array:
         """In units of the noise, in the fitted rows."""
         return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
+
+
+def _same_values(one: Sequence[Switched], other: Sequence[Switched]) -> bool:
+    """Whether these are the same effects with the same values."""
+    return len(one) == len(other) and all(
+        a.name == b.name and np.array_equal(a.par, b.par) for a, b in zip(one, other, strict=True)
+    )
 
 
 def basis_for(record: Record, path: PlatePath, middle: float, half: float, curve: bool) -> FilmBasis:

@@ -20,8 +20,8 @@ BEGUN = 2  # descents begun, the second where its cost is not much larger
 AS_GOOD = 1.2
 WHOLE_STEPS = 20
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
-FIRST_RELAY_DEC = 1e-2
-NEXT_WIDTH_DEC = 3e-2  # a width that is not found from the first one
+FIRST_RELAY_DEC = 0.03
+WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
 RELAY_STEPS = 6
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
@@ -97,11 +97,10 @@ class ResistanceSearch:
         """Where to begin: of the promising values and those over the range, the ones at which the film fits best with
         its envelopes as they are."""
         channel = self.channel
-        none = channel.relays_of(plain, plain.x)
         tried: list[tuple[float, int, FilmParameters]] = []
         for start in (promise.start, *starts_of(self.effects[name], channel, FINER)):
             p = channel.extended(plain, [*others, start])
-            tried.append((channel.point(p, p.x, none).cost, len(tried), p))
+            tried.append((channel.point(p, p.x).cost, len(tried), p))
         tried.sort()
         return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]
 
@@ -133,19 +132,27 @@ class ResistanceSearch:
         return self.keep(self._wide(fit))
 
     def beside(self, fit: ResistanceFit, start: Switched) -> ResistanceFit:
-        """One more effect with the film as the fit has it, relays and all, kept."""
+        """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
         others = [e for e in fit.effects if e.name != start.name]
         wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
-        return self.keep(replace(wider, plain=without_relays(wider.parameters)))
+        plain = self.channel.descend(without_relays(wider.parameters), RELAY_STEPS)
+        best = max((wider, plain), key=lambda f: f.score if np.isfinite(f.score) else -np.inf)
+        return self.keep(replace(best, plain=plain.parameters))
+
+    def absorbed(self, fit: ResistanceFit, name: str) -> Switched | None:
+        """The size of an effect beside which the film fits about as well as without it, the best; None without one."""
+        others = [e for e in fit.effects if e.name != name]
+        best, value = None, fit.score - WITHIN
+        for start in starts_of(self.effects[name], self.channel, FINER):
+            p = self.channel.extended(fit.parameters, [*others, start])
+            evidence = self.channel.point(p, p.x).evidence
+            if evidence > value:
+                best, value = start, evidence
+        return best
 
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
         if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM and self.channel.relays:
-            known = {k.parameters.relay_dec for k in self.fits.values() if k.parameters.relay_dec > NEXT_WIDTH_DEC}
-            found = [
-                self.channel.descend(replace(fit.parameters, relay_dec=width), RELAY_STEPS)
-                for width in (FIRST_RELAY_DEC, *sorted(known)[len(known) // 2 :][:1])  # what other fits have needed
-            ]
-            wider = max(found, key=lambda f: f.score if np.isfinite(f.score) else -np.inf)
+            wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit
@@ -200,11 +207,10 @@ class ResistanceSearch:
 
     def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
         """A plain fit with these two as well, from the sizes of both at which the film fits best."""
-        none = self.channel.relays_of(p, p.x)
         begin: list[tuple[float, int, FilmParameters]] = []
         for two in product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair)):
             trial = self.channel.extended(p, [*p.effects, *two])
-            begin.append((self.channel.point(trial, trial.x, none).cost, len(begin), trial))
+            begin.append((self.channel.point(trial, trial.x).cost, len(begin), trial))
         begin.sort()
         fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
         best = max(fits, key=lambda fit: fit.score)
@@ -216,8 +222,8 @@ class _View:
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
         p = fit.parameters
-        self._channel, self._fit, self._relays = channel, fit, channel.relays_of(p, p.x)
-        self._point = channel.point(p, p.x, self._relays, fit.coefficients)
+        self._channel, self._fit = channel, fit
+        self._point = channel.point(p, p.x, fit.coefficients)
         rows = channel.rows
         self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
         outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
@@ -232,7 +238,7 @@ class _View:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
         channel, fit, rows = self._channel, self._fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
-        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit, self._relays)
+        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)
         delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 

@@ -154,12 +154,12 @@ def _one_more(
     if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:
         return search.keep(ends[0])
     found = [search.widened(e) for e in ends[:WIDENED]]
-    done = {e.name for end in ends[:WIDENED] for e in end.effects}
     if fit.parameters.relay_dec > 0.0:  # a film of another kind: what shows beside it, and what it may have absorbed
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
-        found += [search.beside(fit, start) for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
-        absorbed = [n for n in others if isinstance(search.effects[n].form, Reading) and n not in done and not rough]
-        found += [search.widened(search.plain(search.quick(fit, n, promises[n]))) for n in absorbed]
+        begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
+        readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
+        begin += [start for start in (search.absorbed(fit, n) for n in readings) if start is not None]
+        found += [search.beside(fit, start) for start in begin]
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None
 

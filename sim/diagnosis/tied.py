@@ -110,7 +110,7 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
         return None
     p, q = a.parameters, b.parameters
     last = last.on(a.path)
-    point = last.point(q, q.x, last.relays_of(q, q.x), b.coefficients)
+    point = last.point(q, q.x, b.coefficients)
     shown = last.predict(q, q.x, point)
     rows, film_rows = first.rows, last.rows
     like = likelihood(first.record.temperature_degC[rows], a.shown_degC[rows], first.sigma_K, first.step_K)

@@ -98,8 +98,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
         z, rows = resistance_residual(chain, names)
         assert b is not None
         channel = chain.film_channel(names)
-        relays = channel.relays_of(b.parameters, b.parameters.x)
-        point = channel.point(b.parameters, b.parameters.x, relays, b.coefficients)
+        point = channel.point(b.parameters, b.parameters.x, b.coefficients)
         free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
     else:
         z, rows = temperature_residual(chain, names)
