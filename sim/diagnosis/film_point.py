@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -18,8 +18,8 @@ class LinearProblem:
     """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
 
     at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
-    own output, in every row; relays: as they are shown; gram, right: products of all columns in the fitted rows, over the noise's square;
-    range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
+    own output, in every row; relays: as they are shown; gram, right: products of all columns in the fitted rows, over
+    the noise's square; range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
     """
 
     at_rows: Array
@@ -52,6 +52,12 @@ class LinearProblem:
         gram = np.block([[own.T @ own, across], [across.T, relays.gram]]) / sigma_dec**2
         right = np.concatenate((own.T @ wanted, relays.fitted.T @ wanted)) / sigma_dec**2
         return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec, range_of)
+
+    def shifted(self, offset: Array, output: Array, range_of: Array | None) -> LinearProblem:
+        """The same columns beside another offset."""
+        wanted = output[self.fitted] - offset[self.fitted]
+        right = np.concatenate((self.own.T @ wanted, self.relays.fitted.T @ wanted)) / self.sigma_dec**2
+        return replace(self, offset=offset, right=right, wanted=wanted, range_of=range_of)
 
     def solved(self, x: Array, prior: Array) -> Point:
         """The best coefficients under a prior: the precision of each."""

@@ -251,12 +251,14 @@ class ResistanceChannel:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
             else:
                 linear = self._lagged(effects, nodes, slope * signal)
-            points = []
-            for range_of in self._ranges(effects, nodes, signal):
+            first, *other_ranges = self._ranges(effects, nodes, signal)
+            offset = self._shown(effects, nodes, signal, first) - linear
+            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, first)
+            found = problem.solved(x, self._prior(p, problem))
+            for range_of in other_ranges:
                 offset = self._shown(effects, nodes, signal, range_of) - linear
-                problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, range_of)
-                points.append(problem.solved(x, self._prior(p, problem)))
-            found = min(points, key=lambda point: point.cost)
+                other = problem.shifted(offset, y, range_of).solved(x, found.prior)
+                found = min(found, other, key=lambda point: point.cost)
             coefficients = found.coefficients
         return found
 

@@ -9,6 +9,7 @@ from itertools import combinations, product
 import numpy as np
 
 from compensator.functions import Array
+from sim.diagnosis.film_columns import FilmNodes
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.effects.effect import Effect, Reading, Switched, Warming, switched
@@ -46,6 +47,7 @@ class ResistanceSearch:
     effects: dict[str, Effect]
     base: FilmParameters
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
+    known_shape: tuple[FilmNodes, Array] | None = None
 
     def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
         """The best fit with exactly these effects; `near`: one to begin from."""
@@ -121,9 +123,11 @@ class ResistanceSearch:
         if 2.0 * fit.minus_log / channel.rows.size < RESHAPED_FROM:
             return fit
         _, nodes = channel.nodes(p, p.x)
-        thin = thinned_path(nodes, channel.output, channel.fitted, p.start)
+        if self.known_shape is None or not nodes.same_film(self.known_shape[0]):
+            thin = thinned_path(nodes, channel.output, channel.fitted, p.start)
+            self.known_shape = nodes, starting_shape(thin, channel.basis.curve is not None)[0]
         x = p.x.copy()
-        x[:4], _ = starting_shape(thin, channel.basis.curve is not None)
+        x[:4] = self.known_shape[1]
         other = channel.descend(replace(p, x=x, weight_dec=self.base.weight_dec), WHOLE_STEPS)
         return other if other.score > fit.score else fit
 
@@ -135,9 +139,11 @@ class ResistanceSearch:
         """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
         others = [e for e in fit.effects if e.name != start.name]
         wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
-        plain = self.channel.descend(without_relays(wider.parameters), RELAY_STEPS)
-        best = max((wider, plain), key=lambda f: f.score if np.isfinite(f.score) else -np.inf)
-        return self.keep(replace(best, plain=plain.parameters))
+        best = replace(wider, plain=without_relays(wider.parameters))
+        if isinstance(start.effect.form, Reading):  # whose work relays can do
+            plain = self.channel.descend(without_relays(wider.parameters), RELAY_STEPS)
+            best = replace(max((wider, plain), key=lambda f: f.score), plain=plain.parameters)
+        return self.keep(best)
 
     def absorbed(self, fit: ResistanceFit, name: str) -> Switched | None:
         """The size of an effect beside which the film fits about as well as without it, the best; None without one."""

@@ -15,6 +15,7 @@ from sim.effects.effect import Reading, Switched
 
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 14.0  # the same where the film is of another kind: what its relays lack may look like an effect
+CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 PROMISING = 4.0
 MOST_EFFECTS = 4
 TRIED = 4  # candidates followed to the end in a round
@@ -109,9 +110,12 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
     return names
 
 
-def entry_of(fit: ResistanceFit) -> float:
-    """What an effect of the last links has to bring in the fitted rows."""
-    return ENTRY if fit.parameters.relay_dec == 0.0 else ABSORBS
+def entry_of(fit: ResistanceFit, known: frozenset[str] = frozenset()) -> float:
+    """What an effect of the last links, besides those known, has to bring in the fitted rows."""
+    if fit.parameters.relay_dec == 0.0:
+        return ENTRY
+    choosy = any(p.choices for e in fit.effects if e.name not in known for p in e.effect.parameters)
+    return ABSORBS + choosy * CHOICE
 
 
 def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
@@ -119,7 +123,7 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
     while len(names) < MOST_EFFECTS:
         fit = search.fit(names)
         found = _one_more(search, fit)
-        if found is None or found.score - fit.score < entry_of(found):
+        if found is None or found.score - fit.score < entry_of(found, names):
             found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
             interval = search.channel.record.interval_s
             if found is None or any(without_meaning(e, interval) for e in found.effects):

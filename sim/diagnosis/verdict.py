@@ -16,7 +16,7 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.selection import ABSORBS, LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.selection import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
 
 WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clean records reach it
@@ -25,7 +25,6 @@ BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behi
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
 WEAK = 30.0  # evidence below which they may lose no more than chance lets them
 CHANCE = 1.64  # standard deviations
-CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
