@@ -18,7 +18,8 @@ from sim.effects.effect import Command, Switched
 
 NORMAL_95 = 1.96
 HALF_CHI2_95 = 1.92
-MUCH_WORSE = 8.0
+MUCH_WORSE = 8.0  # log-likelihood
+ON_END = 4  # cells much worse that end an interval
 MOST_CELLS = 40
 MEANINGLESS = 4.0  # half an interval on a log scale from which it has no meaning
 VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
@@ -116,7 +117,8 @@ def _profiles(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
 def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[float, tuple[float, float] | None]:
     """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92.
 
-    All else follows. The cost is not smooth: a stretch that is worse ends the interval only where it is much worse.
+    All else follows. The cost is not smooth: a stretch that is worse ends the interval only where it is much worse for
+    some cells on end.
     """
     assert chain.first is not None
     search = chain.first
@@ -127,13 +129,14 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     middle = int(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2))
     ends = []
     for side in (-1, 1):
-        last, k, near = middle, middle + side, fit
+        last, k, near, worse = middle, middle + side, fit, 0
         while 0 <= k < edges.size - 1 and abs(k - middle) < MOST_CELLS:
             near = search.held(near, original, float(np.sqrt(edges[k] * edges[k + 1])), 3)
             fall = near.minus_log - fit.minus_log
             if fall < HALF_CHI2_95:
                 last = k
-            elif fall > MUCH_WORSE:
+            worse = worse + 1 if fall > MUCH_WORSE else 0
+            if worse == ON_END:
                 break
             k += side
         ends.append(last)

@@ -17,7 +17,6 @@ EVERY_FAULT = [*[(fault,) for fault in REPLY_FAULTS + REQUEST_FAULTS], REPLY_FAU
 EXCHANGES = 400
 
 
-
 def test_foreign_frames_are_well_formed() -> None:
     for case in CONTROLLERS:
         if case.driver == "te_technology":

@@ -35,16 +35,16 @@ def recorded_current(bench: Bench, effects: Effects) -> np.ndarray:
 
 
 def with_effects(
-    rng: np.random.Generator, names: tuple[str, ...], film: str = "of_class", rows: int = 6000, margin: float = MARGIN
+    rng: np.random.Generator, names: tuple[str, ...], film: str = "of_class", rows: int = 6000, tries: int = TRIES
 ) -> tuple[Bench, Effects, dict[str, float]]:
     """A bench that can show these effects, their parameters, and the smallest findable size as a share of each."""
-    for _ in range(TRIES):
+    for _ in range(tries):
         bench = draw_bench(rng, film, rows=rows)
         oracle = Oracle(bench.rig, bench.schedule, recorded_current(bench, {}))
         effects: Effects = {}
         shares: dict[str, float] = {}
         for name in names:
-            drawn = sized(name, rng, bench, oracle, margin)
+            drawn = sized(name, rng, bench, oracle)
             if drawn is None:
                 break
             effects[name], shares[name] = drawn
@@ -52,7 +52,7 @@ def with_effects(
             continue
         if len(names) == 1 or shown_beside(bench, effects):
             return bench, effects, shares
-    raise RuntimeError(f"no bench of {TRIES} shows {', '.join(names)}")
+    raise RuntimeError(f"no bench of {tries} shows {', '.join(names)}")
 
 
 def shown_beside(bench: Bench, effects: Effects) -> bool:

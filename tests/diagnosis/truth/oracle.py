@@ -7,6 +7,10 @@ what can be seen of it once plate and film follow: so the film is asked what a s
 curvature would pass for evidence. The smallest size that can be found is the one where
 that is half the 99.9 % quantile of chi-square with as many degrees of freedom as the effect has parameters: a test with
 one false alarm in a thousand then finds it half of the time.
+
+Nobody who diagnoses a film outside the class knows the form of its density. There the test has, besides, a relay at
+every place of the Preisach plane, each uncertain by as much as the mean relay switches: what such relays can imitate
+is the film's own shape as far as anybody can tell.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tests.diagnosis.truth.films import Film
+from tests.diagnosis.truth.hysteresis import PLAY, PREISACH
 from tests.diagnosis.truth.rig import Effects, Rig, Schedule, Thermal, log_ohm, thermal
 
 Array = NDArray[np.float64]
@@ -35,6 +40,9 @@ FILM_EFFECTS = {
 }
 SHIFTS = {"self_heating": "theta_K_per_W", "film_drift": "drift_K_per_h"}  # what moves the film's temperature itself
 FAINT = 0.03  # share of a move of the film's temperature
+HALF_WIDTHS_K = np.geomspace(0.3, 10.0, 12)  # of the relays of a film outside the class
+CENTRES = 20
+UNCERTAIN = 1.0  # of the mean relay
 FROZEN = {("meter_range_error", "threshold_ohm"), ("thermometer_quantization", "step_K")}
 
 
@@ -74,6 +82,9 @@ class Oracle:
         matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=0), 1e-30)
         u, s, _ = np.linalg.svd(matrix, full_matrices=False)
         self.span = u[:, s > 1e-8 * s[0]]
+        self.uncertain: Array | None = None
+        if channels == "both" and cautious and rig.film.kind != PLAY:
+            self.uncertain = np.stack([self.rest(column) for column in self._of_any_density()], axis=1)
 
     def _weighted(self, rig: Rig, heat: Thermal) -> Array:
         if self.channels == "temperature":
@@ -106,6 +117,19 @@ class Oracle:
         place = (self.heat.base[self.heat.taken] - 60.0) / 25.0
         for power in (1, 2, 3) if free_d else ():
             yield np.concatenate([np.zeros(place.size), place**power / self.rig.noise_dec])
+
+    def _of_any_density(self) -> Iterator[Array]:
+        """What each relay of the plane adds, at its standard deviation."""
+        film, base, rows = self.rig.film, self.heat.base, self.heat.seen.size
+        low, high = np.quantile(base, [0.02, 0.98])
+        centres = np.linspace(low, high, CENTRES)
+        mean = float(np.ptp(self.base[rows:])) * self.rig.noise_dec / (CENTRES * HALF_WIDTHS_K.size)
+        for half_width in HALF_WIDTHS_K:
+            for centre in centres:
+                table = np.array([[half_width], [1.0], [centre], [0.7 * (centres[1] - centres[0])]])
+                relay = Film(PREISACH, table, 0, np.zeros(4), film.before, "relay")
+                y = log_ohm(Rig(self.rig.plate, relay, self.rig.noise_K, self.rig.noise_dec), self.schedule, self.heat)
+                yield np.concatenate([np.zeros(rows), UNCERTAIN * mean * y / self.rig.noise_dec])
 
     def _moved(self, rig: Rig, heat: Thermal | None) -> Array:
         heat = thermal(rig, self.schedule) if heat is None else heat
@@ -155,4 +179,9 @@ class Oracle:
     def evidence_of(self, difference: Array) -> float:
         """Expected log-likelihood ratio of a change."""
         rest = self.rest(difference)
-        return 0.5 * float(rest @ rest)
+        seen = float(rest @ rest)
+        if self.uncertain is not None:
+            along = self.uncertain.T @ rest
+            covariance = self.uncertain.T @ self.uncertain + np.eye(along.size)
+            seen -= float(along @ np.linalg.solve(covariance, along))
+        return 0.5 * seen

@@ -84,9 +84,7 @@ def smallest(name: str, reference: Parameters, oracle: Oracle, low: float = 1e-4
     return above
 
 
-def sized(
-    name: str, rng: np.random.Generator, bench: Bench, oracle: Oracle, margin: float = MARGIN
-) -> tuple[Parameters, float] | None:
+def sized(name: str, rng: np.random.Generator, bench: Bench, oracle: Oracle) -> tuple[Parameters, float] | None:
     """The effect at a size drawn log-uniformly from its range above four times the smallest, and that smallest as a
     share of the drawn size; None where this bench cannot show it."""
     rest = others(name, rng, bench)
@@ -98,7 +96,7 @@ def sized(
             "sink_conductance_ratio_per_s": float(np.exp(rng.uniform(np.log(0.02), np.log(0.5)))),
         }
         share = smallest(name, drawn, oracle)
-        return (drawn, share) if share <= 1.0 / margin else None
+        return (drawn, share) if share <= 1.0 / MARGIN else None
     key = SIZES[name][0]
     low, high = bounds(name, bench)
     sign = -1.0 if name in SIGNED and rng.random() < 0.5 else 1.0
@@ -107,7 +105,7 @@ def sized(
     reference = {key: sign * strongest, **rest}
     share = 0.5 * bench.rig.noise_K / high if name == "thermometer_quantization" else smallest(name, reference, oracle)
     width = high / low
-    least = max(margin * share, 1.0 / width)
+    least = max(MARGIN * share, 1.0 / width)
     if not least < 1.0:
         return None
     factor = float(np.exp(rng.uniform(np.log(least), 0.0)))
