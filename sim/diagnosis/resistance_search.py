@@ -16,6 +16,7 @@ from sim.effects.effect import Effect, Reading, Switched, Warming, switched
 
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4
+SIZES = 4  # of an effect that are looked at
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
 AS_GOOD = 1.2
@@ -175,19 +176,19 @@ class ResistanceSearch:
             found[name] = Promise(best.gain, best.start, (each[0].gain, each[0].start))
         return found
 
-    def promise(self, fit: ResistanceFit, name: str) -> Promise:
+    def promise(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> Promise:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
-        view, effect = _View(self.channel, fit), self.effects[name]
-        best, start = 0.0, starts_of(effect, self.channel)[0]
-        for trial in starts_of(effect, self.channel):
+        view, effect = View(self.channel, fit), self.effects[name]
+        best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
+        for trial in starts_of(effect, self.channel, sizes):
             delta = view.left_of(trial)
             size, along = float(delta @ delta), float(delta @ view.residual)
             if not size > 1e-9 or not np.isfinite(size):
                 continue
-            gain = 0.5 * along * along / size
-            gain = max(gain, along - 0.5 * size) if any(par.signed for par in effect.parameters) or along > 0.0 else 0.0
-            if gain > best:
-                best, start = gain, trial
+            if along > 0.0 or any(par.signed for par in effect.parameters):
+                best = max(best, 0.5 * along * along / size)
+            if along - 0.5 * size > nearest:  # what this very size would bring
+                nearest, start = along - 0.5 * size, trial
         return Promise(best, start)
 
     def two_at_once(self, fit: ResistanceFit) -> ResistanceFit | None:
@@ -196,7 +197,7 @@ class ResistanceSearch:
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.relay_dec else fit
-        view, promised = _View(self.channel, plain), []
+        view, promised = View(self.channel, plain), []
         for pair in combinations(others, 2):
             starts = [starts_of(self.effects[name], self.channel) for name in pair]
             columns = [[view.left_of(start) for start in of_one] for of_one in starts]
@@ -223,7 +224,7 @@ class ResistanceSearch:
         return replace(best, plain=best.parameters)
 
 
-class _View:
+class View:
     """A fit seen by what is left of it once the film's coefficients and everything fitted may follow."""
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
@@ -239,6 +240,11 @@ class _View:
             if np.any(norms > 1e-9)
             else np.zeros((rows.size, 1))
         )
+
+    def expected(self, effect: Switched) -> float:
+        """The log-likelihood that a fit which lacks this effect is expected to lose: what of it the film cannot do."""
+        left = self.left_of(effect)
+        return 0.5 * float(left @ left) if np.all(np.isfinite(left)) else 0.0
 
     def left_of(self, effect: Switched) -> Array:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
@@ -259,7 +265,7 @@ def without_relays(parameters: FilmParameters) -> FilmParameters:
     return replace(parameters, relay_dec=0.0)
 
 
-def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = 4) -> list[Switched]:
+def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:
     """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
     axes: list[list[float]] = []
     for k, p in enumerate(effect.parameters):

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.resistance_channel import ResistanceFit
-from sim.diagnosis.resistance_search import RELAYS_FROM, ResistanceSearch
+from sim.diagnosis.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
 from sim.diagnosis.tied import widened
 from sim.effects.effect import Reading, Switched
@@ -144,6 +144,8 @@ def _one_more(
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
     rows = search.channel.rows.size
+    if fit.parameters.relay_dec > 0.0 and 2.0 * fit.minus_log / rows <= RELAYS_FROM:
+        return _one_more_beside(search, fit, others)
     rough = 2.0 * fit.minus_log / rows > ROUGH
     promises = search.promises(fit, others)
     tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
@@ -164,6 +166,21 @@ def _one_more(
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, n) for n in readings) if start is not None]
         found += [search.beside(fit, start) for start in begin]
+    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+    return max(sound, key=lambda e: e.score) if sound else None
+
+
+def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
+    """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
+    rows, interval = search.channel.rows.size, search.channel.record.interval_s
+    promises = {n: search.promise(fit, n, FINER) for n in others}
+    likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
+    for name in others:
+        if isinstance(search.effects[name].form, Reading):
+            end = search.plain(search.quick(fit, name))
+            if 2.0 * end.minus_log / rows <= RELAYS_FROM:
+                found.append(search.keep(end))
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None
 

@@ -16,6 +16,7 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
+from sim.diagnosis.resistance_search import View
 from sim.diagnosis.selection import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
 
@@ -24,6 +25,7 @@ SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something 
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
 WEAK = 30.0  # evidence below which they may lose no more than chance lets them
+EXPECTED = 0.5  # share of the evidence needed that an effect beside a film of another kind is expected to bring
 CHANCE = 1.64  # standard deviations
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
@@ -131,6 +133,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 failing[name] = min(evidence[name], WORTH)
                 continue
             upstream = name in chain.split(names)[0]
+            if not upstream and not _shows_beside(chain, names, name):
+                failing[name] = min(evidence[name], WORTH)
+                continue
             if not _predicts(chain, names, rest, not upstream):
                 failing[name] = WORTH
                 continue
@@ -179,6 +184,18 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
     """Whether the film needs no relays beside its play operators, or there is none."""
     b = chain.fits(names)[1]
     return b is None or b.parameters.relay_dec == 0.0
+
+
+def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
+    """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
+    many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
+    """
+    rest = names - {name}
+    b, without = chain.fits(names)[1], chain.fits(rest)[1]
+    if b is None or without is None or film_of_the_class(chain, rest):
+        return True
+    effect = next(e for e in b.effects if e.name == name)
+    return View(chain.film_channel(rest), without).expected(effect) >= EXPECTED * ABSORBS
 
 
 def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:

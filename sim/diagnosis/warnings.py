@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim.diagnosis.chain import Chain
+from sim.diagnosis.hidden import hidden_by_the_film
 
 FEWEST_S = 20.0
 LARGE = 0.8  # of the largest current
@@ -51,6 +52,13 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
         found.append(Warning("no_resistance", "no resistance_ohm: film and ohmmeter were not judged"))
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
+    for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():
+        text = f"{name}: would not have shown at any size met, the film's own shape absorbs it"
+        if np.isfinite(weakest):
+            text = (
+                f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"
+            )
+        found.append(Warning("absorbed_by_the_film", text))
     return found
 
 

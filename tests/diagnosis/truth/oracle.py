@@ -9,8 +9,8 @@ that is half the 99.9 % quantile of chi-square with as many degrees of freedom a
 one false alarm in a thousand then finds it half of the time.
 
 Nobody who diagnoses a film outside the class knows the form of its density. There the test has, besides, a relay at
-every place of the Preisach plane, each uncertain by as much as the mean relay switches: what such relays can imitate
-is the film's own shape as far as anybody can tell.
+every place of the Preisach plane, each uncertain by as much as the mean relay switches, and neighbours together: a
+density is smooth. What such relays can imitate is the film's own shape as far as anybody can tell.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ FAINT = 0.03  # share of a move of the film's temperature
 HALF_WIDTHS_K = np.geomspace(0.3, 10.0, 12)  # of the relays of a film outside the class
 CENTRES = 20
 UNCERTAIN = 1.0  # of the mean relay
+SMOOTH = 0.3  # of the plane's sides, over which relays are uncertain together
 FROZEN = {("meter_range_error", "threshold_ohm"), ("thermometer_quantization", "step_K")}
 
 
@@ -84,7 +85,8 @@ class Oracle:
         self.span = u[:, s > 1e-8 * s[0]]
         self.uncertain: Array | None = None
         if channels == "both" and cautious and rig.film.kind != PLAY:
-            self.uncertain = np.stack([self.rest(column) for column in self._of_any_density()], axis=1)
+            relays = np.stack(list(self._of_any_density()), axis=1) @ _together()
+            self.uncertain = np.stack([self.rest(column) for column in relays.T], axis=1)
 
     def _weighted(self, rig: Rig, heat: Thermal) -> Array:
         if self.channels == "temperature":
@@ -185,3 +187,13 @@ class Oracle:
             covariance = self.uncertain.T @ self.uncertain + np.eye(along.size)
             seen -= float(along @ np.linalg.solve(covariance, along))
         return 0.5 * seen
+
+
+def _together() -> Array:
+    """How the relays' uncertainties come about from independent ones: a root of their correlation matrix."""
+    width, centre = np.meshgrid(
+        np.linspace(0.0, 1.0, HALF_WIDTHS_K.size), np.linspace(0.0, 1.0, CENTRES), indexing="ij"
+    )
+    place = np.stack((width.ravel(), centre.ravel()), axis=1)
+    apart = np.linalg.norm(place[:, None, :] - place[None, :, :], axis=2)
+    return np.asarray(np.linalg.cholesky(np.exp(-apart / SMOOTH)), dtype=np.float64)
