@@ -1,0 +1,95 @@
+"""A film of another kind inside the chain: its relays are heated, crept, shunted and lagged as the rest of the film."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.chain import Chain, temperature_search
+from sim.diagnosis.film_point import Point
+from sim.diagnosis.hidden import hidden_by_the_film
+from sim.diagnosis.record import read_columns
+from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
+from sim.effects.catalogue import catalogue
+from sim.effects.effect import switched
+from tests.diagnosis.cases import case
+
+RELAYS_DEC = 0.1
+EFFECTS = {
+    "film_lag": {"tau_s": 2.0},
+    "film_drift": {"drift_K_per_h": 3.0},
+    "self_heating": {"theta_K_per_W": 500.0},
+    "creep": {"share": 0.1, "tau_s": 200.0},
+    "meter_lag": {"tau_s": 2.0},
+    "timestamp_skew": {"skew_s": 1.3},
+    "series_resistance": {"series_ohm": 100.0},
+    "parallel_leakage": {"leakage_ohm": 5e5},
+    "meter_range_error": {"threshold_ohm": 1e4, "error": 0.02},
+}
+
+
+@pytest.fixture(scope="module")
+def chain() -> Chain:
+    record = read_columns(case("other_film", 3, film="preisach").columns, held_out=True)
+    chain = Chain(record, ~record.held_out, dict(catalogue()))
+    chain.first = temperature_search(record, ~record.held_out, chain.effects)
+    return chain
+
+
+def solved(channel: ResistanceChannel, base: FilmParameters, *names: str) -> tuple[FilmParameters, Point]:
+    """The best coefficients beside these effects, with relays."""
+    known = catalogue()
+    p = channel.extended(replace(base, relay_dec=RELAYS_DEC), [switched(known[n], EFFECTS[n]) for n in names])
+    point = channel.point(p, p.x)
+    for _ in range(4):
+        point = channel.point(p, p.x, point.coefficients)
+    return p, point
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_what_is_solved_for_is_what_is_predicted(chain: Chain, name: str) -> None:
+    search = chain.last(frozenset())
+    p, point = solved(search.channel, search.base, name)
+    np.testing.assert_allclose(search.channel.predict(p, p.x, point), point.shown, atol=2e-5, rtol=0.0)
+    without = point.problem.relays.film @ point.coefficients[-point.problem.relays.count :]
+    assert np.std(without) > 1e-3  # the relays do something
+
+
+def test_the_terminals_see_all_of_the_film(chain: Chain) -> None:
+    search = chain.last(frozenset())
+    _, point = solved(search.channel, search.base, "parallel_leakage")
+    ohm = 10.0**-point.film_output
+    expected = np.log10(1.0 / ohm + 1.0 / EFFECTS["parallel_leakage"]["leakage_ohm"])
+    np.testing.assert_allclose(point.shown, expected, atol=2e-5, rtol=0.0)
+
+
+def test_relays_move_with_the_film(chain: Chain) -> None:
+    """Predicted a step away, the relays are where the film then is."""
+    search = chain.last(frozenset())
+    p, point = solved(search.channel, search.base, "film_drift")
+    moved = p.x.copy()
+    moved[4] += 1.0
+    there = search.channel.predict(p, moved, point)
+    _, nodes = search.channel.nodes(p, moved)
+    c = point.coefficients
+    relays = search.channel.basis.plane.columns(nodes) @ c[c.size - search.channel.relay_count(p) :]
+    none = replace(point, coefficients=np.where(np.arange(c.size) < search.channel.film_columns, c, 0.0))
+    np.testing.assert_allclose(there - search.channel.predict(p, moved, none), relays, atol=2e-5, rtol=0.0)
+
+
+def test_a_noisier_record_hides_more() -> None:
+    columns = case("clean", 3).columns
+    noise = 10.0 ** np.random.default_rng(1).normal(0.0, 0.02, columns["time_s"].size)
+    noisy = {**columns, "resistance_ohm": columns["resistance_ohm"] * noise}
+    hidden = []
+    for each in (columns, noisy):
+        record = read_columns(each, held_out=True)
+        chain = Chain(record, ~record.held_out, dict(catalogue()))
+        chain.last(frozenset())
+        hidden.append(hidden_by_the_film(chain, frozenset()))
+    quiet, loud = (each["series_resistance"] for each in hidden)
+    assert quiet[0] == loud[0] == "series_ohm"
+    assert 10.0 < quiet[1] < 500.0  # of a metallic film of 3,500 ohm
+    assert np.isnan(loud[1]) or loud[1] > 1.5 * quiet[1]
