@@ -59,6 +59,11 @@ class FilmNodes:
             and np.array_equal(self.taken, other.taken)
         )
 
+    def at_points(self, signal: Array) -> Array:
+        """A signal of the rows at the points, straight between them."""
+        order = np.argsort(self.taken, kind="stable")
+        return np.interp(self.points_s, self.time_s[self.taken[order]], signal[order])
+
     @property
     def points_s(self) -> Array:
         """Times of the points."""

@@ -10,13 +10,15 @@ independent columns of unlike width (C. Rasmussen, C. Williams, Gaussian Process
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from compensator.functions import Array
-from sim.diagnosis.film_columns import FilmNodes, play_outputs
+from sim.diagnosis.film_columns import FOLLOWING, FilmNodes, filtered, play_outputs
 from sim.diagnosis.record import Rows
+from sim.effects.effect import Filter, Switched
 
 CENTRES = WIDTHS = 24
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
@@ -116,3 +118,53 @@ class Relays:
     def count(self) -> int:
         """How many there are."""
         return int(self.every.shape[1])
+
+
+class RelaysOfRecord:
+    """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter; the last ones that
+    were computed are kept, since the film's temperature moves with few of a fit's unknowns."""
+
+    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows) -> None:
+        self.plane, self.taken_s, self.fitted = plane, taken_s, fitted
+        self.none = Relays.none(taken_s.size, fitted)
+        self._columns: tuple[FilmNodes, Array] | None = None
+        self._relays: tuple[Array, list[Switched], Relays] | None = None
+
+    def at(self, effects: Sequence[Switched], nodes: FilmNodes) -> Relays:
+        """The relays at a temperature of the film."""
+        columns = self._columns_at(nodes)
+        filters = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING]
+        known = self._relays
+        if known is None or known[0] is not columns or not _same(known[1], filters):
+            film = self._through(columns, filters, "hysteretic_part")
+            shown = self._through(film, filters, "log_resistance")
+            self._relays = known = (columns, filters, Relays.of(film, shown, self.fitted))
+        return known[2]
+
+    def signal(self, effects: Sequence[Switched], nodes: FilmNodes, coefficients: Array) -> Array:
+        """What the relays add to the film's output at the points."""
+        if not coefficients.size:
+            return np.zeros(nodes.points.size)
+        if self._columns is not None and nodes.same_film(self._columns[0]):
+            signal = self._columns[1] @ coefficients
+        else:
+            signal = self.plane.signal(nodes, coefficients)
+        return nodes.at_points(self._through(signal[:, None], effects, "hysteretic_part")[:, 0])
+
+    def _columns_at(self, nodes: FilmNodes) -> Array:
+        if self._columns is None or not nodes.same_film(self._columns[0]):
+            self._columns = nodes, self.plane.columns(nodes)
+        return self._columns[1]
+
+    def _through(self, columns: Array, effects: Sequence[Switched], target: str) -> Array:
+        for effect in effects:
+            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == target:
+                columns = filtered(columns, self.taken_s, effect)
+        return columns
+
+
+def _same(one: Sequence[Switched], other: Sequence[Switched]) -> bool:
+    """Whether these are the same effects with the same values."""
+    return len(one) == len(other) and all(
+        a.name == b.name and np.array_equal(a.par, b.par) for a, b in zip(one, other, strict=True)
+    )

@@ -23,7 +23,6 @@ from scipy.linalg import cho_solve
 from compensator.functions import Array
 from compensator.identify_operators import radius_floor
 from sim.diagnosis.film_columns import (
-    FOLLOWING,
     SIMPLE,
     FilmNodes,
     FilmStart,
@@ -34,7 +33,7 @@ from sim.diagnosis.film_columns import (
     transfer,
 )
 from sim.diagnosis.film_point import LinearProblem, Point
-from sim.diagnosis.film_relays import RelayPlane, Relays
+from sim.diagnosis.film_relays import RelayPlane, RelaysOfRecord
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
@@ -111,9 +110,7 @@ class ResistanceChannel:
             good = np.flatnonzero(~bad)
             self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
         self._readings = self.power_output
-        self._no_relays = Relays.none(record.rows, self.rows)
-        self._known_columns: tuple[FilmNodes, Array] | None = None
-        self._known_relays: tuple[Array, tuple[Switched, ...], Relays] | None = None
+        self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows)
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -222,7 +219,7 @@ class ResistanceChannel:
     def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
         effects, nodes = self.nodes(p, x)
-        relays = self._relays_at(effects, nodes) if self.relay_count(p) else self._no_relays
+        relays = self._plane.at(effects, nodes) if self.relay_count(p) else self._plane.none
         signals = self._signals(effects, nodes, x)
         lags = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance"]
         curved = any(
@@ -239,7 +236,7 @@ class ResistanceChannel:
             signal = np.interp(nodes.points_s, self.record.time_s, self.power_output)
             if coefficients is not None and guessed:
                 of_relays = coefficients[coefficients.size - relays.count :]
-                signal = signals @ known + self._at_points(nodes, relays.film @ of_relays)
+                signal = signals @ known + nodes.at_points(relays.film @ of_relays)
             slope = transfer(effects, signal)[1] if curved else np.ones(signal.size)
             shown = relays.bent(slope[nodes.rows], rows) if curved and relays.count else relays
             moved = signals * slope[:, None] if curved else signals
@@ -289,18 +286,12 @@ class ResistanceChannel:
                 signal = out
         return signal[nodes.rows]
 
-    @staticmethod
-    def _at_points(nodes: FilmNodes, signal: Array) -> Array:
-        """A signal of the rows at the points, straight between them."""
-        order = np.argsort(nodes.taken, kind="stable")
-        return np.interp(nodes.points_s, nodes.time_s[nodes.taken[order]], signal[order])
-
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
         effects, nodes = self.nodes(p, x)
         c = point.coefficients
         signal, place = self._output(effects, nodes, x, c)
-        signal = signal + self._relay_signal(effects, nodes, c[c.size - self.relay_count(p) :])
+        signal = signal + self._plane.signal(effects, nodes, c[c.size - self.relay_count(p) :])
         shown = self._shown(effects, nodes, signal, point.problem.range_of)
         for effect in effects:
             if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
@@ -314,7 +305,7 @@ class ResistanceChannel:
         c, own = fit.coefficients, self.film_columns
         fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
         relays = c.size - self.relay_count(fit.parameters)
-        signal = self._output(effects, nodes, p.x, fresh)[0] + self._relay_signal(effects, nodes, c[relays:])
+        signal = self._output(effects, nodes, p.x, fresh)[0] + self._plane.signal(effects, nodes, c[relays:])
         shown = self._shown(effects, nodes, signal)
         places = [
             e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
@@ -326,45 +317,6 @@ class ResistanceChannel:
     def relay_count(self, p: FilmParameters) -> int:
         """How many coefficients the relays have; none where their prior's width is 0."""
         return self.basis.plane.count if self.relays and p.relay_dec > 0.0 else 0
-
-    def _relays_at(self, effects: Sequence[Switched], nodes: FilmNodes) -> Relays:
-        """The relays' columns; computed once for one temperature of the film."""
-        columns = self._plane_columns(nodes)
-        filters = tuple(e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING)
-        known = self._known_relays
-        if known is not None and known[0] is columns and _same_values(known[1], filters):
-            return known[2]
-        film = self._crept(columns, effects)
-        shown = film
-        for effect in filters:
-            if getattr(effect.effect.form, "target", "") == "log_resistance":
-                shown = filtered(shown, self.record.taken_s, effect)
-        relays = Relays.of(film, shown, self.rows)
-        self._known_relays = (columns, filters, relays)
-        return relays
-
-    def _plane_columns(self, nodes: FilmNodes) -> Array:
-        known = self._known_columns
-        if known is None or not nodes.same_film(known[0]):
-            self._known_columns = known = (nodes, self.basis.plane.columns(nodes))
-        return known[1]
-
-    def _crept(self, columns: Array, effects: Sequence[Switched]) -> Array:
-        for effect in effects:
-            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "hysteretic_part":
-                columns = filtered(columns, self.record.taken_s, effect)
-        return columns
-
-    def _relay_signal(self, effects: Sequence[Switched], nodes: FilmNodes, coefficients: Array) -> Array:
-        """What the relays add to the film's output at the points."""
-        if not coefficients.size:
-            return np.zeros(nodes.points.size)
-        known = self._known_columns
-        if known is not None and nodes.same_film(known[0]):
-            signal = known[1] @ coefficients
-        else:
-            signal = self.basis.plane.signal(nodes, coefficients)
-        return self._at_points(nodes, self._crept(signal[:, None], effects)[:, 0])
 
     # -- the fit
 
@@ -493,13 +445,6 @@ class ResistanceChannel:
     def residual(self, fit: ResistanceFit) -> Array:
         """In units of the noise, in the fitted rows."""
         return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
-
-
-def _same_values(one: Sequence[Switched], other: Sequence[Switched]) -> bool:
-    """Whether these are the same effects with the same values."""
-    return len(one) == len(other) and all(
-        a.name == b.name and np.array_equal(a.par, b.par) for a, b in zip(one, other, strict=True)
-    )
 
 
 def basis_for(record: Record, path: PlatePath, middle: float, half: float, curve: bool) -> FilmBasis:
