@@ -189,10 +189,11 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
     many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
+    Beside a film of the class it is the simpler film that counts.
     """
     rest = names - {name}
     b, without = chain.fits(names)[1], chain.fits(rest)[1]
-    if b is None or without is None or film_of_the_class(chain, rest):
+    if b is None or without is None or film_of_the_class(chain, names):
         return True
     effect = next(e for e in b.effects if e.name == name)
     return View(chain.film_channel(rest), without).expected(effect) >= EXPECTED * ABSORBS
