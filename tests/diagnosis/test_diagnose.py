@@ -66,7 +66,16 @@ def test_a_range_error_beside_a_film_of_another_kind() -> None:
     assert names(document) == set(blind.hidden) == {"meter_range_error"}
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 0), ("other_film", 1)])
+def test_a_leakage_beside_a_film_of_another_kind() -> None:
+    blind = case("other_film_effect", 6003)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == {"parallel_leakage"}
+    covered(document, blind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 0), ("other_film", 1), ("other_film", 6005)]
+)
 def test_nothing_hidden_nothing_named(kind: str, seed: int) -> None:
     document = diagnose(case(kind, seed).columns).document()
     assert names(document) == set()
