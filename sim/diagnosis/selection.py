@@ -160,7 +160,8 @@ def _one_more(
     if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:
         return search.keep(ends[0])
     found = [search.widened(e) for e in ends[:WIDENED]]
-    if fit.parameters.relay_dec > 0.0:  # a film of another kind: what shows beside it, and what it may have absorbed
+    far = 2.0 * fit.minus_log / rows > FAR_FROM_NOISE
+    if fit.parameters.relay_dec > 0.0 and not far:  # what shows beside another film, and what it may have absorbed
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
@@ -219,7 +220,8 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
         say("temperature to resistance")
         downstream = select_last_links(chain.last(upstream))
         names = upstream | downstream
-        if chain.renoised(names):
+        understood = 2.0 * chain.last(upstream).fit(downstream).minus_log < FAR_FROM_NOISE * chain.record.rows
+        if understood and chain.renoised(names):
             downstream = select_last_links(chain.last(upstream), downstream)
             names = upstream | downstream
         if chain.first is not None:
