@@ -12,7 +12,7 @@ from tests.diagnosis.truth.draw import ROWS, SPAN_S, Bench, draw_bench
 from tests.diagnosis.truth.oracle import Oracle
 from tests.diagnosis.truth.outside import catalogue
 from tests.diagnosis.truth.profiles import triangles
-from tests.diagnosis.truth.rig import Effects, Schedule
+from tests.diagnosis.truth.rig import Effects, Schedule, record
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
@@ -71,7 +71,8 @@ def drawn_design(rng: Random, design: str) -> Design:
         bench = replace(rich, schedule=slow_triangles(rng, rich))
         name = str(rng.choice(names))
         hidden = _small(name, rng)
-        current = recorded_current(bench, hidden)
+        # with the thermometer's noise, which the loop turns into steps of the current that tell more than its ramps do
+        current = record(bench.rig.having(hidden), bench.schedule, rng)["current_A"]
         seen, beside = indistinguishable(bench, hidden, current, channels)
         alike = tuple(sorted(other for other, left in beside.items() if left < APART))
         unsure = [other for other, left in beside.items() if APART <= left < 20.0]
