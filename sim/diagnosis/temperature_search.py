@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,9 +13,10 @@ from compensator.identify_balance import Stretch, rough_balances
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.unknowns import fitted_parameters
-from sim.effects.effect import Command, Effect, HeatFlow, Switched, switched
+from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, switched
 
 ROUGH_STEPS = 12
+EXCHANGED_STEPS = 40
 SEARCHED = 28  # values that a search looks at
 APART = 1.001  # ratio of two jumps that are not one
 NOTHING = 0.05  # of the smallest size met
@@ -40,7 +41,7 @@ class TemperatureSearch:
             return self.fits[names]
         begin = [near] if near is not None else [self.fit(names - {name}) for name in sorted(names)]
         found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
-        best = min(found, key=lambda fit: fit.minus_log)
+        best = self._exchanged(min(found, key=lambda fit: fit.minus_log))
         known = self.fits.get(names)
         if known is None or best.minus_log < known.minus_log:
             self.fits[names] = best
@@ -69,6 +70,23 @@ class TemperatureSearch:
                 nothing[0] = effect.parameters[0].largest / NOTHING
             other = self.channel.descend(self._descend(fit, switched(effect, nothing), 10).parameters, 30)
             best = min((best, other), key=lambda trial: trial.minus_log)
+        return best
+
+    def _exchanged(self, fit: TemperatureFit) -> TemperatureFit:
+        """The better of a fit and the one with the plate's time constant 1/g and the thermometer's in each other's
+        place: two first-order lags in a row show the same in either order, but for what is not linear."""
+        best, p = fit, fit.parameters
+        for effect in fit.effects:
+            if not (isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]):
+                continue
+            s, r, g, q, ambient = p.plate()
+            tau = float(effect.par[0])
+            times = 1.0 / (g * tau)
+            base = [s * times, r * times, 1.0 / tau, ambient] if p.kind == "peltier" else [q * times, 1.0 / tau, ambient]
+            effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
+            x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
+            trial = self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
+            best = min((best, trial), key=lambda other: other.minus_log)
         return best
 
     def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:

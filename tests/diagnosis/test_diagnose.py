@@ -53,6 +53,14 @@ def test_two_resistances_that_bend_the_reading_against_each_other() -> None:
     covered(document, blind)
 
 
+def test_a_thermometer_slower_than_the_plate_is_not_taken_for_the_plate() -> None:
+    """Plate of 14 s, thermometer of 27.5 s: in each other's place they explain all but what is not linear."""
+    blind = case("three", 8007)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == {"sensor_lag", "actuator_deadband", "meter_range_error"}
+    covered(document, blind)
+
+
 def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
     blind = case("smallest", 1602, effect="radiative_loss", factor=1.5)
     document = diagnose(blind.columns).document()
