@@ -18,6 +18,7 @@ from scipy.interpolate import BSpline
 from compensator.film import Initial
 from compensator.functions import Array
 from compensator.identify_operators import envelope_values, operator_outputs
+from sim.diagnosis.film_power import TestPower
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
 from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
@@ -95,12 +96,12 @@ def film_nodes(
     path: PlatePath,
     effects: Sequence[Switched],
     behind_K: Sequence[float],
-    power_W: Array | None,
+    power: TestPower | None,
     start: FilmStart,
 ) -> FilmNodes:
-    """The film's temperature. behind_K: of each filter at the first row; power_W: of the ohmmeter, in each row."""
+    """The film's temperature. behind_K: of each filter at the first row; power: of the ohmmeter, if it heats."""
     taken = taken_s(record, effects)
-    turns = path.turning_s
+    turns = path.turning_s if power is None else np.concatenate((path.turning_s, power.jumps_s()))
     gaps = record.first_rows[1:]
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
     for a, b in zip(begin, end, strict=True):  # what a simulation does there is made up
@@ -126,10 +127,8 @@ def film_nodes(
             form.run(effect.par, time, temperature, np.array([temperature[0] - behind_K[k]]), out)
             temperature, k = out, k + 1
         elif isinstance(form, Warming):
-            power = np.zeros(time.size)
-            if form.heated and power_W is not None:
-                power = power_W if same else np.interp(time, record.time_s, power_W)
-            temperature = temperature + form.add(effect.par, time, power)
+            power_W = power.at(time) if form.heated and power is not None else np.zeros(time.size)
+            temperature = temperature + form.add(effect.par, time, power_W)
     side = np.empty(time.size, dtype=np.int8)
     side[0] = -2 if start.initial == "cooled" else 2
     side[1:] = np.sign(np.diff(temperature))

@@ -33,6 +33,7 @@ from sim.diagnosis.film_columns import (
     transfer,
 )
 from sim.diagnosis.film_point import LinearProblem, Point
+from sim.diagnosis.film_power import TestPower
 from sim.diagnosis.film_relays import RelayPlane, RelaysOfRecord
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
@@ -137,10 +138,9 @@ class ResistanceChannel:
 
     def nodes(self, p: FilmParameters, x: Array) -> tuple[list[Switched], FilmNodes]:
         effects, behind = self.split(p, x)
-        power = None
-        if any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in effects):
-            test = self.record.test_current_A
-            power = np.zeros(self.record.rows) if test is None else test**2 * 10.0**-self.power_output
+        test, power = self.record.test_current_A, None
+        if test is not None and self._heated(p):
+            power = TestPower(self.record.time_s, test, self.power_output)
         return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
 
     def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:

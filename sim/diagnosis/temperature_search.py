@@ -82,7 +82,8 @@ class TemperatureSearch:
             s, r, g, q, ambient = p.plate()
             tau = float(effect.par[0])
             times = 1.0 / (g * tau)
-            base = [s * times, r * times, 1.0 / tau, ambient] if p.kind == "peltier" else [q * times, 1.0 / tau, ambient]
+            driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
+            base = [*driven, 1.0 / tau, ambient]
             effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
             x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
             trial = self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
