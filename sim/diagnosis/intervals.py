@@ -140,4 +140,7 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
                 break
             k += side
         ends.append(last)
-    return at, (float(edges[ends[0]]), float(edges[ends[1] + 1]))
+    low, high, largest = float(edges[ends[0]]), float(edges[ends[1] + 1]), original.parameters[0].largest
+    if edges[ends[1]] < largest:  # the record sets no end below: what is met does
+        high = min(high, largest)
+    return min(at, high), (low, high)
