@@ -15,6 +15,7 @@ from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
 
 SEVERAL = 10  # turning points before the first row that are tried, on either side
+CLOSER_START = 3  # times that the place between the best turning point and its neighbours is looked at
 WORTH_START = 3.0  # log-likelihood that another memory at the first row has to bring
 TRIED = 8  # temperatures on either side of a gap's ends
 NEAREST_K = 0.1
@@ -26,7 +27,7 @@ MOST = 12  # gaps looked at, the longest
 
 def remembered(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     """The memory with which the film fits best."""
-    start = _begun(channel, p)
+    start = begun(channel, p)
     if channel.record.first_rows.size > 1:
         start = _through_gaps(channel, replace(p, start=start))
     return start
@@ -46,11 +47,24 @@ def beginnings(channel: ResistanceChannel, start: FilmStart) -> list[FilmStart]:
     return found
 
 
-def _begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
-    candidates = beginnings(channel, p.start)
-    costs = {c: _cost(channel, p, c) for c in candidates}
-    best = min(candidates, key=lambda c: costs[c])
+def begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
+    """What the film remembers at the first row, with which it fits best."""
+    costs = {c: _cost(channel, p, c) for c in beginnings(channel, p.start)}
+    best = min(costs, key=lambda c: costs[c])
+    for _ in range(CLOSER_START if best.previous_degC is not None else 0):
+        alike = sorted((c for c in costs if c.initial == best.initial), key=_turned_degC)
+        at = alike.index(best)
+        for other in alike[max(at - 1, 0) : at + 2]:
+            if other != best and other.previous_degC is not None:
+                there = replace(best, previous_degC=0.5 * (_turned_degC(best) + other.previous_degC))
+                costs[there] = _cost(channel, p, there)
+        best = min(costs, key=lambda c: costs[c])
     return best if costs[best] < _cost(channel, p, p.start) - WORTH_START else p.start
+
+
+def _turned_degC(start: FilmStart) -> float:
+    """Where the film turned round; without end where it was saturated."""
+    return start.previous_degC if start.previous_degC is not None else np.inf
 
 
 def _cost(channel: ResistanceChannel, p: FilmParameters, start: FilmStart) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.film_columns import FilmNodes
+from sim.diagnosis.film_memory import begun
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.effects.effect import Effect, Reading, Switched, Warming, switched
@@ -27,6 +28,7 @@ WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descen
 RELAY_STEPS = 6
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
+UNDERSTOOD = 2.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
@@ -109,13 +111,27 @@ class ResistanceSearch:
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
-        fit = self._reshaped(self.channel.descend(without_relays(parameters), WHOLE_STEPS))
-        return self._wide(replace(fit, plain=fit.parameters))
+        return self._wide(self._of_the_class(parameters))
 
     def plain(self, quick: ResistanceFit) -> ResistanceFit:
         """To the end as if the film were of the class."""
-        fit = self._reshaped(self.channel.descend(without_relays(quick.parameters), WHOLE_STEPS))
+        return self._of_the_class(quick.parameters)
+
+    def _of_the_class(self, parameters: FilmParameters) -> ResistanceFit:
+        fit = self._remembered(self._reshaped(self.channel.descend(without_relays(parameters), WHOLE_STEPS)))
         return replace(fit, plain=fit.parameters)
+
+    def _remembered(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with another memory at the first row: the one that was found without an effect may
+        stand in for a part of it."""
+        p = fit.parameters
+        if 2.0 * fit.minus_log / self.channel.rows.size > UNDERSTOOD:
+            return fit
+        start = begun(self.channel, p)
+        if start == p.start:
+            return fit
+        other = self.channel.descend(replace(p, start=start), WHOLE_STEPS)
+        return other if other.score > fit.score else fit
 
     def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects:

@@ -17,6 +17,7 @@ from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, swit
 
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
+BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 SEARCHED = 28  # values that a search looks at
 APART = 1.001  # ratio of two jumps that are not one
 NOTHING = 0.05  # of the smallest size met
@@ -80,7 +81,9 @@ class TemperatureSearch:
             if not (isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]):
                 continue
             s, r, g, q, ambient = p.plate()
-            tau = float(effect.par[0])
+            tau, met = float(effect.par[0]), effect.effect.parameters[0]
+            if min(tau, 1.0 / g) < met.smallest or max(tau, 1.0 / g) > BEYOND * met.largest:
+                continue
             times = 1.0 / (g * tau)
             driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
             base = [*driven, 1.0 / tau, ambient]
