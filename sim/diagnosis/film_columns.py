@@ -65,6 +65,12 @@ class FilmNodes:
         order = np.argsort(self.taken, kind="stable")
         return np.interp(self.points_s, self.time_s[self.taken[order]], signal[order])
 
+    def of_rows(self, columns: Array) -> Array:
+        """What was computed at the points, in every row; not a copy where a row has a point of its own."""
+        n = self.points.size
+        own = self.rows.size == n and bool(np.all(self.rows == np.arange(n)))
+        return columns if own else np.asarray(columns[self.rows], dtype=np.float64)
+
     @property
     def points_s(self) -> Array:
         """Times of the points."""

@@ -228,7 +228,7 @@ class ResistanceChannel:
         )
         rows, y = self.rows, self.output
         coefficients = guess
-        film = signals[nodes.rows]
+        film = nodes.of_rows(signals)
         rounds = 1 if not curved else 3 if guess is None else 2  # near a guess two are enough
         for _ in range(rounds):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
@@ -243,7 +243,7 @@ class ResistanceChannel:
             for lag in lags:
                 moved = filtered(moved, nodes.points_s, lag)
                 moved = np.concatenate((moved, self._behind(lag, nodes.points_s)), axis=1)
-            at_rows = moved[nodes.rows]
+            at_rows = nodes.of_rows(moved)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
             else:
