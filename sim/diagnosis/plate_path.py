@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.functions import Array
-from sim.diagnosis.record import Record
+from sim.diagnosis.record import Mask, Record
 from sim.effects.effect import Command, Filter, Switched
 from sim.plate_balance import heat_flows, run
 
 LONGEST_S = 0.5
 MOST_NODES = 400_000
+FINER = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,19 @@ class PlatePath:
         late = np.maximum(time - self.time_s[-1], 0.0)
         return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
 
+    def finer(self, begins: Mask) -> tuple[Array, Array]:
+        """Times and temperatures at `FINER` times as many nodes: what a lag follows bends between two. begins: where a
+        stretch does, shape (nodes,); before those straight."""
+        h = np.diff(self.time_s)[:, None]
+        a, d = self.plate_degC[:-1, None], np.diff(self.plate_degC)[:, None]
+        known = ~begins[1:, None]
+        p = np.where(known, h * self.slopes[:-1, :1], d)
+        q = np.where(known, h * self.slopes[1:, 1:], d)
+        x = np.arange(FINER) / FINER
+        time = self.time_s[:-1, None] + x * h
+        cubic = a + x * (p + x * (3.0 * d - 2.0 * p - q + x * (p + q - 2.0 * d)))
+        return np.append(time, self.time_s[-1]), np.append(cubic, self.plate_degC[-1])
+
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
@@ -46,11 +60,6 @@ class Nodes:
     time_s: Array
     current_A: Array
     rows: NDArray[np.int64]
-
-
-def lagging(effects: Sequence[Switched]) -> bool:
-    """Whether the thermometer lags."""
-    return any(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
 
 
 def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
@@ -63,9 +72,8 @@ def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     order = np.argsort(acts, kind="stable")
     acts, amounts = acts[order], amounts[order]
     time = np.union1d(record.time_s, acts[acts <= record.time_s[-1]])
-    longest_s = min(LONGEST_S, 0.5 * record.interval_s) if lagging(effects) else LONGEST_S  # what a lag follows bends
-    if float(np.max(np.diff(time))) > 1.01 * longest_s:
-        count = np.ceil(np.diff(time) / longest_s - 1e-6).astype(np.int64)
+    if float(np.max(np.diff(time))) > 1.01 * LONGEST_S:
+        count = np.ceil(np.diff(time) / LONGEST_S - 1e-6).astype(np.int64)
         if np.sum(count) < MOST_NODES:
             inside = [
                 time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())
@@ -103,14 +111,17 @@ def simulate_plate(
     temperature, slopes = np.empty(n), np.empty((n, 2))
     own = np.array(own_degC, dtype=np.float64)
     run(plate, heat.terms, heat.values, nodes.time_s, nodes.current_A, reset, own, temperature, slopes)
-    shown, k = temperature, 0
-    for effect in effects:
-        form = effect.effect.form
-        if isinstance(form, Filter) and form.target == "thermometer":
-            out = np.empty(n)
-            form.run(effect.par, nodes.time_s, shown, np.array([shown[0] - behind_K[k]]), out)
-            shown, k = out, k + 1
-    return PlateRun(PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature)), shown[nodes.rows])
+    path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
+    filters = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer"]
+    if not filters:
+        return PlateRun(path, temperature[nodes.rows])
+    time, shown = path.finer(np.isfinite(reset))
+    for effect, behind in zip(filters, behind_K, strict=True):
+        form, out = effect.effect.form, np.empty(time.size)
+        assert isinstance(form, Filter)
+        form.run(effect.par, time, shown, np.array([shown[0] - behind]), out)
+        shown = out
+    return PlateRun(path, shown[FINER * nodes.rows])
 
 
 def _turning(nodes: Nodes, temperature: Array) -> Array:

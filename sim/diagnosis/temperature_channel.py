@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.functions import KELVIN, Array
-from sim.diagnosis.plate_path import Nodes, PlatePath, lagging, plate_nodes, simulate_plate
+from sim.diagnosis.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.unknowns import (
@@ -96,7 +96,7 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
-        self._plain_nodes: dict[bool, Nodes] = {}
+        self._plain_nodes: Nodes | None = None
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
@@ -198,10 +198,9 @@ class TemperatureChannel:
         """The times of a simulation; computed once where no effect moves the commands."""
         if any(isinstance(e.effect.form, Command) for e in effects):
             return plate_nodes(self.record, effects)
-        finer = lagging(effects)
-        if finer not in self._plain_nodes:
-            self._plain_nodes[finer] = plate_nodes(self.record, effects)
-        return self._plain_nodes[finer]
+        if self._plain_nodes is None:
+            self._plain_nodes = plate_nodes(self.record, effects)
+        return self._plain_nodes
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
         """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by

@@ -1,4 +1,4 @@
-"""The ohmmeter's power between the rows, and the film that it heats: a row's test current is on since the row before."""
+"""The ohmmeter heats the film between rows too: a row's test current is on since the row before."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.effects.effect import switched
 
 TIME = np.arange(200) * 0.5
 CHANGE = 80  # the last row with the first current
-CURRENT = np.where(TIME <= TIME[CHANGE], 3e-5, 1e-5)
+CURRENT = np.where(np.arange(TIME.size) > CHANGE, 1e-5, 3e-5)
 OUTPUT = -5.0 + 0.01 * TIME
 POWER = TestPower(TIME, CURRENT, OUTPUT)
 
