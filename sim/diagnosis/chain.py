@@ -204,6 +204,16 @@ class Chain:
             b = search.fit(downstream)
         return a, b
 
+    def loses(self, names: frozenset[str], name: str) -> float:
+        """By how much the log-likelihood falls without one of the effects, everything else following. Beside a film of
+        another kind the fit without it begins from the one with it, too: two fits of such a film may differ by more."""
+        whole = self.score(names)
+        upstream, downstream = self.split(names)
+        b = self.fits(names)[1]
+        if name in downstream and b is not None and b.parameters.relay_dec > 0.0:
+            self.last(upstream).without(b, name)
+        return whole - self.score(names - {name})
+
     def score(self, names: frozenset[str]) -> float:
         """Log-likelihood of both channels, up to a constant of the record."""
         a, b = self.fits(names)

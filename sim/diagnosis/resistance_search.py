@@ -86,7 +86,12 @@ class ResistanceSearch:
         """The best fit without one of a fit's effects, beginning from where the fit is."""
         plain = fit.plain or fit.parameters
         rest = [e for e in plain.effects if e.name != name]
-        return self.keep(self.whole(self.channel.extended(plain, rest)))
+        found = self.whole(self.channel.extended(plain, rest))
+        if fit.parameters.relay_dec > 0.0:  # from where the relays are, too
+            rest = [e for e in fit.effects if e.name != name]
+            wider = self.channel.descend(self.channel.extended(fit.parameters, rest), RELAY_STEPS)
+            found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
+        return self.keep(found)
 
     def keep(self, fit: ResistanceFit) -> ResistanceFit:
         """Remember a fit, if it is the best with its effects."""

@@ -122,10 +122,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         temperature, resistance = adequacies(chain, names)
         evidence: dict[str, float] = {}
         failing: dict[str, float] = {}
-        whole = chain.score(names)
         for name in sorted(names):
             rest = names - {name}
-            evidence[name] = whole - chain.score(rest)
+            evidence[name] = chain.loses(names, name)
             unseen = held_out_gain(chain, names, rest)
             unconfirmed = unseen is not None and unseen < -may_lose(chain, evidence[name])
             short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
