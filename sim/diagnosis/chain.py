@@ -123,7 +123,8 @@ def resistance_search(
 @dataclass
 class Chain:
     """Both ends' searches; either may be missing. Paths and searches of the last links are kept by the first links'
-    effects. together: whether both channels are fitted as one, where the simulated temperature drives the film."""
+    effects. together: whether both channels are fitted as one, where the simulated temperature drives the film. asked:
+    the effects beside which relays were tried though little is left."""
 
     record: Record
     fitted: Mask
@@ -136,6 +137,7 @@ class Chain:
     together: bool = False
     simulated: set[frozenset[str]] = field(default_factory=set)
     pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
+    asked: set[frozenset[str]] = field(default_factory=set)
 
     def last(self, upstream: frozenset[str]) -> ResistanceSearch:
         """The search of the last links behind these effects of the first ones."""
@@ -205,14 +207,30 @@ class Chain:
         return a, b
 
     def loses(self, names: frozenset[str], name: str) -> float:
-        """By how much the log-likelihood falls without one of the effects, everything else following. Beside a film of
-        another kind the fit without it begins from the one with it, too: two fits of such a film may differ by more."""
-        whole = self.score(names)
+        """By how much the log-likelihood falls without one of the effects, everything else following.
+
+        What an effect of the last links brings may be what a film of another kind does, which one of the class plus the
+        effect can be fitted to almost as well: both fits may have relays. The one without it begins from the one with
+        it, too, for two fits of such a film may differ by more.
+        """
+        upstream, downstream = self.split(names)
+        if name in downstream:
+            self._relayed(names)
+            self._relayed(names - {name})
+            b = self.fits(names)[1]
+            if b is not None and b.parameters.relay_dec > 0.0:
+                self.last(upstream).without(b, name)
+        return self.score(names) - self.score(names - {name})
+
+    def _relayed(self, names: frozenset[str]) -> None:
+        """Give the film relays where that is better."""
         upstream, downstream = self.split(names)
         b = self.fits(names)[1]
-        if name in downstream and b is not None and b.parameters.relay_dec > 0.0:
-            self.last(upstream).without(b, name)
-        return whole - self.score(names - {name})
+        if names in self.asked or b is None or b.parameters.relay_dec > 0.0:
+            return
+        self.asked.add(names)
+        if self.last(upstream).relayed(downstream).score > b.score:
+            self.pairs[names] = None
 
     def score(self, names: frozenset[str]) -> float:
         """Log-likelihood of both channels, up to a constant of the record."""

@@ -179,11 +179,20 @@ class ResistanceSearch:
         return best
 
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
-        if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM and self.channel.relays:
+        return self._relayed(fit) if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM else fit
+
+    def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with relays."""
+        if self.channel.relays:
             wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit
+
+    def relayed(self, names: frozenset[str]) -> ResistanceFit:
+        """The best fit with exactly these effects, relays tried though little is left."""
+        fit = self.fit(names)
+        return self.keep(self._relayed(fit)) if fit.parameters.relay_dec == 0.0 else fit
 
     def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
         """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
