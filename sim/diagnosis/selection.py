@@ -244,7 +244,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     for _ in range(3):
         upstream, downstream = chain.split(names)
         moving = [n for n in first.effects if first.effects[n].link != "plate"]
-        timing = [n for n in downstream if n in TIMING]
+        timing = sorted(downstream & TIMING)
         base = first.fit(upstream)
         options = []
         for n in moving:

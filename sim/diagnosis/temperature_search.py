@@ -18,6 +18,7 @@ from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, swit
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
+WORSE_ON_END = 2  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
 APART = 1.001  # ratio of two jumps that are not one
 NOTHING = 0.05  # of the smallest size met
@@ -116,7 +117,15 @@ class TemperatureSearch:
             if near == at:
                 stride //= 2
             at, best = near, tried[near]
-        return self.held(best, effect, float(values[at]), 15)
+        best = self.held(best, effect, float(values[at]), 15)
+        for side in (-1, 1):  # from cell to cell, all else following: what was tried from afar had not yet come down
+            k, near_fit, worse = at + side, best, 0
+            while 0 <= k < values.size and worse < WORSE_ON_END:
+                near_fit = self.held(near_fit, effect, float(values[k]), 6)
+                worse = 0 if near_fit.minus_log < best.minus_log else worse + 1
+                best = min(best, near_fit, key=lambda fit: fit.minus_log)
+                k += side
+        return best
 
     def held(self, fit: TemperatureFit, effect: Effect, value: float, steps: int) -> TemperatureFit:
         """A fit with the effect's value held."""
