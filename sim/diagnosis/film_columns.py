@@ -18,10 +18,10 @@ from scipy.interpolate import BSpline
 from compensator.film import Initial
 from compensator.functions import Array
 from compensator.identify_operators import envelope_values, operator_outputs
-from sim.diagnosis.film_power import TestPower
+from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
-from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming
+from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming, filters
 
 KNOTS = 7
 SIMPLE = 3  # degree of what D has of simple form
@@ -102,7 +102,7 @@ def film_nodes(
     path: PlatePath,
     effects: Sequence[Switched],
     behind_K: Sequence[float],
-    power: TestPower | None,
+    power: MeterPower | None,
     start: FilmStart,
 ) -> FilmNodes:
     """The film's temperature. behind_K: of each filter at the first row; power: of the ohmmeter, if it heats."""
@@ -116,7 +116,7 @@ def film_nodes(
     known = np.isfinite(passed)
     within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
     turns = np.concatenate((turns, within[known]))
-    if any(isinstance(e.effect.form, Filter) and e.effect.form.target in CURVED for e in effects):
+    if filters(effects, *CURVED):
         turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))
     same = turns.size == 0 and np.array_equal(taken, record.time_s)
     time = record.time_s
@@ -138,7 +138,7 @@ def film_nodes(
     side = np.empty(time.size, dtype=np.int8)
     side[0] = -2 if start.initial == "cooled" else 2
     side[1:] = np.sign(np.diff(temperature))
-    if any(isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING for e in effects):
+    if filters(effects, *FOLLOWING):
         return FilmNodes(time, temperature, side, place, start.previous_degC, np.arange(time.size), place)
     if np.all(place[1:] >= place[:-1]):
         points, rows = place, np.arange(place.size)

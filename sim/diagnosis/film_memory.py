@@ -6,7 +6,9 @@ they are. Found with the wrong effects it may be wrong, so that it is looked for
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -51,20 +53,29 @@ def begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     """What the film remembers at the first row, with which it fits best."""
     costs = {c: _cost(channel, p, c) for c in beginnings(channel, p.start)}
     best = min(costs, key=lambda c: costs[c])
-    for _ in range(CLOSER_START if best.previous_degC is not None else 0):
-        alike = sorted((c for c in costs if c.initial == best.initial), key=_turned_degC)
-        at = alike.index(best)
-        for other in alike[max(at - 1, 0) : at + 2]:
-            if other != best and other.previous_degC is not None:
-                there = replace(best, previous_degC=0.5 * (_turned_degC(best) + other.previous_degC))
-                costs[there] = _cost(channel, p, there)
-        best = min(costs, key=lambda c: costs[c])
-    return best if costs[best] < _cost(channel, p, p.start) - WORTH_START else p.start
+    least = costs[best]
+    if best.previous_degC is not None:
+        there = best
+        turned = {
+            c.previous_degC: v for c, v in costs.items() if c.initial == best.initial and c.previous_degC is not None
+        }
+        at = _closer(lambda t: _cost(channel, p, replace(there, previous_degC=t)), turned, (), CLOSER_START)
+        best, least = replace(best, previous_degC=at), turned[at]
+    return best if least < _cost(channel, p, p.start) - WORTH_START else p.start
 
 
-def _turned_degC(start: FilmStart) -> float:
-    """Where the film turned round; without end where it was saturated."""
-    return start.previous_degC if start.previous_degC is not None else np.inf
+def _closer(cost: Callable[[float], float], tried: dict[float, float], ends: tuple[float, ...], times: int) -> float:
+    """The best of the temperatures tried, after looking half-way to its neighbours and the ends; all costs in tried."""
+    near = min(tried, key=lambda t: tried[t])
+    for _ in range(times):
+        known = sorted([*tried, *ends])
+        at = known.index(near)
+        for other in known[max(at - 1, 0) : at + 2]:
+            if other != near:
+                t = 0.5 * (near + other)
+                tried[t] = cost(t)
+        near = min(tried, key=lambda t: tried[t])
+    return near
 
 
 def _cost(channel: ResistanceChannel, p: FilmParameters, start: FilmStart) -> float:
@@ -92,14 +103,7 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
         for place in (1, 0, 1):
             none = cost(k, place, np.nan)
             tried = {t: cost(k, place, t) for t in coarse}
-            near = min(tried, key=lambda t: tried[t])
-            for _ in range(CLOSER):
-                known = np.array(sorted([*tried, below, above]))
-                at = int(np.searchsorted(known, near))
-                for other in known[[max(at - 1, 0), min(at + 1, known.size - 1)]]:
-                    t = 0.5 * (near + float(other))
-                    tried[t] = cost(k, place, t)
-                near = min(tried, key=lambda t: tried[t])
+            near = _closer(partial(cost, k, place), tried, (below, above), CLOSER)
             passed = _with(passed, k, place, near if tried[near] < none - WORTH else np.nan)
     return _through(p.start, passed)
 

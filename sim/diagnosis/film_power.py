@@ -15,10 +15,8 @@ RIGHT_AFTER = 1e-5  # of the step to the next row
 
 
 @dataclass(frozen=True, eq=False)
-class TestPower:
+class MeterPower:
     """time_s, current_A, output (-log10 of the film's own resistance in ohm): of each row, shape (rows,)."""
-
-    __test__ = False  # no test of pytest's
 
     time_s: Array
     current_A: Array

@@ -23,7 +23,7 @@ from compensator.identify_operators import Integers, radius_floor
 from compensator.nnls import solve_triangle
 from sim.diagnosis.film_columns import FilmNodes, classical_columns, filtered, operator_columns, transfer
 from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
-from sim.effects.effect import Filter, Reading, Switched
+from sim.effects.effect import Reading, filters
 
 OPERATORS = 80  # places on the grid of radii; few of them get weight
 LEAST_WEIGHT = 1e-6  # of all weights
@@ -102,19 +102,16 @@ class FilmRefit:
         self.target = self.channel.output - (shown - self.through(signal[:, None])[:, 0])
         self.free = self._free()
 
-    def _filters(self, target: str) -> list[Switched]:
-        return [e for e in self.effects if isinstance(e.effect.form, Filter) and e.effect.form.target == target]
-
     def through(self, columns: Array) -> Array:
         """Parts of the film's output (nodes, k) as the ohmmeter shows them (rows, k)."""
         columns = columns * self.slope[:, None]
-        for lag in self._filters("log_resistance"):
+        for lag in filters(self.effects, "log_resistance"):
             columns = filtered(columns, self.nodes.time_s, lag)
         return columns[self.nodes.taken]
 
     def crept(self, columns: Array) -> Array:
         """Parts of the hysteretic output at the nodes, creep included."""
-        for creep in self._filters("hysteretic_part"):
+        for creep in filters(self.effects, "hysteretic_part"):
             columns = filtered(columns, self.nodes.time_s, creep)
         return columns
 
@@ -122,8 +119,8 @@ class FilmRefit:
         """The constant, and what filters were behind by at the first row."""
         time = self.nodes.time_s
         parts = [self.through(np.ones((time.size, 1)))]
-        parts += [self.through(self.channel._behind(e, time)) for e in self._filters("hysteretic_part")]
-        parts += [self.channel._behind(e, time)[self.nodes.taken] for e in self._filters("log_resistance")]
+        parts += [self.through(self.channel._behind(e, time)) for e in filters(self.effects, "hysteretic_part")]
+        parts += [self.channel._behind(e, time)[self.nodes.taken] for e in filters(self.effects, "log_resistance")]
         return np.concatenate(parts, axis=1)
 
     def plays(self, shape: Array) -> Array:

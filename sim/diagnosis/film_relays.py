@@ -18,7 +18,7 @@ import numpy as np
 from compensator.functions import Array
 from sim.diagnosis.film_columns import FOLLOWING, FilmNodes, filtered, play_outputs
 from sim.diagnosis.record import Rows
-from sim.effects.effect import Filter, Switched
+from sim.effects.effect import Switched, filters
 
 CENTRES = WIDTHS = 24
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
@@ -133,12 +133,12 @@ class RelaysOfRecord:
     def at(self, effects: Sequence[Switched], nodes: FilmNodes) -> Relays:
         """The relays at a temperature of the film."""
         columns = self._columns_at(nodes)
-        filters = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in FOLLOWING]
+        passed = filters(effects, *FOLLOWING)
         known = self._relays
-        if known is None or known[0] is not columns or not _same(known[1], filters):
-            film = self._through(columns, filters, "hysteretic_part")
-            shown = self._through(film, filters, "log_resistance")
-            self._relays = known = (columns, filters, Relays.of(film, shown, self.fitted))
+        if known is None or known[0] is not columns or not _same(known[1], passed):
+            film = self._through(columns, passed, "hysteretic_part")
+            shown = self._through(film, passed, "log_resistance")
+            self._relays = known = (columns, passed, Relays.of(film, shown, self.fitted))
         return known[2]
 
     def signal(self, effects: Sequence[Switched], nodes: FilmNodes, coefficients: Array) -> Array:
@@ -157,9 +157,8 @@ class RelaysOfRecord:
         return self._columns[1]
 
     def _through(self, columns: Array, effects: Sequence[Switched], target: str) -> Array:
-        for effect in effects:
-            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == target:
-                columns = filtered(columns, self.taken_s, effect)
+        for effect in filters(effects, target):
+            columns = filtered(columns, self.taken_s, effect)
         return columns
 
 

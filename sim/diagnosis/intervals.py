@@ -6,6 +6,8 @@ is widened by how far apart the sums over blocks of rows are (block sandwich, `c
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 
 from compensator.functions import Array
@@ -129,16 +131,14 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     middle = int(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2))
     ends = []
     for side in (-1, 1):
-        last, k, near, worse = middle, middle + side, fit, 0
-        while 0 <= k < edges.size - 1 and abs(k - middle) < MOST_CELLS:
-            near = search.held(near, original, float(np.sqrt(edges[k] * edges[k + 1])), 3)
+        last, worse = middle, 0
+        for k, near in islice(search.walk(fit, original, middle, side, 3), MOST_CELLS - 1):
             fall = near.minus_log - fit.minus_log
             if fall < HALF_CHI2_95:
                 last = k
             worse = worse + 1 if fall > MUCH_WORSE else 0
             if worse == ON_END:
                 break
-            k += side
         ends.append(last)
     low, high, largest = float(edges[ends[0]]), float(edges[ends[1] + 1]), original.parameters[0].largest
     if edges[ends[1]] < largest:  # the record sets no end below: what is met does

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from compensator.functions import Array
 from sim.diagnosis.record import Mask, Record
-from sim.effects.effect import Command, Filter, Switched
+from sim.effects.effect import Command, Filter, Switched, filters
 from sim.plate_balance import heat_flows, run
 
 LONGEST_S = 0.5
 MOST_NODES = 400_000
-FINER = 8
+FINER = 8  # times as many nodes where a thermometer lags
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,7 @@ class PlatePath:
         t0, h = self.time_s[k], self.time_s[k + 1] - self.time_s[k]
         x = np.clip((time - t0) / np.maximum(h, 1e-12), 0.0, 1.0)
         a, b = self.plate_degC[k], self.plate_degC[k + 1]
-        p, q = h * self.slopes[k, 0], h * self.slopes[k + 1, 1]
-        d = b - a
-        cubic = a + x * (p + x * (3.0 * d - 2.0 * p - q + x * (p + q - 2.0 * d)))
+        cubic = _cubic(x, a, b - a, h * self.slopes[k, 0], h * self.slopes[k + 1, 1])
         late = np.maximum(time - self.time_s[-1], 0.0)
         return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
 
@@ -49,8 +47,13 @@ class PlatePath:
         q = np.where(known, h * self.slopes[1:, 1:], d)
         x = np.arange(FINER) / FINER
         time = self.time_s[:-1, None] + x * h
-        cubic = a + x * (p + x * (3.0 * d - 2.0 * p - q + x * (p + q - 2.0 * d)))
-        return np.append(time, self.time_s[-1]), np.append(cubic, self.plate_degC[-1])
+        return np.append(time, self.time_s[-1]), np.append(_cubic(x, a, d, p, q), self.plate_degC[-1])
+
+
+def _cubic(x: Array, begin: Array, change: Array, p: Array, q: Array) -> Array:
+    """Between two nodes, x from 0 to 1, with the slopes p and q over the whole at its ends (Hermite)."""
+    bend = 3.0 * change - 2.0 * p - q
+    return np.asarray(begin + x * (p + x * (bend + x * (p + q - 2.0 * change))), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +115,14 @@ def simulate_plate(
     own = np.array(own_degC, dtype=np.float64)
     run(plate, heat.terms, heat.values, nodes.time_s, nodes.current_A, reset, own, temperature, slopes)
     path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
-    filters = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer"]
-    if not filters:
+    lags = filters(effects, "thermometer")
+    if not lags:
         return PlateRun(path, temperature[nodes.rows])
     time, shown = path.finer(np.isfinite(reset))
-    for effect, behind in zip(filters, behind_K, strict=True):
-        form, out = effect.effect.form, np.empty(time.size)
+    for lag, behind in zip(lags, behind_K, strict=True):
+        form, out = lag.effect.form, np.empty(time.size)
         assert isinstance(form, Filter)
-        form.run(effect.par, time, shown, np.array([shown[0] - behind]), out)
+        form.run(lag.par, time, shown, np.array([shown[0] - behind]), out)
         shown = out
     return PlateRun(path, shown[FINER * nodes.rows])
 

@@ -23,6 +23,7 @@ from scipy.linalg import cho_solve
 from compensator.functions import Array
 from compensator.identify_operators import radius_floor
 from sim.diagnosis.film_columns import (
+    FOLLOWING,
     SIMPLE,
     FilmNodes,
     FilmStart,
@@ -33,13 +34,13 @@ from sim.diagnosis.film_columns import (
     transfer,
 )
 from sim.diagnosis.film_point import LinearProblem, Point
-from sim.diagnosis.film_power import TestPower
+from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.film_relays import RelayPlane, RelaysOfRecord
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Filter, Reading, Switched, Warming
+from sim.effects.effect import Filter, Reading, Switched, Warming, filters
 
 OPERATORS = 96
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
@@ -124,7 +125,7 @@ class ResistanceChannel:
     @staticmethod
     def filters_behind(effects: Sequence[Switched]) -> int:
         """How many of x, at its end, say how far the film's own filters are behind at the first row."""
-        return sum(isinstance(e.effect.form, Filter) and e.effect.form.target == "film_temperature" for e in effects)
+        return len(filters(effects, "film_temperature"))
 
     def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
         """The same film with these effects."""
@@ -140,7 +141,7 @@ class ResistanceChannel:
         effects, behind = self.split(p, x)
         test, power = self.record.test_current_A, None
         if test is not None and self._heated(p):
-            power = TestPower(self.record.time_s, test, self.power_output)
+            power = MeterPower(self.record.time_s, test, self.power_output)
         return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
 
     def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:
@@ -150,11 +151,9 @@ class ResistanceChannel:
         if self.basis.curve is not None:
             parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
         extra = []
-        for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Filter) and form.target == "hysteretic_part":
-                operators = filtered(operators, nodes.points_s, effect)
-                extra.append(self._behind(effect, nodes.points_s))
+        for effect in filters(effects, "hysteretic_part"):
+            operators = filtered(operators, nodes.points_s, effect)
+            extra.append(self._behind(effect, nodes.points_s))
         return np.concatenate([*parts, operators, *extra], axis=1)
 
     def _operators(self, nodes: FilmNodes, x: Array) -> Array:
@@ -165,12 +164,10 @@ class ResistanceChannel:
         """The columns of `_signals` times the first of some coefficients, (points,), and how many took part."""
         place = self.film_columns
         signal = self._operators(nodes, x) @ c[self._free : place]
-        for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Filter) and form.target == "hysteretic_part":
-                signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
-                signal = signal + c[place] * self._behind(effect, nodes.points_s)[:, 0]
-                place += 1
+        for effect in filters(effects, "hysteretic_part"):
+            signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
+            signal = signal + c[place] * self._behind(effect, nodes.points_s)[:, 0]
+            place += 1
         if self.basis.curve is not None:
             signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self._free])
         return c[0] + signal, place
@@ -221,7 +218,7 @@ class ResistanceChannel:
         effects, nodes = self.nodes(p, x)
         relays = self._plane.at(effects, nodes) if self.relay_count(p) else self._plane.none
         signals = self._signals(effects, nodes, x)
-        lags = [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "log_resistance"]
+        lags = filters(effects, "log_resistance")
         curved = any(
             isinstance(e.effect.form, Reading) and e.effect.link == "ohmmeter" and not e.effect.form.linear
             for e in effects
@@ -278,12 +275,8 @@ class ResistanceChannel:
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
         """A signal at the points through the ohmmeter's filters, in every row."""
-        for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Filter) and form.target == "log_resistance":
-                out = np.empty(signal.size)
-                form.run(effect.par, nodes.points_s, signal, np.array([signal[0]]), out)
-                signal = out
+        for effect in filters(effects, "log_resistance"):
+            signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
         return signal[nodes.rows]
 
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
@@ -293,10 +286,9 @@ class ResistanceChannel:
         signal, place = self._output(effects, nodes, x, c)
         signal = signal + self._plane.signal(effects, nodes, c[c.size - self.relay_count(p) :])
         shown = self._shown(effects, nodes, signal, point.problem.range_of)
-        for effect in effects:
-            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "log_resistance":
-                shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]
-                place += 1
+        for effect in filters(effects, "log_resistance"):
+            shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]
+            place += 1
         return np.asarray(shown, dtype=np.float64)
 
     def predict_from(self, p: FilmParameters, fit: ResistanceFit) -> Array:
@@ -307,9 +299,7 @@ class ResistanceChannel:
         relays = c.size - self.relay_count(fit.parameters)
         signal = self._output(effects, nodes, p.x, fresh)[0] + self._plane.signal(effects, nodes, c[relays:])
         shown = self._shown(effects, nodes, signal)
-        places = [
-            e for e in fit.effects if isinstance(e.effect.form, Filter) and e.effect.form.target != "film_temperature"
-        ]
+        places = filters(fit.effects, *FOLLOWING)
         for e, value in zip(places, c[own:relays], strict=True):
             shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
         return np.asarray(shown, dtype=np.float64)
@@ -441,6 +431,10 @@ class ResistanceChannel:
     def noise(self, fit: ResistanceFit) -> float:
         """The ohmmeter's noise, from what a fit leaves from row to row."""
         return quick_noise(self.output[self.rows] - fit.shown[self.rows])
+
+    def mean_square(self, fit: ResistanceFit) -> float:
+        """Of the residual over the noise, in the fitted rows."""
+        return 2.0 * fit.minus_log / self.rows.size
 
     def residual(self, fit: ResistanceFit) -> Array:
         """In units of the noise, in the fitted rows."""

@@ -116,13 +116,10 @@ class ResistanceSearch:
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
-        return self._wide(self._of_the_class(parameters))
+        return self._wide(self.plain(parameters))
 
-    def plain(self, quick: ResistanceFit) -> ResistanceFit:
+    def plain(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end as if the film were of the class."""
-        return self._of_the_class(quick.parameters)
-
-    def _of_the_class(self, parameters: FilmParameters) -> ResistanceFit:
         fit = self._remembered(self._reshaped(self.channel.descend(without_relays(parameters), WHOLE_STEPS)))
         return replace(fit, plain=fit.parameters)
 
@@ -130,7 +127,7 @@ class ResistanceSearch:
         """The fit, or a better one with another memory at the first row: the one that was found without an effect may
         stand in for a part of it."""
         p = fit.parameters
-        if 2.0 * fit.minus_log / self.channel.rows.size > UNDERSTOOD:
+        if self.channel.mean_square(fit) > UNDERSTOOD:
             return fit
         start = begun(self.channel, p)
         if start == p.start:
@@ -142,7 +139,7 @@ class ResistanceSearch:
         """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects:
         those that were found without them may be far off."""
         channel, p = self.channel, fit.parameters
-        if 2.0 * fit.minus_log / channel.rows.size < RESHAPED_FROM:
+        if channel.mean_square(fit) < RESHAPED_FROM:
             return fit
         _, nodes = channel.nodes(p, p.x)
         if self.known_shape is None or not nodes.same_film(self.known_shape[0]):
@@ -179,7 +176,7 @@ class ResistanceSearch:
         return best
 
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
-        return self._relayed(fit) if 2.0 * fit.minus_log / self.channel.rows.size > RELAYS_FROM else fit
+        return self._relayed(fit) if self.channel.mean_square(fit) > RELAYS_FROM else fit
 
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""

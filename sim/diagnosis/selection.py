@@ -143,24 +143,23 @@ def _one_more(
     """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
-    rows = search.channel.rows.size
-    if fit.parameters.relay_dec > 0.0 and 2.0 * fit.minus_log / rows <= RELAYS_FROM:
+    if fit.parameters.relay_dec > 0.0 and search.channel.mean_square(fit) <= RELAYS_FROM:
         return _one_more_beside(search, fit, others)
-    rough = 2.0 * fit.minus_log / rows > ROUGH
+    rough = search.channel.mean_square(fit) > ROUGH
     promises = search.promises(fit, others)
     tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
     quick = [search.quick(fit, n, promises[n]) for n in (tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
-    ends = [search.plain(q) for q in quick[:TRIED]]
+    ends = [search.plain(q.parameters) for q in quick[:TRIED]]
     interval = search.channel.record.interval_s
     ends = [e for e in ends if np.isfinite(e.score) and not any(without_meaning(x, interval) for x in e.effects)]
     ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None
-    if 2.0 * ends[0].minus_log / rows <= RELAYS_FROM:
+    if search.channel.mean_square(ends[0]) <= RELAYS_FROM:
         return search.keep(ends[0])
     found = [search.widened(e) for e in ends[:WIDENED]]
-    far = 2.0 * fit.minus_log / rows > FAR_FROM_NOISE
+    far = search.channel.mean_square(fit) > FAR_FROM_NOISE
     if fit.parameters.relay_dec > 0.0 and not far:  # what shows beside another film, and what it may have absorbed
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
@@ -173,14 +172,14 @@ def _one_more(
 
 def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
     """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
-    rows, interval = search.channel.rows.size, search.channel.record.interval_s
+    interval = search.channel.record.interval_s
     promises = {n: search.promise(fit, n, FINER) for n in others}
     likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
     found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
     for name in others:
         if isinstance(search.effects[name].form, Reading):
-            end = search.plain(search.quick(fit, name))
-            if 2.0 * end.minus_log / rows <= RELAYS_FROM:
+            end = search.plain(search.quick(fit, name).parameters)
+            if search.channel.mean_square(end) <= RELAYS_FROM:
                 found.append(search.keep(end))
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None
@@ -189,7 +188,7 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     for _ in range(3):
         best = search.fit(names)
-        if len(names) < 2 or 2.0 * best.minus_log > FAR_FROM_NOISE * search.channel.rows.size:
+        if len(names) < 2 or search.channel.mean_square(best) > FAR_FROM_NOISE:
             return names  # as long as something large is missing, whatever is there may stand in for it
         changed: ResistanceFit | None = None
         for name in sorted(names):

@@ -27,7 +27,7 @@ from sim.diagnosis.unknowns import (
     values_inside,
     with_values,
 )
-from sim.effects.effect import Command, Filter, HeatFlow, Switched
+from sim.effects.effect import Command, HeatFlow, Switched, filters
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
@@ -64,7 +64,7 @@ def own_temperatures(effects: Sequence[Switched]) -> int:
 
 def thermometer_filters(effects: Sequence[Switched]) -> int:
     """How many filters the thermometer's signal passes."""
-    return sum(isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer" for e in effects)
+    return len(filters(effects, "thermometer"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +118,7 @@ class TemperatureChannel:
         for effect in effects:
             if isinstance(effect.effect.form, HeatFlow):
                 own.append(before.get(effect.name, 0.0))
-        for effect in effects:
-            if isinstance(effect.effect.form, Filter) and effect.effect.form.target == "thermometer":
-                own.append(before.get(effect.name, 0.0))
+        own += [before.get(effect.name, 0.0) for effect in filters(effects, "thermometer")]
         x = np.concatenate((base, values_inside(effects), own))
         return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
 
@@ -139,9 +137,7 @@ class TemperatureChannel:
 
     def _own(self, p: PlateParameters) -> dict[str, float]:
         names = [e.name for e in p.effects if isinstance(e.effect.form, HeatFlow)]
-        names += [
-            e.name for e in p.effects if isinstance(e.effect.form, Filter) and e.effect.form.target == "thermometer"
-        ]
+        names += [e.name for e in filters(p.effects, "thermometer")]
         own = p.x[p.x.size - len(names) :]
         return {name: float(v) for name, v in zip(names, own, strict=True)}
 
@@ -182,8 +178,8 @@ class TemperatureChannel:
     def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
         """Effects with values, their own temperatures, and how far the filters are behind."""
         base = len(p.base)
-        own, filters = own_temperatures(p.effects), thermometer_filters(p.effects)
-        end = x.size - own - filters
+        own, lags = own_temperatures(p.effects), thermometer_filters(p.effects)
+        end = x.size - own - lags
         effects = with_values(p.effects, x[base:end])
         ambient = replace(p, x=x).plate()[4]
         return effects, ambient + APART_K * x[end : end + own], APART_K * x[end + own :]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -118,14 +118,26 @@ class TemperatureSearch:
                 stride //= 2
             at, best = near, tried[near]
         best = self.held(best, effect, float(values[at]), 15)
-        for side in (-1, 1):  # from cell to cell, all else following: what was tried from afar had not yet come down
-            k, near_fit, worse = at + side, best, 0
-            while 0 <= k < values.size and worse < WORSE_ON_END:
-                near_fit = self.held(near_fit, effect, float(values[k]), 6)
-                worse = 0 if near_fit.minus_log < best.minus_log else worse + 1
-                best = min(best, near_fit, key=lambda fit: fit.minus_log)
-                k += side
+        for side in (-1, 1):  # what was tried from afar had not yet come down
+            worse = 0
+            for _, other in self.walk(best, effect, at, side, 6):
+                worse = 0 if other.minus_log < best.minus_log else worse + 1
+                best = min(best, other, key=lambda fit: fit.minus_log)
+                if worse == WORSE_ON_END:
+                    break
         return best
+
+    def walk(
+        self, fit: TemperatureFit, effect: Effect, at: int, side: int, steps: int
+    ) -> Iterator[tuple[int, TemperatureFit]]:
+        """From cell `at` on to that side, cell by cell: the fit with the effect's value held there, all else
+        following from the cell before."""
+        edges = cells(effect, self.channel.record)
+        k = at + side
+        while 0 <= k < edges.size - 1:
+            fit = self.held(fit, effect, float(np.sqrt(edges[k] * edges[k + 1])), steps)
+            yield k, fit
+            k += side
 
     def held(self, fit: TemperatureFit, effect: Effect, value: float, steps: int) -> TemperatureFit:
         """A fit with the effect's value held."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sim.diagnosis.film_columns import FilmStart, film_nodes
-from sim.diagnosis.film_power import TestPower
+from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.path_estimate import measured_path
 from sim.diagnosis.record import read_columns
 from sim.effects.catalogue import catalogue
@@ -15,7 +15,7 @@ TIME = np.arange(200) * 0.5
 CHANGE = 80  # the last row with the first current
 CURRENT = np.where(np.arange(TIME.size) > CHANGE, 1e-5, 3e-5)
 OUTPUT = -5.0 + 0.01 * TIME
-POWER = TestPower(TIME, CURRENT, OUTPUT)
+POWER = MeterPower(TIME, CURRENT, OUTPUT)
 
 
 def test_at_the_rows_it_is_the_current_squared_times_the_resistance() -> None:
