@@ -8,6 +8,7 @@ import numpy as np
 
 from compensator.functions import Array
 from compensator.identify_search import transition
+from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.film_memory import remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
@@ -15,7 +16,7 @@ from sim.diagnosis.path_estimate import corrected_path, measured_path
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
-from sim.diagnosis.resistance_channel import FilmBasis, FilmParameters, ResistanceChannel, ResistanceFit, basis_for
+from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.diagnosis.strays import strays
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
@@ -93,7 +94,7 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
             best, shape, least = start, found, square
     thin = thinned_path(film_nodes(record, path, [], [], None, best), output, used, best)
     middle, half = transition(thin)
-    facts = FilmFacts(basis_for(record, path, middle, half, curve), shape, best, 1.0)
+    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, 1.0)
     sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
     channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
     fit = channel.descend(FilmParameters((), shape, facts.start))
@@ -218,7 +219,7 @@ class Chain:
             self._relayed(names)
             self._relayed(names - {name})
             b = self.fits(names)[1]
-            if b is not None and b.parameters.relay_dec > 0.0:
+            if b is not None and b.parameters.has_relays:
                 self.last(upstream).without(b, name)
         return self.score(names) - self.score(names - {name})
 
@@ -226,7 +227,7 @@ class Chain:
         """Give the film relays where that is better."""
         upstream, downstream = self.split(names)
         b = self.fits(names)[1]
-        if names in self.asked or b is None or b.parameters.relay_dec > 0.0:
+        if names in self.asked or b is None or b.parameters.has_relays:
             return
         self.asked.add(names)
         if self.last(upstream).relayed(downstream).score > b.score:

@@ -249,7 +249,7 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
-            "of_the_class": bool(b.parameters.relay_dec == 0.0),
+            "of_the_class": bool(not b.parameters.has_relays),
         }
     return Diagnosis(
         verdict,

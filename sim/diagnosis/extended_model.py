@@ -87,7 +87,7 @@ def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
     forms = [Form(name, False, float(np.min(v)), float(np.max(v))) for name in (FORMS if curve else FORMS[:1])]
     solution, error = _plain(refit, forms, fitted, held)
     shown = refit.channel.output[held] - refit.fit.shown[held]
-    if refit.fit.parameters.relay_dec > 0.0 or error > NOT_OF_THE_CLASS * rms(shown):
+    if refit.fit.parameters.has_relays or error > NOT_OF_THE_CLASS * rms(shown):
         solution, error = _mixed(refit, solution, error, fitted, held)
     for _ in range(TURNS if refit.curved else 0):
         refit.about(refit.signal(solution))

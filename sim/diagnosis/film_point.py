@@ -70,23 +70,26 @@ class LinearProblem:
             linear += self.relays.every @ c[self.own.shape[1] :]
         residual = (self.wanted - linear[self.fitted]) / self.sigma_dec
         cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
-        film_output = self.film @ c[: self.film.shape[1]] + self.relays.film @ c[self.own.shape[1] :]
-        shown = linear + self.offset
-        return Point(x, self, prior, c, shown, film_output, cost if math.isfinite(cost) else math.inf, factor)
+        return Point(x, self, prior, c, linear + self.offset, cost if math.isfinite(cost) else math.inf, factor)
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Everything at one x: coefficients, what is shown and the film's output in all rows, the cost."""
+    """Everything at one x: coefficients, what is shown in all rows, the cost."""
 
     x: Array
     problem: LinearProblem
     prior: Array
     coefficients: Array
     shown: Array
-    film_output: Array
     cost: float
     factor: tuple[Array, bool]
+
+    @property
+    def film_output(self) -> Array:
+        """The film's own, in all rows."""
+        film, relays, c = self.problem.film, self.problem.relays, self.coefficients
+        return np.asarray(film @ c[: film.shape[1]] + relays.film @ c[self.problem.own.shape[1] :], dtype=np.float64)
 
     @property
     def columns(self) -> Array:

@@ -53,25 +53,24 @@ def _square(other: Record, shown: Array) -> float:
 
 def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart, rounds: int) -> Array:
     """What is shown in the record's rows; how far the filters were behind is fitted, by Gauss-Newton."""
-    p = replace(fit.parameters, start=start)
+    p = replace(fit.parameters, start=start, film_output=None)
     filters = channel.filters_behind(p.effects)
-    linear = slice(channel.film_columns, fit.coefficients.size - channel.relay_count(p))
+    linear = slice(channel.basis.columns, fit.coefficients.size - channel.relay_count(p))
     behind = np.zeros(linear.stop - linear.start + filters)
 
-    def shown_for(behind: Array) -> Array:
+    def shown_for(behind: Array) -> tuple[Array, Array]:
         x, c = p.x.copy(), fit.coefficients.copy()
         x[x.size - filters :] = behind[behind.size - filters :]
         c[linear] = behind[: behind.size - filters]
         return channel.predict_from(replace(p, x=x), replace(fit, coefficients=c))
 
-    shown = shown_for(behind)
     for _ in range(rounds):  # from the second on the model's own resistance heats the film
-        shown = shown_for(behind)
-        channel.power_output = shown
+        shown, film_output = shown_for(behind)
+        p = replace(p, film_output=film_output)
         if behind.size:
             rows = channel.rows
             step = np.concatenate((np.full(behind.size - filters, STEP_DEC), np.full(filters, STEP_K)))
-            moved = [shown_for(behind + step * (np.arange(step.size) == k)) for k in range(step.size)]
+            moved = [shown_for(behind + step * (np.arange(step.size) == k))[0] for k in range(step.size)]
             slopes = np.stack([(m - shown)[rows] for m in moved], axis=1) / channel.sigma_dec
             residual = (channel.output - shown)[rows] / channel.sigma_dec
             prior = np.diag(step / WIDE)
@@ -80,5 +79,4 @@ def _shown(channel: ResistanceChannel, fit: ResistanceFit, start: FilmStart, rou
                 + step
                 * np.linalg.lstsq(np.vstack((slopes, prior)), np.append(residual, np.zeros(step.size)), rcond=None)[0]
             )
-            shown = shown_for(behind)
-    return shown
+    return shown_for(behind)[0]

@@ -3,16 +3,14 @@
     y = D(T_f) + sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]        then the ohmmeter's effects
 
 F_j are play operators with one pair of envelopes (the model's class), N_k relays spread over the Preisach plane: they
-stand for whatever a film of another kind does besides, with a normal prior whose width the record itself decides (the
-largest marginal likelihood: D. MacKay, Neural Computation 4 (1992) 415). A film of the class needs none, and so the
-prior's width goes to nothing; a film of any other kind uses them, and no effect has to stand in for it. All
-coefficients are linear and are eliminated (variable projection); envelopes and effects' parameters are searched for by
-Gauss-Newton with Marquardt's damping.
+stand for whatever a film of another kind does besides, with a normal prior whose width the record itself decides. A
+film of the class needs none, and so the prior's width goes to nothing; a film of any other kind uses them, and no
+effect has to stand in for it. All coefficients are linear and are eliminated (variable projection); envelopes and
+effects' parameters are searched for by Gauss-Newton with Marquardt's damping.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -22,12 +20,11 @@ from scipy.linalg import cho_solve
 
 from compensator.functions import Array
 from compensator.identify_operators import radius_floor
+from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import (
     FOLLOWING,
-    SIMPLE,
     FilmNodes,
     FilmStart,
-    SmoothCurve,
     film_nodes,
     filtered,
     operator_columns,
@@ -35,43 +32,36 @@ from sim.diagnosis.film_columns import (
 )
 from sim.diagnosis.film_point import LinearProblem, Point
 from sim.diagnosis.film_power import MeterPower
-from sim.diagnosis.film_relays import RelayPlane, RelaysOfRecord
+from sim.diagnosis.film_prior import PriorWidths
+from sim.diagnosis.film_relays import RelaysOfRecord
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming, filters
 
-OPERATORS = 96
-PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
-WIDE_DEC = 30.0  # prior of the constant
-CURVE_DEC = 1.0  # of D's slope over the range, and the most of what bends it
-LEAST_CURVE_DEC = 1e-4
-BEHIND_DEC = 0.1  # of how far a filter is behind at the first row
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
 @dataclass(frozen=True, eq=False)
-class FilmBasis:
-    """What a record's film is built of: D's splines, places of the radii, and the plane of relays."""
-
-    curve: SmoothCurve | None
-    fractions: Array
-    plane: RelayPlane
-
-
-@dataclass(frozen=True, eq=False)
 class FilmParameters:
-    """x: envelopes (4), effects, how far film filters are behind; weight, relay: the priors' widths, in decades; bend,
-    wave: of what D has of degree 2 and 3, and of what else it has."""
+    """x: envelopes (4), effects, how far film filters are behind; film_output: of an earlier fit, (rows,), whose
+    resistance the ohmmeter's current heats; None: the one that was read."""
 
     effects: tuple[Switched, ...]
     x: Array
     start: FilmStart
-    weight_dec: float = 0.3
-    relay_dec: float = 0.0
-    bend_dec: float = CURVE_DEC
-    wave_dec: float = CURVE_DEC
+    prior: PriorWidths = PriorWidths()
+    film_output: Array | None = None
+
+    @property
+    def has_relays(self) -> bool:
+        """Whether the film is of another kind."""
+        return self.prior.relay_dec > 0.0
+
+    def with_relays(self, relay_dec: float) -> FilmParameters:
+        """The same with relays of this prior's width, or none at 0."""
+        return replace(self, prior=replace(self.prior, relay_dec=relay_dec))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +96,8 @@ class ResistanceChannel:
         self.rows = np.flatnonzero(self.fitted)
         self.output = np.nan_to_num(record.output)
         self.relays = relays
-        self.power_output: Array = np.where(record.output_used, self.output, np.nan)
-        bad = ~np.isfinite(self.power_output)
-        if np.any(bad):
-            good = np.flatnonzero(~bad)
-            self.power_output[bad] = np.interp(np.flatnonzero(bad), good, self.power_output[good])
-        self._readings = self.power_output
+        used = np.flatnonzero(record.output_used)
+        self.readings = np.interp(np.arange(record.rows), used, self.output[used])  # straight where there is none
         self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows)
 
     def on(self, path: PlatePath) -> ResistanceChannel:
@@ -141,8 +127,12 @@ class ResistanceChannel:
         effects, behind = self.split(p, x)
         test, power = self.record.test_current_A, None
         if test is not None and self._heated(p):
-            power = MeterPower(self.record.time_s, test, self.power_output)
+            power = MeterPower(self.record.time_s, test, self._film_output(p))
         return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
+
+    def _film_output(self, p: FilmParameters) -> Array:
+        """The film's own output as far as it is known before a fit; rows."""
+        return self.readings if p.film_output is None else p.film_output
 
     def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:
         """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
@@ -162,14 +152,14 @@ class ResistanceChannel:
 
     def _output(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array, c: Array) -> tuple[Array, int]:
         """The columns of `_signals` times the first of some coefficients, (points,), and how many took part."""
-        place = self.film_columns
-        signal = self._operators(nodes, x) @ c[self._free : place]
+        place = self.basis.columns
+        signal = self._operators(nodes, x) @ c[self.basis.free : place]
         for effect in filters(effects, "hysteretic_part"):
             signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
             signal = signal + c[place] * self._behind(effect, nodes.points_s)[:, 0]
             place += 1
         if self.basis.curve is not None:
-            signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self._free])
+            signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
         return c[0] + signal, place
 
     @staticmethod
@@ -193,26 +183,6 @@ class ResistanceChannel:
                 shown = shown - seen - np.log10(form.read(effect.par, 10.0**-seen))
         return shown
 
-    def _prior(self, p: FilmParameters, problem: LinearProblem) -> Array:
-        """Precision of each coefficient: free ones, operators, behind, relays."""
-        extra, relays = problem.own.shape[1] - self.film_columns, problem.relays.count
-        return np.concatenate(
-            (
-                np.array([WIDE_DEC**-2]),
-                self._curve_widths(p) ** -2,
-                np.full(self.basis.fractions.size, p.weight_dec**-2),
-                np.full(extra, BEHIND_DEC**-2),
-                np.full(relays, max(p.relay_dec, 1e-9) ** -2),
-            )
-        )
-
-    def _curve_widths(self, p: FilmParameters) -> Array:
-        """The prior's width of each coefficient of D."""
-        widths = np.full(self._free - 1, p.wave_dec)
-        widths[:SIMPLE] = p.bend_dec
-        widths[:1] = CURVE_DEC
-        return widths
-
     def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
         effects, nodes = self.nodes(p, x)
@@ -230,7 +200,7 @@ class ResistanceChannel:
         for _ in range(rounds):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
             guessed = known.size == signals.shape[1]
-            signal = np.interp(nodes.points_s, self.record.time_s, self.power_output)
+            signal = np.interp(nodes.points_s, self.record.time_s, self._film_output(p))
             if coefficients is not None and guessed:
                 of_relays = coefficients[coefficients.size - relays.count :]
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
@@ -248,7 +218,7 @@ class ResistanceChannel:
             first, *other_ranges = self._ranges(effects, nodes, signal)
             offset = self._shown(effects, nodes, signal, first) - linear
             problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, first)
-            found = problem.solved(x, self._prior(p, problem))
+            found = problem.solved(x, p.prior.precision(self.basis, problem))
             for range_of in other_ranges:
                 offset = self._shown(effects, nodes, signal, range_of) - linear
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
@@ -261,17 +231,7 @@ class ResistanceChannel:
         surer where a range's error leaves a gap between two of them. None where it has but one."""
         if not any(e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False) for e in effects):
             return [None]
-        return [self._lagged(effects, nodes, transfer(effects, signal)[0]), self._readings]
-
-    @property
-    def _free(self) -> int:
-        """Columns of the constant and of D."""
-        return 1 + (self.basis.curve.count if self.basis.curve is not None else 0)
-
-    @property
-    def film_columns(self) -> int:
-        """Columns of the film itself: constant, D, operators; those of filters follow, then relays."""
-        return self._free + self.basis.fractions.size
+        return [self._lagged(effects, nodes, transfer(effects, signal)[0]), self.readings]
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
         """A signal at the points through the ohmmeter's filters, in every row."""
@@ -291,10 +251,11 @@ class ResistanceChannel:
             place += 1
         return np.asarray(shown, dtype=np.float64)
 
-    def predict_from(self, p: FilmParameters, fit: ResistanceFit) -> Array:
-        """What is shown with p's effects and the coefficients of a fit that has all of them but one; rows."""
+    def predict_from(self, p: FilmParameters, fit: ResistanceFit) -> tuple[Array, Array]:
+        """What is shown, and the film's own output, with p's effects and the coefficients of a fit that has all of them
+        but one; rows."""
         effects, nodes = self.nodes(p, p.x)
-        c, own = fit.coefficients, self.film_columns
+        c, own = fit.coefficients, self.basis.columns
         fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
         relays = c.size - self.relay_count(fit.parameters)
         signal = self._output(effects, nodes, p.x, fresh)[0] + self._plane.signal(effects, nodes, c[relays:])
@@ -302,11 +263,11 @@ class ResistanceChannel:
         places = filters(fit.effects, *FOLLOWING)
         for e, value in zip(places, c[own:relays], strict=True):
             shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
-        return np.asarray(shown, dtype=np.float64)
+        return np.asarray(shown, dtype=np.float64), nodes.of_rows(signal)
 
     def relay_count(self, p: FilmParameters) -> int:
         """How many coefficients the relays have; none where their prior's width is 0."""
-        return self.basis.plane.count if self.relays and p.relay_dec > 0.0 else 0
+        return self.basis.plane.count if self.relays and p.has_relays else 0
 
     # -- the fit
 
@@ -326,33 +287,6 @@ class ResistanceChannel:
         a = positive("a", 0.5 / span, 200.0 / span)
         c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
         return [a, c, a, c, *unknowns_of(p.effects)]
-
-    def widths(self, p: FilmParameters, point: Point) -> FilmParameters:
-        """The priors' widths that the coefficients ask for (one step of the fixed point)."""
-        inverse = cho_solve(point.factor, np.eye(point.coefficients.size), check_finite=False)
-        variance = np.diag(inverse)
-        c = point.coefficients
-        relays = point.problem.relays.count
-        ops = slice(self._free, self.film_columns)
-        size = self.basis.fractions.size
-        weight = math.sqrt(float(np.sum(c[ops] ** 2 + variance[ops])) / size)
-        relay = p.relay_dec
-        if relays:
-            n = slice(c.size - relays, c.size)
-            known = relays - float(np.sum(variance[n])) / p.relay_dec**2
-            square = float(np.sum(c[n] ** 2))
-            relay = math.sqrt(max(square, 1e-16) / max(known, 1e-3))
-            if square < 1e-14:
-                relay = p.relay_dec
-            relay = min(max(relay, 1e-6), 1.0)
-        bends, waves = slice(2, 1 + SIMPLE), slice(1 + SIMPLE, self._free)
-        bend, wave = (
-            min(max(math.sqrt(float(np.mean(c[part] ** 2 + variance[part]))), LEAST_CURVE_DEC), CURVE_DEC)
-            if self._free > 1
-            else CURVE_DEC
-            for part in (bends, waves)
-        )
-        return replace(p, weight_dec=min(max(weight, 1e-3), 3.0), relay_dec=relay, bend_dec=bend, wave_dec=wave)
 
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
@@ -393,7 +327,7 @@ class ResistanceChannel:
                     break
                 damping = max(10.0 * damping, 1e-6)
             if self._heated(p) and 2.0 * point.cost < TRUSTED * self.rows.size:
-                self.power_output = point.film_output.copy()
+                p = replace(p, film_output=point.film_output)
             if settle and iteration % 3 == 2:
                 point = self.point(p, point.x, point.coefficients)
                 p, point = self._settled(p, point, 1)
@@ -421,11 +355,11 @@ class ResistanceChannel:
     def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
         """The priors' widths at a fixed x, and the point with them."""
         for _ in range(turns):
-            wider = self.widths(p, point)
-            other = point.problem.solved(point.x, self._prior(wider, point.problem))
+            wider = p.prior.asked_for(self.basis, point)
+            other = point.problem.solved(point.x, wider.precision(self.basis, point.problem))
             if other.evidence <= point.evidence + 0.02:
                 break
-            p, point = wider, other
+            p, point = replace(p, prior=wider), other
         return p, point
 
     def noise(self, fit: ResistanceFit) -> float:
@@ -440,14 +374,3 @@ class ResistanceChannel:
         """In units of the noise, in the fitted rows."""
         return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
 
-
-def basis_for(record: Record, path: PlatePath, middle: float, half: float, curve: bool) -> FilmBasis:
-    """Placed for a record: D's splines over the range, relays where the output changes."""
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    readings = int(np.sum(record.output_used))
-    operators = min(OPERATORS, max(readings // PER_OPERATOR, 12))
-    return FilmBasis(
-        SmoothCurve.over(low - 0.5, high + 0.5) if curve else None,
-        np.arange(operators) / operators,
-        RelayPlane.over(middle, min(2.2 * half, 0.6 * (high - low)), high - low, readings),
-    )

@@ -74,7 +74,7 @@ class ResistanceSearch:
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
         found = []
-        for start in self.starts(without_relays(plain), others, name, promise):
+        for start in self.starts(plain.with_relays(0.0), others, name, promise):
             found.append(self.channel.descend(start, QUICK_STEPS))
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
@@ -87,7 +87,7 @@ class ResistanceSearch:
         plain = fit.plain or fit.parameters
         rest = [e for e in plain.effects if e.name != name]
         found = self.whole(self.channel.extended(plain, rest))
-        if fit.parameters.relay_dec > 0.0:  # from where the relays are, too
+        if fit.parameters.has_relays:  # from where the relays are, too
             rest = [e for e in fit.effects if e.name != name]
             wider = self.channel.descend(self.channel.extended(fit.parameters, rest), RELAY_STEPS)
             found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
@@ -120,7 +120,7 @@ class ResistanceSearch:
 
     def plain(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end as if the film were of the class."""
-        fit = self._remembered(self._reshaped(self.channel.descend(without_relays(parameters), WHOLE_STEPS)))
+        fit = self._remembered(self._reshaped(self.channel.descend(parameters.with_relays(0.0), WHOLE_STEPS)))
         return replace(fit, plain=fit.parameters)
 
     def _remembered(self, fit: ResistanceFit) -> ResistanceFit:
@@ -147,7 +147,7 @@ class ResistanceSearch:
             self.known_shape = nodes, starting_shape(thin, channel.basis.curve is not None)[0]
         x = p.x.copy()
         x[:4] = self.known_shape[1]
-        other = channel.descend(replace(p, x=x, weight_dec=self.base.weight_dec), WHOLE_STEPS)
+        other = channel.descend(replace(p, x=x, prior=replace(p.prior, weight_dec=self.base.prior.weight_dec)), WHOLE_STEPS)
         return other if other.score > fit.score else fit
 
     def widened(self, fit: ResistanceFit) -> ResistanceFit:
@@ -158,9 +158,9 @@ class ResistanceSearch:
         """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
         others = [e for e in fit.effects if e.name != start.name]
         wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
-        best = replace(wider, plain=without_relays(wider.parameters))
+        best = replace(wider, plain=wider.parameters.with_relays(0.0))
         if isinstance(start.effect.form, Reading):  # whose work relays can do
-            plain = self.channel.descend(without_relays(wider.parameters), RELAY_STEPS)
+            plain = self.channel.descend(wider.parameters.with_relays(0.0), RELAY_STEPS)
             best = replace(max((wider, plain), key=lambda f: f.score), plain=plain.parameters)
         return self.keep(best)
 
@@ -181,7 +181,7 @@ class ResistanceSearch:
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""
         if self.channel.relays:
-            wider = self.channel.descend(replace(fit.parameters, relay_dec=FIRST_RELAY_DEC), RELAY_STEPS)
+            wider = self.channel.descend(fit.parameters.with_relays(FIRST_RELAY_DEC), RELAY_STEPS)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit
@@ -189,12 +189,12 @@ class ResistanceSearch:
     def relayed(self, names: frozenset[str]) -> ResistanceFit:
         """The best fit with exactly these effects, relays tried though little is left."""
         fit = self.fit(names)
-        return self.keep(self._relayed(fit)) if fit.parameters.relay_dec == 0.0 else fit
+        return self.keep(self._relayed(fit)) if not fit.parameters.has_relays else fit
 
     def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
         """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
         seen = [fit]
-        if fit.plain is not None and fit.parameters.relay_dec > 0.0:
+        if fit.plain is not None and fit.parameters.has_relays:
             seen.append(self.channel.descend(fit.plain, 1))
         found = {}
         for name in names:
@@ -223,7 +223,7 @@ class ResistanceSearch:
         that neither shows alone. None where no two promise anything."""
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
-        plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.relay_dec else fit
+        plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
         view, promised = View(self.channel, plain), []
         for pair in combinations(others, 2):
             starts = [starts_of(self.effects[name], self.channel) for name in pair]
@@ -235,7 +235,7 @@ class ResistanceSearch:
                     if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
                         promised.append(pair)
                         break
-        p = without_relays(plain.parameters)
+        p = plain.parameters.with_relays(0.0)
         ends = [self._two(p, pair) for pair in promised]
         return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
 
@@ -277,7 +277,7 @@ class View:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
         channel, fit, rows = self._channel, self._fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
-        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)
+        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
         delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
@@ -285,11 +285,6 @@ class View:
 def at_the_terminals(effect: Effect) -> bool:
     """Whether it bends the reading as a function of the resistance alone."""
     return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
-
-
-def without_relays(parameters: FilmParameters) -> FilmParameters:
-    """The same with a film of the class."""
-    return replace(parameters, relay_dec=0.0)
 
 
 def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:

@@ -112,7 +112,7 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
 
 def entry_of(fit: ResistanceFit, known: frozenset[str] = frozenset()) -> float:
     """What an effect of the last links, besides those known, has to bring in the fitted rows."""
-    if fit.parameters.relay_dec == 0.0:
+    if not fit.parameters.has_relays:
         return ENTRY
     choosy = any(p.choices for e in fit.effects if e.name not in known for p in e.effect.parameters)
     return ABSORBS + choosy * CHOICE
@@ -143,7 +143,7 @@ def _one_more(
     """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
-    if fit.parameters.relay_dec > 0.0 and search.channel.mean_square(fit) <= RELAYS_FROM:
+    if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYS_FROM:
         return _one_more_beside(search, fit, others)
     rough = search.channel.mean_square(fit) > ROUGH
     promises = search.promises(fit, others)
@@ -160,7 +160,7 @@ def _one_more(
         return search.keep(ends[0])
     found = [search.widened(e) for e in ends[:WIDENED]]
     far = search.channel.mean_square(fit) > FAR_FROM_NOISE
-    if fit.parameters.relay_dec > 0.0 and not far:  # what shows beside another film, and what it may have absorbed
+    if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]

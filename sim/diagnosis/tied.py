@@ -106,7 +106,7 @@ class Tied:
 def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
     """Both fits with their slopes; None where the film is of another kind, the record in too many stretches, or a slope
     without an end."""
-    if b.parameters.relay_dec > 0.0 or first.stretches > MOST_STRETCHES:
+    if b.parameters.has_relays or first.stretches > MOST_STRETCHES:
         return None
     p, q = a.parameters, b.parameters
     last = last.on(a.path)

@@ -182,7 +182,7 @@ def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
 def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
     """Whether the film needs no relays beside its play operators, or there is none."""
     b = chain.fits(names)[1]
-    return b is None or b.parameters.relay_dec == 0.0
+    return b is None or not b.parameters.has_relays
 
 
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:

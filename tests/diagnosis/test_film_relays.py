@@ -41,7 +41,7 @@ def chain() -> Chain:
 def solved(channel: ResistanceChannel, base: FilmParameters, *names: str) -> tuple[FilmParameters, Point]:
     """The best coefficients beside these effects, with relays."""
     known = catalogue()
-    p = channel.extended(replace(base, relay_dec=RELAYS_DEC), [switched(known[n], EFFECTS[n]) for n in names])
+    p = channel.extended(base.with_relays(RELAYS_DEC), [switched(known[n], EFFECTS[n]) for n in names])
     point = channel.point(p, p.x)
     for _ in range(4):
         point = channel.point(p, p.x, point.coefficients)
@@ -75,7 +75,7 @@ def test_relays_move_with_the_film(chain: Chain) -> None:
     _, nodes = search.channel.nodes(p, moved)
     c = point.coefficients
     relays = search.channel.basis.plane.columns(nodes) @ c[c.size - search.channel.relay_count(p) :]
-    none = replace(point, coefficients=np.where(np.arange(c.size) < search.channel.film_columns, c, 0.0))
+    none = replace(point, coefficients=np.where(np.arange(c.size) < search.channel.basis.columns, c, 0.0))
     np.testing.assert_allclose(there - search.channel.predict(p, moved, none), relays, atol=2e-5, rtol=0.0)
 
 
