@@ -21,8 +21,8 @@ FARTHEST = 0.6  # the same, of the range of temperatures
 
 @dataclass(frozen=True, eq=False)
 class FilmBasis:
-    """curve: D's splines, None without D; fractions: the radii's places from the smallest one to 1, (operators,); plane:
-    of relays."""
+    """curve: D's splines, None without D; fractions: the radii's places from the smallest one to 1, (operators,);
+    plane: of relays."""
 
     curve: SmoothCurve | None
     fractions: Array

@@ -1,7 +1,7 @@
 """How large the film's coefficients may be before a record is looked at: normal priors, whose widths it decides.
 
-The widths are those of the largest marginal likelihood (D. MacKay, Neural Computation 4 (1992) 415): a film of the class
-needs no relays, and so the width of theirs goes to nothing.
+The widths are those of the largest marginal likelihood (D. MacKay, Neural Computation 4 (1992) 415): a film of the
+class needs no relays, and so the width of theirs goes to nothing.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -51,7 +51,7 @@ class FilmParameters:
     effects: tuple[Switched, ...]
     x: Array
     start: FilmStart
-    prior: PriorWidths = PriorWidths()
+    prior: PriorWidths = field(default_factory=PriorWidths)
     film_output: Array | None = None
 
     @property

@@ -147,7 +147,8 @@ class ResistanceSearch:
             self.known_shape = nodes, starting_shape(thin, channel.basis.curve is not None)[0]
         x = p.x.copy()
         x[:4] = self.known_shape[1]
-        other = channel.descend(replace(p, x=x, prior=replace(p.prior, weight_dec=self.base.prior.weight_dec)), WHOLE_STEPS)
+        prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)
+        other = channel.descend(replace(p, x=x, prior=prior), WHOLE_STEPS)
         return other if other.score > fit.score else fit
 
     def widened(self, fit: ResistanceFit) -> ResistanceFit:
