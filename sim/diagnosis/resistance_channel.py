@@ -40,6 +40,7 @@ from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming, filters
 
+GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -228,10 +229,20 @@ class ResistanceChannel:
 
     def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
-        surer where a range's error leaves a gap between two of them. None where it has but one."""
-        if not any(e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False) for e in effects):
+        surer where a range's error leaves a gap between two of them that noise does not fill. (Where it does, a choice
+        by the readings would call their noise a range's error.) None where it has but one."""
+        ranged = [e for e in effects if e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False)]
+        if not ranged:
             return [None]
-        return [self._lagged(effects, nodes, transfer(effects, signal)[0]), self.readings]
+        by_model = self._lagged(effects, nodes, transfer(effects, signal)[0])
+        apart = sum(self._largest_step_dec(e) for e in ranged)
+        return [by_model, self.readings] if apart > GAP * self.sigma_dec else [by_model]
+
+    def _largest_step_dec(self, effect: Switched) -> float:
+        """Between the errors of two ranges, among the readings."""
+        form, ohm = effect.effect.form, 10.0**-self.readings
+        assert isinstance(form, Reading)
+        return float(np.ptp(np.log10(form.read(effect.par, ohm) / ohm)))
 
     def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
         """A signal at the points through the ohmmeter's filters, in every row."""
