@@ -13,7 +13,7 @@ import numpy as np
 from compensator.functions import Array
 from compensator.identify_covariance import block_sandwich
 from sim.diagnosis.chain import Chain
-from sim.diagnosis.temperature_search import cells
+from sim.diagnosis.temperature_search import cell_of, cells
 from sim.diagnosis.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.verdict import resistance_residual, temperature_residual
 from sim.effects.effect import Command, Switched
@@ -128,11 +128,11 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     original = search.effects[effect.name]
     edges = cells(original, search.channel.record)
     at = float(effect.par[0])
-    middle = int(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, edges.size - 2))
+    middle = cell_of(at, edges)
     ends = []
     for side in (-1, 1):
         last, worse = middle, 0
-        for k, near in islice(search.walk(fit, original, middle, side, 3), MOST_CELLS - 1):
+        for k, near in islice(search.walk(fit, original, edges, side, 3), MOST_CELLS - 1):
             fall = near.minus_log - fit.minus_log
             if fall < HALF_CHI2_95:
                 last = k

@@ -18,9 +18,9 @@ from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, swit
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
-WORSE_ON_END = 2  # cells that end a walk
+WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
-APART = 1.001  # ratio of two jumps that are not one
+APART, DISTINCT = 1.001, 1.000001  # ratio of two jumps that are not one: of a search, and of its last steps
 NOTHING = 0.05  # of the smallest size met
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
@@ -118,22 +118,24 @@ class TemperatureSearch:
                 stride //= 2
             at, best = near, tried[near]
         best = self.held(best, effect, float(values[at]), 15)
-        for side in (-1, 1):  # what was tried from afar had not yet come down
-            worse = 0
-            for _, other in self.walk(best, effect, at, side, 6):
-                worse = 0 if other.minus_log < best.minus_log else worse + 1
-                best = min(best, other, key=lambda fit: fit.minus_log)
-                if worse == WORSE_ON_END:
-                    break
+        for apart in (APART, DISTINCT):  # what was tried from afar had not yet come down
+            edges = cells(effect, self.channel.record, apart)
+            for side in (-1, 1):
+                worse = 0
+                for _, other in self.walk(best, effect, edges, side, 6):
+                    worse = 0 if other.minus_log < best.minus_log else worse + 1
+                    best = min(best, other, key=lambda fit: fit.minus_log)
+                    if worse == WORSE_ON_END:
+                        break
         return best
 
     def walk(
-        self, fit: TemperatureFit, effect: Effect, at: int, side: int, steps: int
+        self, fit: TemperatureFit, effect: Effect, edges: Array, side: int, steps: int
     ) -> Iterator[tuple[int, TemperatureFit]]:
-        """From cell `at` on to that side, cell by cell: the fit with the effect's value held there, all else
+        """From the cell of a fit on to that side, cell by cell: the fit with the effect's value held there, all else
         following from the cell before."""
-        edges = cells(effect, self.channel.record)
-        k = at + side
+        value = next(float(e.par[0]) for e in fit.effects if e.name == effect.name)
+        k = cell_of(value, edges) + side
         while 0 <= k < edges.size - 1:
             fit = self.held(fit, effect, float(np.sqrt(edges[k] * edges[k + 1])), steps)
             yield k, fit
@@ -189,8 +191,8 @@ class TemperatureSearch:
         return best
 
 
-def cells(effect: Effect, record: Record) -> Array:
-    """The edges between which a parameter's value makes no difference to this record, rising."""
+def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
+    """The edges between which a parameter's value makes no difference to this record, rising, and as far apart."""
     parameter, form = effect.parameters[0], effect.form
     assert isinstance(form, Command)
     assert form.jumps is not None
@@ -199,9 +201,14 @@ def cells(effect: Effect, record: Record) -> Array:
     jumps = np.unique(form.jumps(record.current_A))
     edges = [low]
     for jump in jumps[(jumps > low) & (jumps < high)]:
-        if jump > APART * edges[-1]:
+        if jump > apart * edges[-1]:
             edges.append(float(jump))
     return np.array([*edges, high])
+
+
+def cell_of(value: float, edges: Array) -> int:
+    """The cell that a value lies in."""
+    return int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, edges.size - 2))
 
 
 def searched_values(effect: Effect) -> Array:
