@@ -42,11 +42,13 @@ COUNTS = {  # cases at 20 seeds
     "negative": 80,
 }
 FACTORS = (1.0, 1.5)
-KINDS = ("one", *COUNTS, "smallest", "long")
+UNLIKE_OF = ("one", "clean", "other_film")
+KINDS = ("one", *COUNTS, "smallest", "long", "unlike")
 
 
 def jobs(kinds: Iterable[str], seeds: int, first: int = 0) -> list[Job]:
     """What there is to do: kind, seed, choice; kinds in turn, so that an interrupted table shows all of them."""
+    from tests.diagnosis.truth.manner import UNLIKE
     from tests.diagnosis.truth.plans import LIMITED
     from tests.diagnosis.truth.sizes import NAMES
 
@@ -57,6 +59,11 @@ def jobs(kinds: Iterable[str], seeds: int, first: int = 0) -> list[Job]:
         elif kind == "smallest":
             choices = [{"effect": name, "factor": factor} for name in LIMITED for factor in FACTORS]
             part = [{"kind": kind, "seed": s, "choice": choice} for s in range(seeds) for choice in choices]
+        elif kind == "unlike":
+            choices = [{"manner": manner, "of": of} for of in UNLIKE_OF for manner in UNLIKE]
+            part = [
+                {"kind": kind, "seed": s, "choice": choice} for s in range(max(1, seeds // 2)) for choice in choices
+            ]
         elif kind == "long":
             part = [{"kind": "one", "seed": s, "choice": {"rows": 50_000}} for s in range(max(1, seeds // 4))]
         else:
@@ -175,6 +182,11 @@ def table(rows: list[Row]) -> None:
         rate(what, chosen, lambda r: r["ok"], "50 % at 1.5")
         for effect in sorted({row["choice"]["effect"] for row in chosen}):
             rate(f"    {effect}", [r for r in chosen if r["choice"]["effect"] == effect], lambda r: r["ok"], "")
+    for what in UNLIKE_OF:
+        chosen = [row for row in of["unlike"] if row["details"]["of"] == what]
+        rate(f"taken in another manner, {what}: these names and no other", chosen, lambda r: r["ok"], "")
+        for manner in sorted({row["details"]["manner"] for row in chosen}):
+            rate(f"    {manner}", [r for r in chosen if r["details"]["manner"] == manner], lambda r: r["ok"], "")
     rate("negative controls: no cause named with confidence", of["negative"], lambda r: r["ok"], "all")
     for control in sorted({row["details"]["control"] for row in of["negative"]}):
         rate(f"    {control}", [r for r in of["negative"] if r["details"]["control"] == control], lambda r: r["ok"], "")

@@ -36,6 +36,7 @@ KINDS = (
     "disturbed",
     "smallest",
     "negative",
+    "unlike",
 )
 
 

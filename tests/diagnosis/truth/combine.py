@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from tests.diagnosis.truth.draw import Bench, draw_bench, follows
+from tests.diagnosis.truth.manner import USUAL, Manner
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.rig import Effects, simulate
 from tests.diagnosis.truth.sizes import MARGIN, PARAMETERS, SIZES, sized, weaker
@@ -35,11 +36,16 @@ def recorded_current(bench: Bench, effects: Effects) -> np.ndarray:
 
 
 def with_effects(
-    rng: np.random.Generator, names: tuple[str, ...], film: str = "of_class", rows: int = 6000, tries: int = TRIES
+    rng: np.random.Generator,
+    names: tuple[str, ...],
+    film: str = "of_class",
+    rows: int | None = None,
+    tries: int = TRIES,
+    manner: Manner = USUAL,
 ) -> tuple[Bench, Effects, dict[str, float]]:
     """A bench that can show these effects, their parameters, and the smallest findable size as a share of each."""
     for _ in range(tries):
-        bench = draw_bench(rng, film, rows=rows)
+        bench = draw_bench(rng, film, rows=rows, manner=manner)
         oracle = Oracle(bench.rig, bench.schedule, recorded_current(bench, {}))
         effects: Effects = {}
         shares: dict[str, float] = {}

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.diagnosis.truth.combine import TRIES, recorded_current
-from tests.diagnosis.truth.draw import ROWS, SPAN_S, Bench, draw_bench
+from tests.diagnosis.truth.draw import Bench, draw_bench
+from tests.diagnosis.truth.manner import USUAL
 from tests.diagnosis.truth.oracle import Oracle
 from tests.diagnosis.truth.outside import catalogue
 from tests.diagnosis.truth.profiles import triangles
@@ -40,7 +41,7 @@ def _small(name: str, rng: Random) -> Effects:
 
 def slow_triangles(rng: Random, bench: Bench) -> Schedule:
     """Full loops at two slow rates with corners outside the transition."""
-    time = np.arange(ROWS) * SPAN_S
+    time = np.arange(USUAL.rows) * USUAL.interval_s
     start = bench.rig.plate.start_degC
     meter = bench.schedule.meter_A
     low, high = max(start + 1.0, bench.low_degC - 8.0), min(96.0, bench.high_degC + 8.0)

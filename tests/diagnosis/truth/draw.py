@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from tests.diagnosis.truth.films import Film
 from tests.diagnosis.truth.hysteresis import PLAY, PREISACH, REVERSAL
-from tests.diagnosis.truth.profiles import damped_cycles, meter_currents, steps_and_dithers
+from tests.diagnosis.truth.manner import USUAL, Manner, setpoints
+from tests.diagnosis.truth.profiles import meter_currents, steps_and_dithers
 from tests.diagnosis.truth.rig import Plate, Rig, Schedule, feedforward, simulate
 
 Array = NDArray[np.float64]
 Random = np.random.Generator
-ROWS, ROWS_ELSEWHERE, SPAN_S = 6000, 3000, 0.5
+ROWS_ELSEWHERE = 3000
 
 
 def memoryless_part(rng: Random, form: int, decades: float) -> Array:
@@ -30,7 +31,7 @@ def memoryless_part(rng: Random, form: int, decades: float) -> Array:
 
 
 def play_table(rng: Random, centre: float, decades: float) -> Array:
-    """Operators with tanh envelopes that keep the order condition; loops 2 to 10 K wide."""
+    """12 to 40 operators with tanh envelopes that keep the order condition; loops 2 to 10 K wide."""
     while True:
         n = int(rng.integers(12, 41))
         a_r, a_l = rng.uniform(0.09, 0.24) * np.exp(rng.uniform(-0.2, 0.2, 2))
@@ -47,6 +48,27 @@ def play_table(rng: Random, centre: float, decades: float) -> Array:
         share = weights * (1.0 - radii) / np.sum(weights * (1.0 - radii))
         width = (c_r - c_l) + float(np.sum(share * np.arctanh(radii) * (1.0 / a_r + 1.0 / a_l)))
         if floor < 0.3 and 2.0 < width < 10.0:
+            table = np.zeros((3, n))
+            table[0], table[1] = radii, weights
+            table[2, :4] = a_r, -a_r * c_r, a_l, -a_l * c_l
+            return table
+
+
+def few_operators_table(rng: Random, centre: float, decades: float) -> Array:
+    """4 to 11 operators at equal distances, with weights that fall off as exp(-tau r); loops 1 to 14 K wide."""
+    while True:
+        n = int(rng.integers(4, 12))
+        a_r, a_l = rng.uniform(0.08, 0.35) * np.exp(rng.uniform(-0.3, 0.3, 2))
+        apart = rng.uniform(0.0, 8.0)
+        c_r, c_l = centre + 0.5 * apart, centre - 0.5 * apart
+        v = np.linspace(-20.0, 160.0, 3601)
+        floor = max(0.5 * float(np.max(np.tanh(a_r * (v - c_r)) - np.tanh(a_l * (v - c_l)))) + 0.005, 0.0)
+        radii = floor + (rng.uniform(0.5, 0.95) - floor) * np.arange(n) / n
+        weights = np.exp(-rng.uniform(0.0, 6.0) * radii)
+        weights *= decades / np.sum(2.0 * weights * (1.0 - radii))
+        share = weights * (1.0 - radii) / np.sum(weights * (1.0 - radii))
+        width = (c_r - c_l) + float(np.sum(share * np.arctanh(radii) * (1.0 / a_r + 1.0 / a_l)))
+        if floor < 0.35 and 1.0 < width < 14.0:
             table = np.zeros((3, n))
             table[0], table[1] = radii, weights
             table[2, :4] = a_r, -a_r * c_r, a_l, -a_l * c_l
@@ -84,13 +106,14 @@ def reversal_table(rng: Random, centre: float, decades: float) -> Array:
     return table
 
 
-def draw_film(rng: Random, kind: str = "of_class", form: int | None = None) -> Film:
+def draw_film(rng: Random, kind: str = "of_class", form: int | None = None, few_operators: bool = False) -> Film:
     """A film: transition at 45 to 75 degC, 1.5 to 4 decades in all, between some 1e2 and 1e6 ohm."""
     total = rng.uniform(1.5, 3.9)
     centre = rng.uniform(47.0, 73.0)
     form = int(rng.integers(0, 4)) if form is None else form
     slow = rng.uniform(0.12, 0.35) * min(total, 2.5) if form else 0.0
-    make = {"of_class": (PLAY, play_table), "preisach": (PREISACH, preisach_table), "forc": (REVERSAL, reversal_table)}
+    operators = few_operators_table if few_operators else play_table
+    make = {"of_class": (PLAY, operators), "preisach": (PREISACH, preisach_table), "forc": (REVERSAL, reversal_table)}
     code, table = make[kind]
     parts = table(rng, centre, total - slow)
     d = memoryless_part(rng, form, slow)
@@ -140,23 +163,24 @@ def transition(film: Film) -> tuple[float, float]:
     return max(low, 32.0), min(high, 90.0)
 
 
-def draw_bench(rng: Random, kind: str = "of_class", form: int | None = None, rows: int = ROWS) -> Bench:
-    """A rig without effects, and its schedules."""
-    film = draw_film(rng, kind, form)
+def draw_bench(
+    rng: Random, kind: str = "of_class", form: int | None = None, rows: int | None = None, manner: Manner = USUAL
+) -> Bench:
+    """A rig without effects, and its schedules. rows: in place of the manner's."""
+    film = draw_film(rng, kind, form, manner.few_operators)
     low, high = transition(film)
     plate = draw_plate(rng)
-    noise = np.exp(rng.uniform(np.log([0.005, 0.001]), np.log([0.02, 0.004])))
+    noise = np.exp(rng.uniform(*np.log(manner.noise)))
     rig = Rig(plate, film, float(noise[0]), float(noise[1]))
-    time = np.arange(rows) * SPAN_S
+    time = np.arange(rows or manner.rows) * manner.interval_s
     ohm = 10.0 ** float(film.log_ohm(np.array([25.0]))[0])
     test_A = float(np.sqrt(rng.uniform(2e-4, 1e-3) / ohm))
-    rates = rng.permutation(np.array([0.15, 0.25, 0.4, 0.6])) * np.exp(rng.uniform(-0.05, 0.05, 4))
-    schedule = Schedule(
-        time,
-        meter_currents(rng, time, test_A),
-        damped_cycles(rng, time, plate.start_degC, low, high, rates),
-    )
-    time = np.arange(ROWS_ELSEWHERE) * SPAN_S
+    rates = manner.speed * rng.permutation(np.array([0.15, 0.25, 0.4, 0.6])) * np.exp(rng.uniform(-0.05, 0.05, 4))
+    meter_A = meter_currents(rng, time, test_A)
+    if manner.one_current:
+        meter_A = np.full(time.size, test_A)
+    schedule = Schedule(time, meter_A, setpoints(manner, rng, time, plate.start_degC, low, high, rates))
+    time = np.arange(ROWS_ELSEWHERE) * manner.interval_s
     elsewhere = Schedule(
         time, meter_currents(rng, time, test_A), steps_and_dithers(rng, time, plate.start_degC, low, high)
     )

@@ -15,6 +15,7 @@ from tests.diagnosis.truth.designs import DESIGNS, drawn_design
 from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed, uneven
 from tests.diagnosis.truth.draw import Bench, draw_bench
 from tests.diagnosis.truth.films import FORMS
+from tests.diagnosis.truth.manner import UNLIKE
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.outside import OUTSIDE, with_fault
 from tests.diagnosis.truth.rig import Effects, record
@@ -61,7 +62,7 @@ def several(kind: str, count: int) -> Callable[..., Case]:
         effect: str | None = None,
         effects: tuple[str, ...] = (),
         film: str = "of_class",
-        rows: int = 6000,
+        rows: int | None = None,
     ) -> Case:
         names = (effect,) if effect else tuple(effects)
         if names == ("memoryless_term",):
@@ -74,7 +75,7 @@ def several(kind: str, count: int) -> Callable[..., Case]:
     return make
 
 
-def clean(rng: Random, seed: int, film: str = "of_class", rows: int = 6000) -> Case:
+def clean(rng: Random, seed: int, film: str = "of_class", rows: int | None = None) -> Case:
     """No effect at all."""
     return finished(rng, "clean", seed, draw_bench(rng, film, rows=rows), {}, "clean")
 
@@ -184,6 +185,21 @@ def negative(rng: Random, seed: int, control: str | None = None) -> Case:
     return replace(made, columns=columns, holdout=holdout if keep_holdout else None)
 
 
+def unlike(rng: Random, seed: int, manner: str | None = None, of: str = "one", effect: str | None = None) -> Case:
+    """A record taken in another manner than the others, one of `UNLIKE`. of: "one" effect, "clean", "other_film"."""
+    manner = manner or tuple(UNLIKE)[seed % len(UNLIKE)]
+    taken = UNLIKE[manner]
+    film = "of_class" if of != "other_film" else ("preisach", "forc")[int(rng.integers(0, 2))]
+    bench, hidden, shares = draw_bench(rng, film, manner=taken), {}, {}
+    if of == "one":
+        bench, hidden, shares = with_effects(rng, (effect,) if effect else drawn_names(rng, 1), manner=taken)
+    details = {"manner": manner, "of": of, "smallest_share": shares}
+    made = finished(rng, "unlike", seed, bench, hidden, "exactly" if hidden else "clean", details=details)
+    if not taken.told_current:
+        del made.columns["meter_current_A"]
+    return made
+
+
 PLANS: dict[str, Callable[..., Case]] = {
     "one": several("one", 1),
     "two": several("two", 2),
@@ -196,4 +212,5 @@ PLANS: dict[str, Callable[..., Case]] = {
     "disturbed": disturbed_record,
     "smallest": at_the_limit,
     "negative": negative,
+    "unlike": unlike,
 }

@@ -1,4 +1,4 @@
-"""Temperature profiles: damped cycles at several rates with dwells; another kind (steps, dithers); one rate only."""
+"""Temperature profiles: damped cycles at several rates with dwells; steps and dithers; waves; one rate only."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-SPAN_S = 0.5
 
 
 def _along(pieces: list[tuple[float, float]], start: float, time: Array) -> Array:
@@ -47,7 +46,7 @@ def damped_cycles(rng: np.random.Generator, time: Array, start: float, low: floa
 def steps_and_dithers(rng: np.random.Generator, time: Array, start: float, low: float, high: float) -> Array:
     """A staircase through the transition and back, with dwells, and a dither on some of them."""
     out, here, filled = np.empty(time.size), start, 0
-    up, extreme = True, high
+    up, extreme, interval_s = True, high, float(time[1] - time[0])
     while filled < time.size:
         size = float(rng.uniform(1.0, 7.0))
         target = min(extreme, here + size) if up else max(low, here - size)
@@ -58,8 +57,8 @@ def steps_and_dithers(rng: np.random.Generator, time: Array, start: float, low: 
             extreme = float(rng.uniform(0.5 * (low + high), high))
         ramp = max(abs(target - here) / float(rng.choice([0.3, 0.5, 0.6])), 1.0)
         dwell = float(rng.uniform(15.0, 60.0))
-        n = int((ramp + dwell) / SPAN_S)
-        local = np.arange(n) * SPAN_S
+        n = int((ramp + dwell) / interval_s)
+        local = np.arange(n) * interval_s
         piece = np.interp(local, [0.0, ramp], [here, target])
         if rng.random() < 0.5:
             period, size = float(rng.uniform(15.0, 45.0)), float(rng.uniform(0.4, 1.8))
@@ -79,6 +78,15 @@ def triangles(time: Array, start: float, low: float, high: float, rates: tuple[f
         pieces.append((side, abs(side - here) / rate))
         here, side, turn = side, (low if side == high else high), turn + 1
     return _along(pieces, start, time)
+
+
+def waves(time: Array, start: float, low: float, high: float, period_s: float = 150.0) -> Array:
+    """A sine through the transition whose amplitude rises and falls, seven periods each time."""
+    swing = 0.45 + 0.55 * np.cos(2.0 * np.pi * (time - 60.0) / (7.3 * period_s)) ** 2
+    out = 0.5 * (low + high) - 0.5 * (high - low) * swing * np.cos(2.0 * np.pi * (time - 60.0) / period_s)
+    before = time < 60.0
+    out[before] = np.interp(time[before], [0.0, 60.0], [start, low])
+    return out
 
 
 def meter_currents(rng: np.random.Generator, time: Array, high_A: float, factor: float = 3.0) -> Array:
