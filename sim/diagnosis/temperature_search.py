@@ -17,6 +17,7 @@ from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, swit
 
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
+FAR_STEPS = 10  # of all else, at values all over the range
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
@@ -105,7 +106,8 @@ class TemperatureSearch:
         values = np.sqrt(edges[:-1] * edges[1:])
         coarse = np.unique(np.searchsorted(edges, searched_values(effect), side="right") - 1)
         coarse = coarse[(coarse >= 0) & (coarse < values.size)]
-        tried = {int(k): self.held(fit, effect, float(values[k]), 6) for k in coarse}
+        begin = replace(fit, parameters=self.channel.awakened(fit.parameters))
+        tried = {int(k): self.held(begin, effect, float(values[k]), FAR_STEPS) for k in coarse}
         at = min(tried, key=lambda k: tried[k].minus_log)
         best = tried[at]
         stride = int(max(np.max(np.diff(coarse), initial=1) // 2, 1))
