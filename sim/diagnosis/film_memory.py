@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -122,23 +123,26 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
         coarse = [float(below - d) for d in np.geomspace(NEAREST_K, max(below - low, 2.0 * NEAREST_K), TRIED)]
         coarse += [float(above + d) for d in np.geomspace(NEAREST_K, max(high - above, 2.0 * NEAREST_K), TRIED)]
         for place in (1, 0, 1):
-
-            def through(value: float, k: int = k, place: int = place) -> FilmStart:
-                return _through(p.start, _with(passed, k, place, value))
-
+            through = partial(_through, p.start, passed, k, place)
             tried = {t: seen.cost(through(t)) for t in coarse}
-            near = _closer(lambda t: seen.cost(through(t)), tried, (below, above), CLOSER)
-            none = _cost(channel, p, through(np.nan))
-            passed = _with(passed, k, place, near if _cost(channel, p, through(near)) < none - WORTH else np.nan)
-            seen = Seen(channel, replace(p, start=_through(p.start, passed)))
-    return _through(p.start, passed)
+            near = _closer(partial(_seen_cost, seen, through), tried, (below, above), CLOSER)
+            if _cost(channel, p, through(near)) >= _cost(channel, p, through(np.nan)) - WORTH:
+                near = np.nan
+            passed[k, place] = near
+            seen = Seen(channel, replace(p, start=_through(p.start, passed, k, place, near)))
+    return _started(p.start, passed)
 
 
-def _through(start: FilmStart, passed: Array) -> FilmStart:
+def _seen_cost(seen: Seen, through: Callable[[float], FilmStart], value: float) -> float:
+    return seen.cost(through(value))
+
+
+def _through(start: FilmStart, passed: Array, k: int, place: int, value: float) -> FilmStart:
+    """With another of the two temperatures of gap k."""
+    other = passed.copy()
+    other[k, place] = value
+    return _started(start, other)
+
+
+def _started(start: FilmStart, passed: Array) -> FilmStart:
     return replace(start, passed_degC=tuple((float(a), float(b)) for a, b in passed))
-
-
-def _with(values: Array, k: int, place: int, value: float) -> Array:
-    out = values.copy()
-    out[k, place] = value
-    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from compensator.functions import Array
 from compensator.identify_rows import gap_threshold
 from compensator.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
+from sim.effects.effect import Effect, ReadingTime
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
@@ -19,6 +20,7 @@ FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
 FIRST_SHARE = 0.1
+MOST_OF_AN_END = 0.01  # of the record that is left out at either end for time stamps that may be off
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +58,18 @@ class Record:
         temperature_used[temperature], output_used[output] = False, False
         outliers = self.outliers[0] + int(temperature.size), self.outliers[1] + int(output.size)
         return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
+
+    def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
+        """The same without the resistances at either end that were read before or after it, if its time stamps are as
+        far off as one of the effects may have them: nothing is known of the temperature there."""
+        end, margin = float(self.time_s[-1]), 0.0
+        for effect in effects:
+            if isinstance(effect.form, ReadingTime):
+                largest = np.array([p.largest for p in effect.parameters])
+                margin = max(margin, float(np.max(np.abs(effect.form.taken(largest, self.time_s) - self.time_s))))
+        margin = min(margin, MOST_OF_AN_END * end)
+        within = (self.taken_s >= margin) & (self.taken_s <= end - margin)
+        return replace(self, output_used=self.output_used & within)
 
     @property
     def interval_s(self) -> float:
