@@ -123,9 +123,10 @@ def resistance_search(
 
 @dataclass
 class Chain:
-    """Both ends' searches; either may be missing. Paths and searches of the last links are kept by the first links'
-    effects. together: whether both channels are fitted as one, where the simulated temperature drives the film. asked:
-    the effects beside which relays were tried though little is left."""
+    """Both ends' searches; either may be missing. record: as it was read, less the readings that a fit has shown to be
+    lone. Paths and searches of the last links are kept by the first links' effects. together: whether both channels are
+    fitted as one, where the simulated temperature drives the film. asked: the effects beside which relays were tried
+    though little is left."""
 
     record: Record
     fitted: Mask
@@ -139,6 +140,9 @@ class Chain:
     simulated: set[frozenset[str]] = field(default_factory=set)
     pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
     asked: set[frozenset[str]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.as_read = self.record
 
     def last(self, upstream: frozenset[str]) -> ResistanceSearch:
         """The search of the last links behind these effects of the first ones."""
@@ -238,6 +242,18 @@ class Chain:
         a, b = self.fits(names)
         return (-a.minus_log if a is not None else 0.0) + (b.score if b is not None else 0.0)
 
+    def _without(self, temperature: Rows | None = None, output: Rows | None = None) -> bool:
+        """Leave these readings out of the record as it was read; None: those that are left out already. Whether
+        anything changed: what a fit with too few effects took for lone comes back."""
+        whole, record = self.as_read, self.record
+        out_T = np.flatnonzero(whole.temperature_used & ~record.temperature_used)
+        out_R = np.flatnonzero(whole.output_used & ~record.output_used)
+        new_T, new_R = out_T if temperature is None else temperature, out_R if output is None else output
+        if np.array_equal(out_T, new_T) and np.array_equal(out_R, new_R):
+            return False
+        self.record = whole.without(new_T, new_R)
+        return True
+
     def renoised_first(self, upstream: frozenset[str]) -> bool:
         """Weigh the first channel by the noise that the fit with these effects leaves, without the readings that it
         shows to be lone; whether anything changed."""
@@ -245,10 +261,9 @@ class Chain:
         old, record = self.first, self.record
         fit = old.fit(upstream)
         sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
-        lone = strays(record.temperature_degC - fit.shown_degC, record.temperature_used, 0.5 * record.step_K)
-        if abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE and not lone.size:
+        lone = strays(record.temperature_degC - fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
+        if not self._without(temperature=lone) and abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE:
             return False
-        self.record = record.without(lone, lone[:0])
         channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
         self.first = TemperatureSearch(channel, old.effects, old.base)
         for key, known in old.fits.items():
@@ -264,12 +279,11 @@ class Chain:
             return False
         sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
         assert self.record.output is not None
-        lone = strays(self.record.output - b.shown, self.record.output_used, LEAST_NOISE_DEC)
+        lone = strays(self.record.output - b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
         start = remembered(self.searches[upstream].channel, b.parameters)
         same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE
-        if same and not lone.size and start == self.facts.start:
+        if not self._without(output=lone) and same and start == self.facts.start:
             return False
-        self.record = self.record.without(lone[:0], lone)
         self.facts = replace(self.facts, sigma_dec=sigma, start=start)
         self.searches.clear()
         search = self.last(upstream)

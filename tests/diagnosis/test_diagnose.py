@@ -13,7 +13,7 @@ from sim.diagnosis.record import read_columns
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import Case, case
 
-ONE = ["sensor_lag", "heat_sink_warmup", "timestamp_skew", "creep", "self_heating", "series_resistance"]
+ONE = ["sensor_lag", "heat_sink_warmup", "timestamp_skew", "creep", "self_heating", "series_resistance", "meter_lag"]
 
 
 def names(document: dict[str, Any]) -> set[str]:
@@ -40,6 +40,7 @@ def test_one_hidden_effect(effect: str) -> None:
     covered(document, blind)
     for channel in document["channels"].values():
         assert channel["rmse_extended"] < 1.15 * channel["noise"]
+    assert "outliers" not in {warning["code"] for warning in document["warnings"]}  # of a base that lacks the effect
 
 
 def test_two_hidden_effects() -> None:
