@@ -272,7 +272,8 @@ class Chain:
         return True
 
     def renoised(self, names: frozenset[str]) -> bool:
-        """The same for the last channel, with the memory that fits best beside these effects."""
+        """The same for the last channel, with the memory that fits best beside these effects. What only comes back was
+        fitted without being seen: it changes nothing that effects would have to be selected anew for."""
         _, b = self.fits(names)
         upstream, _ = self.split(names)
         if b is None or self.facts is None:
@@ -281,11 +282,13 @@ class Chain:
         assert self.record.output is not None
         lone = strays(self.record.output - b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
         start = remembered(self.searches[upstream].channel, b.parameters)
-        same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE
-        if not self._without(output=lone) and same and start == self.facts.start:
+        used = self.record.output_used
+        same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE and start == self.facts.start
+        same = same and not np.any(used[lone])
+        if not self._without(output=lone) and same:
             return False
         self.facts = replace(self.facts, sigma_dec=sigma, start=start)
         self.searches.clear()
         search = self.last(upstream)
         search.keep(search.whole(replace(b.plain or b.parameters, start=start)))
-        return True
+        return not same

@@ -24,6 +24,7 @@ WIDENED = 2  # candidates that get relays
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
+NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
 
@@ -58,6 +59,11 @@ def _hopeless(before: float, after: float, rows: int) -> bool:
     """Whether the best effect there is changes little of a residual many times the noise: then it is none of these."""
     square = 2.0 * after / rows
     return square > FAR_FROM_NOISE and square > LITTLE_CHANGED * 2.0 * before / rows
+
+
+def _in_vain(before: float, after: float, rows: int) -> bool:
+    """Whether the best effect there is leaves what is well beyond the noise as it was."""
+    return 2.0 * after / rows > ROUGH and before - after < NOTHING_CHANGED * (before - 0.5 * rows)
 
 
 def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
@@ -122,15 +128,19 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
     """The effects that the ohmmeter's channel alone asks for."""
     while len(names) < MOST_EFFECTS:
         fit = search.fit(names)
-        found = _one_more(search, fit)
-        if found is None or found.score - fit.score < entry_of(found, names):
+        found, rows = _one_more(search, fit), search.channel.rows.size
+        if (
+            found is None
+            or found.score - fit.score < entry_of(found, names)
+            or _in_vain(fit.minus_log, found.minus_log, rows)
+        ):
             found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
             interval = search.channel.record.interval_s
             if found is None or any(without_meaning(e, interval) for e in found.effects):
                 break
-            if found.score - fit.score < 2.0 * entry_of(found):
+            if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit.minus_log, found.minus_log, rows):
                 break
-        if _hopeless(fit.minus_log, found.minus_log, search.channel.rows.size):
+        if _hopeless(fit.minus_log, found.minus_log, rows):
             break
         names = frozenset(e.name for e in found.effects)
         names = _improved_last(search, names)
