@@ -192,6 +192,15 @@ class Chain:
         if known is None or pair.score > known.score:
             self.pairs[names] = pair
 
+    def followed(self, names: frozenset[str], quick: ResistanceFit) -> None:
+        """Follow a fit of some steps to the end, where the known fit with these effects, which may have begun from
+        another path, is worse."""
+        upstream, _ = self.split(names)
+        known = self.fits(names)[1]
+        if known is not None and quick.score > known.score:
+            self.last(upstream).finish(quick)
+            self.pairs.pop(names, None)
+
     def film_channel(self, names: frozenset[str]) -> ResistanceChannel:
         """The channel that the last links' fit with these effects is of."""
         pair = self.pair(names)

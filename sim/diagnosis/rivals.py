@@ -35,8 +35,11 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
         for other in order:
             if promises[other] < HOPE * own:
                 continue
-            if is_last and search.quick(fit, other).score < search.fit(chain.split(names)[1]).score - FAR:
-                continue
+            if is_last:
+                quick = search.quick(fit, other)
+                if quick.score < search.fit(chain.split(names)[1]).score - FAR:
+                    continue
+                chain.followed(rest | {other}, quick)
             if chain.score(rest | {other}) > whole - CLOSE:
                 found.append(other)
         out[name] = found
