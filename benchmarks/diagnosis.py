@@ -86,7 +86,8 @@ def one(job: Job) -> Row:
     from tests.diagnosis.score import score
 
     truth = case(job["kind"], job["seed"], **job["choice"])
-    holdout = truth.holdout if truth.seed % 4 == 0 else None
+    held = truth.seed % 4 == 0 and truth.kind != "unlike"  # major loops alone do not tell of the minor ones elsewhere
+    holdout = truth.holdout if held else None
     began = time.perf_counter()
     document = diagnose(truth.columns, holdout=holdout, **truth.options).document()
     took = time.perf_counter() - began
