@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 Random = np.random.Generator
 LAGS = ("film_lag", "meter_lag", "timestamp_skew")
 DESIGNS = ("lags", "plate_lags")
+ABOUT = (0.9, 0.94, 0.97, 0.99, 1.0, 1.01, 1.03, 1.06, 1.1)  # of a size
 APART, SEEN = 2.0, 60.0  # log-likelihood below which two effects are one, and above which there is one
 
 
@@ -34,9 +35,21 @@ class Design:
     decisive: Schedule
 
 
+def _timed(name: str, seconds: float) -> Effects:
+    return {name: {{"timestamp_skew": "skew_s", "actuator_delay": "delay_s"}.get(name, "tau_s"): seconds}}
+
+
 def _small(name: str, rng: Random) -> Effects:
-    key = {"timestamp_skew": "skew_s", "actuator_delay": "delay_s"}.get(name, "tau_s")
-    return {name: {key: float(np.exp(rng.uniform(np.log(0.2), np.log(0.4))))}}
+    return _timed(name, float(np.exp(rng.uniform(np.log(0.2), np.log(0.4)))))
+
+
+def left_beside(oracle: Oracle, hidden: Effects, other: str) -> float:
+    """What is left of a lag or delay beside the best lag or delay of another kind: a small one times a factor is none,
+    for a lag's second moment goes with the square of its size."""
+    whole = oracle.difference(hidden)
+    seconds = next(iter(next(iter(hidden.values())).values()))
+    rests = [oracle.rest(whole - oracle.difference(_timed(other, seconds * factor))) for factor in ABOUT]
+    return min(0.5 * float(rest @ rest) for rest in rests)
 
 
 def slow_triangles(rng: Random, bench: Bench) -> Schedule:
@@ -75,6 +88,8 @@ def drawn_design(rng: Random, design: str) -> Design:
         # with the thermometer's noise, which the loop turns into steps of the current that tell more than its ramps do
         current = record(bench.rig.having(hidden), bench.schedule, rng)["current_A"]
         seen, beside = indistinguishable(bench, hidden, current, channels)
+        oracle = Oracle(bench.rig, bench.schedule, current, channels=channels)
+        beside |= {o: left_beside(oracle, hidden, o) for o in names if beside.get(o, np.inf) < APART}
         alike = tuple(sorted(other for other, left in beside.items() if left < APART))
         unsure = [other for other, left in beside.items() if APART <= left < 20.0]
         if seen < SEEN or not alike or unsure:
