@@ -30,27 +30,41 @@ def memoryless_part(rng: Random, form: int, decades: float) -> Array:
     return np.zeros(4)
 
 
+def order_floor(a_r: float, c_r: float, a_l: float, c_l: float) -> float:
+    """The smallest radius that keeps the order condition between two tanh envelopes."""
+    v = np.linspace(-20.0, 160.0, 3601)
+    return 0.5 * float(np.max(np.tanh(a_r * (v - c_r)) - np.tanh(a_l * (v - c_l)))) + 0.005
+
+
+def operators(
+    envelopes: tuple[float, float, float, float], radii: Array, weights: Array, decades: float
+) -> tuple[Array, float]:
+    """The table of operators whose weights come to so many decades, and the width of the loop, K."""
+    a_r, c_r, a_l, c_l = envelopes
+    weights = weights * (decades / np.sum(2.0 * weights * (1.0 - radii)))
+    share = weights * (1.0 - radii) / np.sum(weights * (1.0 - radii))
+    width = (c_r - c_l) + float(np.sum(share * np.arctanh(radii) * (1.0 / a_r + 1.0 / a_l)))
+    table = np.zeros((3, radii.size))
+    table[0], table[1] = radii, weights
+    table[2, :4] = a_r, -a_r * c_r, a_l, -a_l * c_l
+    return table, width
+
+
 def play_table(rng: Random, centre: float, decades: float) -> Array:
     """12 to 40 operators with tanh envelopes that keep the order condition; loops 2 to 10 K wide."""
     while True:
         n = int(rng.integers(12, 41))
         a_r, a_l = rng.uniform(0.09, 0.24) * np.exp(rng.uniform(-0.2, 0.2, 2))
         apart = rng.uniform(-0.5, 5.0)
-        c_r, c_l = centre + 0.5 * apart, centre - 0.5 * apart
-        v = np.linspace(-20.0, 160.0, 3601)
-        floor = 0.5 * float(np.max(np.tanh(a_r * (v - c_r)) - np.tanh(a_l * (v - c_l)))) + 0.005
+        envelopes = (a_r, centre + 0.5 * apart, a_l, centre - 0.5 * apart)
+        floor = order_floor(*envelopes)
         shape = rng.uniform(0.5, 2.0)
         places = np.sort(rng.random(n) ** shape)
         radii = max(floor, 0.0) + (rng.uniform(0.6, 0.9) - max(floor, 0.0)) * places
         bump = np.exp(-0.5 * ((radii - rng.uniform(0.0, 0.6)) / rng.uniform(0.1, 0.5)) ** 2)
         weights = np.exp(0.5 * rng.standard_normal(n)) * (bump + rng.uniform(0.0, 0.3))
-        weights *= decades / np.sum(2.0 * weights * (1.0 - radii))
-        share = weights * (1.0 - radii) / np.sum(weights * (1.0 - radii))
-        width = (c_r - c_l) + float(np.sum(share * np.arctanh(radii) * (1.0 / a_r + 1.0 / a_l)))
+        table, width = operators(envelopes, radii, weights, decades)
         if floor < 0.3 and 2.0 < width < 10.0:
-            table = np.zeros((3, n))
-            table[0], table[1] = radii, weights
-            table[2, :4] = a_r, -a_r * c_r, a_l, -a_l * c_l
             return table
 
 
@@ -60,18 +74,11 @@ def few_operators_table(rng: Random, centre: float, decades: float) -> Array:
         n = int(rng.integers(4, 12))
         a_r, a_l = rng.uniform(0.08, 0.35) * np.exp(rng.uniform(-0.3, 0.3, 2))
         apart = rng.uniform(0.0, 8.0)
-        c_r, c_l = centre + 0.5 * apart, centre - 0.5 * apart
-        v = np.linspace(-20.0, 160.0, 3601)
-        floor = max(0.5 * float(np.max(np.tanh(a_r * (v - c_r)) - np.tanh(a_l * (v - c_l)))) + 0.005, 0.0)
+        envelopes = (a_r, centre + 0.5 * apart, a_l, centre - 0.5 * apart)
+        floor = max(order_floor(*envelopes), 0.0)
         radii = floor + (rng.uniform(0.5, 0.95) - floor) * np.arange(n) / n
-        weights = np.exp(-rng.uniform(0.0, 6.0) * radii)
-        weights *= decades / np.sum(2.0 * weights * (1.0 - radii))
-        share = weights * (1.0 - radii) / np.sum(weights * (1.0 - radii))
-        width = (c_r - c_l) + float(np.sum(share * np.arctanh(radii) * (1.0 / a_r + 1.0 / a_l)))
+        table, width = operators(envelopes, radii, np.exp(-rng.uniform(0.0, 6.0) * radii), decades)
         if floor < 0.35 and 1.0 < width < 14.0:
-            table = np.zeros((3, n))
-            table[0], table[1] = radii, weights
-            table[2, :4] = a_r, -a_r * c_r, a_l, -a_l * c_l
             return table
 
 
@@ -112,8 +119,8 @@ def draw_film(rng: Random, kind: str = "of_class", form: int | None = None, few_
     centre = rng.uniform(47.0, 73.0)
     form = int(rng.integers(0, 4)) if form is None else form
     slow = rng.uniform(0.12, 0.35) * min(total, 2.5) if form else 0.0
-    operators = few_operators_table if few_operators else play_table
-    make = {"of_class": (PLAY, operators), "preisach": (PREISACH, preisach_table), "forc": (REVERSAL, reversal_table)}
+    play = few_operators_table if few_operators else play_table
+    make = {"of_class": (PLAY, play), "preisach": (PREISACH, preisach_table), "forc": (REVERSAL, reversal_table)}
     code, table = make[kind]
     parts = table(rng, centre, total - slow)
     d = memoryless_part(rng, form, slow)
