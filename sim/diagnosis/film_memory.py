@@ -128,8 +128,9 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
             near = _closer(partial(_seen_cost, seen, through), tried, (below, above), CLOSER)
             if _cost(channel, p, through(near)) >= _cost(channel, p, through(np.nan)) - WORTH:
                 near = np.nan
-            passed[k, place] = near
-            seen = Seen(channel, replace(p, start=_through(p.start, passed, k, place, near)))
+            if not np.array_equal(passed[k, place], near, equal_nan=True):  # seen from there, from now on
+                seen = Seen(channel, replace(p, start=through(near)))
+                passed[k, place] = near
     return _started(p.start, passed)
 
 
