@@ -142,11 +142,8 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or 1.5 times the 95th percentile where sampling is uneven."""
-    threshold = GAP * float(np.median(steps_s))
-    if np.mean(steps_s > threshold) > 0.1:
-        threshold = GAP * float(np.percentile(steps_s, 95.0))
-    return threshold
+    """Steps above it are gaps: longer by a half than all but a twentieth of the steps are."""
+    return GAP * float(np.percentile(steps_s, 95.0))
 
 
 def build_path(

@@ -135,7 +135,7 @@ def diagnose(
     with threadpool_limits(limits=1):
         record = read_columns(columns, held_out=holdout is None)
         known = dict(effects if effects is not None else catalogue())
-        record = record.read_while_it_ran(known.values())
+        record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
         chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)

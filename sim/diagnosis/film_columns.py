@@ -124,6 +124,12 @@ def film_nodes(
         time = np.union1d(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
     place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
     temperature, k = path.at(time), 0
+    if gaps.size and not same:  # nor is what it reads there more than a way from one end to the other
+        gap = np.searchsorted(begin, time) - 1
+        inside = (gap >= 0) & (time < end[gap])
+        ends, gap = path.at(np.stack((begin, end))), gap[inside]
+        way = (time[inside] - begin[gap]) / (end - begin)[gap]
+        temperature[inside] = ends[0, gap] + way * (ends[1] - ends[0])[gap]
     if np.any(known):
         temperature[np.searchsorted(time, within[known])] = passed[known]
     for effect in effects:

@@ -8,12 +8,16 @@ from compensator.functions import Array
 
 SMALLEST_K = 0.02  # a file's own last digit is no finding
 FEWEST_PER_STEP = 4.0
+NEAR = 0.02  # of a step: on the lattice
+MOST_ON_IT = 0.98  # of the readings
 
 
 def lattice_step(values: Array) -> float:
-    """The step of readings on a lattice k step, 0 where there is none that matters."""
-    distinct = np.unique(values)
-    if distinct.size < 3 or values.size < FEWEST_PER_STEP * distinct.size:
+    """The step of readings on a lattice k step, 0 where there is none that matters. It is told by the values that
+    repeat; few readings may lie off it, as outliers do."""
+    distinct, times = np.unique(values, return_counts=True)
+    distinct, times = distinct[times > 1], times[times > 1]
+    if distinct.size < 3 or np.sum(times) < FEWEST_PER_STEP * distinct.size:
         return 0.0
     gaps = np.diff(distinct)
     tolerance = 1e-6 * max(float(np.max(np.abs(distinct))), 1.0)
@@ -26,7 +30,7 @@ def lattice_step(values: Array) -> float:
         if index[-1] < 2:
             return 0.0
         step = float(index @ (distinct - distinct[0]) / (index @ index))
-    away = np.abs((distinct - distinct[0]) - step * np.round((distinct - distinct[0]) / step))
-    if step < SMALLEST_K or np.mean(away < 0.02 * step) < 0.98:
+    index = (values - distinct[0]) / step
+    if step < SMALLEST_K or np.mean(np.abs(index - np.round(index)) < NEAR) < MOST_ON_IT:
         return 0.0
     return step

@@ -12,7 +12,7 @@ from compensator.functions import Array
 from compensator.identify_rows import gap_threshold
 from compensator.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
-from sim.effects.effect import Effect, ReadingTime
+from sim.effects.effect import Command, Effect, ReadingTime
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
@@ -21,6 +21,7 @@ BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
 FIRST_SHARE = 0.1
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end for time stamps that may be off
+MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,33 @@ class Record:
         margin = min(margin, MOST_OF_AN_END * end)
         within = (self.taken_s >= margin) & (self.taken_s <= end - margin)
         return replace(self, output_used=self.output_used & within)
+
+    def commands(self) -> tuple[Array, Array]:
+        """When a current was commanded, and which: in the rows, and in a gap on a straight line at the usual pace."""
+        assert self.current_A is not None
+        time = [self.time_s]
+        for k in self.first_rows[1:]:
+            begin, end = self.time_s[k - 1], self.time_s[k]
+            time.append(np.linspace(begin, end, max(round((end - begin) / self.interval_s), 1) + 1)[1:-1])
+        every = np.sort(np.concatenate(time))
+        return every, np.interp(every, self.time_s, self.current_A)
+
+    def commanded_in_sight(self, effects: Iterable[Effect]) -> Record:
+        """The same without the readings after a gap that a command sent in it may still change, if commands act as
+        late as one of the effects may have them."""
+        if self.current_A is None:
+            return self
+        time, latest = self.time_s, 0.0
+        for effect in effects:
+            if isinstance(effect.form, Command):
+                largest = np.array([p.largest for p in effect.parameters])
+                latest = max(latest, float(np.max(effect.form.send(largest, time, self.current_A)[0] - time)))
+        begin = self.first_rows[np.searchsorted(self.first_rows, np.arange(self.rows), side="right") - 1]
+        since = np.where(begin > 0, time - time[begin], np.inf)
+        if np.mean(since < latest) > MOST_AFTER_GAPS:
+            latest = float(np.quantile(since, MOST_AFTER_GAPS))
+        seen = since >= latest
+        return replace(self, temperature_used=self.temperature_used & seen, output_used=self.output_used & seen)
 
     @property
     def interval_s(self) -> float:
@@ -131,8 +159,9 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
     threshold = gap_threshold(steps)
     broken = steps > threshold
     if current is not None:
-        broken |= ~np.isfinite(current[:-1])
-        current = np.nan_to_num(current)
+        told = np.isfinite(current)
+        broken |= ~told[:-1]
+        current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")
     first_rows = np.concatenate(([0], np.flatnonzero(broken) + 1))
     return Record(

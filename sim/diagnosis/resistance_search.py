@@ -10,7 +10,7 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.film_columns import FilmNodes
-from sim.diagnosis.film_memory import begun
+from sim.diagnosis.film_memory import begun, remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
 from sim.effects.effect import Effect, Reading, Switched, Warming, switched
@@ -134,6 +134,12 @@ class ResistanceSearch:
             return fit
         other = self.channel.descend(replace(p, start=start), WHOLE_STEPS)
         return other if other.score > fit.score else fit
+
+    def through_gaps(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with another memory of what the film went through while rows are missing; kept."""
+        p = fit.plain or fit.parameters
+        start = remembered(self.channel, p)
+        return fit if start == p.start else self.keep(self.whole(replace(p, start=start)))
 
     def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects:

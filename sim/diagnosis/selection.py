@@ -142,6 +142,8 @@ def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozense
                 break
         if _hopeless(fit.minus_log, found.minus_log, rows):
             break
+        if search.channel.record.first_rows.size > 1:
+            found = search.through_gaps(found)
         names = frozenset(e.name for e in found.effects)
         names = _improved_last(search, names)
     return names
