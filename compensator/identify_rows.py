@@ -142,8 +142,11 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: longer by a half than all but a twentieth of the steps are."""
-    return GAP * float(np.percentile(steps_s, 95.0))
+    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile. Sampling is
+    uneven where many steps are long, or are no multiples of the median."""
+    medians = steps_s / float(np.median(steps_s))
+    uneven = np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9
+    return GAP * float(np.percentile(steps_s, 95.0) if uneven else np.median(steps_s))
 
 
 def build_path(

@@ -25,7 +25,6 @@ TRIED = 8  # temperatures on either side of a gap's ends
 NEAREST_K = 0.1
 CLOSER = 7  # times that the place between the best and its neighbours is looked at
 WORTH = 6.0  # log-likelihood that one more temperature in a gap has to bring
-SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 MOST = 12  # gaps looked at, the longest
 
 
@@ -113,7 +112,8 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     record, path = channel.record, channel.path
     first = record.first_rows[1:]
     length_s = record.time_s[first] - record.time_s[first - 1]
-    longest = [int(k) for k in np.argsort(-length_s)[:MOST] if length_s[k] > SHORT * record.interval_s]
+    long = np.isin(first, record.long_gaps())
+    longest = [int(k) for k in np.argsort(-length_s)[:MOST] if long[k]]
     passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
     low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
     seen = Seen(channel, p)

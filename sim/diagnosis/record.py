@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,8 @@ FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
 FIRST_SHARE = 0.1
-MOST_OF_AN_END = 0.01  # of the record that is left out at either end for time stamps that may be off
+SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
+MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
 
 
@@ -61,16 +63,24 @@ class Record:
         return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
 
     def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
-        """The same without the resistances at either end that were read before or after it, if its time stamps are as
-        far off as one of the effects may have them: nothing is known of the temperature there."""
-        end, margin = float(self.time_s[-1]), 0.0
+        """The same without the resistances that were read before or after it, or in a long gap, if its time stamps are
+        as far off as one of the effects may have them: nothing is known of the temperature there."""
+        margin = 0.0
         for effect in effects:
             if isinstance(effect.form, ReadingTime):
                 largest = np.array([p.largest for p in effect.parameters])
                 margin = max(margin, float(np.max(np.abs(effect.form.taken(largest, self.time_s) - self.time_s))))
-        margin = min(margin, MOST_OF_AN_END * end)
-        within = (self.taken_s >= margin) & (self.taken_s <= end - margin)
+        margin = min(margin, MOST_OF_AN_END * float(self.time_s[-1]))
+        within = np.zeros(self.rows, dtype=np.bool_)
+        for first, last in itertools.pairwise([0, *self.long_gaps().tolist(), self.rows]):
+            taken = self.taken_s[first:last]
+            within[first:last] = (taken >= self.time_s[first] + margin) & (taken <= self.time_s[last - 1] - margin)
         return replace(self, output_used=self.output_used & within)
+
+    def long_gaps(self) -> Rows:
+        """The rows after gaps in which a plate may have turned round."""
+        first = self.first_rows[1:]
+        return first[self.time_s[first] - self.time_s[first - 1] > SHORT * self.interval_s]
 
     def commands(self) -> tuple[Array, Array]:
         """When a current was commanded, and which: in the rows, and in a gap on a straight line at the usual pace."""

@@ -1,0 +1,98 @@
+"""What the diagnosis makes of missing rows: nothing is made up of what happened there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compensator.functions import Array
+from compensator.identify_rows import gap_threshold
+from sim.diagnosis.film_columns import FilmStart, film_nodes
+from sim.diagnosis.lattice import lattice_step
+from sim.diagnosis.plate_path import PlatePath
+from sim.diagnosis.record import Record, read_columns
+from sim.effects.catalogue import catalogue
+from sim.effects.effect import Switched
+
+EFFECTS = catalogue()
+
+
+def a_record(time: Array) -> Record:
+    current = np.sin(time / 40.0)
+    return read_columns(
+        {
+            "time_s": time,
+            "temperature_degC": 40.0 + 10.0 * np.sin(time / 30.0),
+            "current_A": current,
+            "resistance_ohm": np.full(time.size, 100.0),
+        }
+    )
+
+
+def with_a_gap(rows: int) -> Record:
+    """2000 rows of 0.5 s, less so many from row 800 on."""
+    return a_record(np.delete(0.5 * np.arange(2000), slice(800, 800 + rows)))
+
+
+def test_uneven_rows_are_no_gaps() -> None:
+    rng = np.random.default_rng(1)
+    assert a_record(np.cumsum(rng.uniform(0.25, 0.75, 3000))).first_rows.tolist() == [0]
+    steps = np.full(1000, 0.5)
+    steps[::12] = 1.0
+    assert np.sum(steps > gap_threshold(steps)) == 84
+
+
+def test_commands_in_a_gap_are_on_a_straight_line() -> None:
+    record = with_a_gap(1)
+    time, current = record.commands()
+    assert time.size == 2000
+    np.testing.assert_allclose(time, 0.5 * np.arange(2000), atol=1e-9)
+    assert record.current_A is not None
+    assert current[800] == pytest.approx(0.5 * (record.current_A[799] + record.current_A[800]))
+
+
+def test_what_a_command_in_a_gap_may_still_change_is_not_fitted() -> None:
+    record = with_a_gap(30)
+    fitted = record.commanded_in_sight([EFFECTS["actuator_delay"]])
+    latest = EFFECTS["actuator_delay"].parameters[0].largest
+    for used in (fitted.temperature_used, fitted.output_used):
+        assert np.flatnonzero(~used).tolist() == list(range(800, 800 + round(latest / 0.5)))
+    assert np.all(record.commanded_in_sight([EFFECTS["creep"], EFFECTS["actuator_deadband"]]).temperature_used)
+
+
+def test_many_gaps_leave_most_of_a_record() -> None:
+    record = a_record(np.delete(0.5 * np.arange(2000), slice(100, 1900, 30)))
+    fitted = record.commanded_in_sight(EFFECTS.values())
+    assert 0.05 < np.mean(~fitted.temperature_used) <= 0.2
+
+
+def test_what_may_have_been_read_in_a_long_gap_is_not_fitted() -> None:
+    record = with_a_gap(60)
+    used = record.read_while_it_ran([EFFECTS["timestamp_skew"]]).output_used
+    assert not np.any(used[792:808])
+    assert np.all(used[20:780])
+    assert np.all(used[820:1900])
+    assert np.all(with_a_gap(2).read_while_it_ran([EFFECTS["timestamp_skew"]]).output_used[20:1900])
+
+
+def test_the_film_does_not_follow_what_was_made_up_in_a_gap() -> None:
+    record = with_a_gap(40)
+    time = 0.5 * np.arange(2000)
+    plate = 40.0 + 5.0 * (np.abs(time - 410.0) < 9.0)  # a simulation left to itself in the gap
+    path = PlatePath(time, plate, np.zeros((time.size, 2)))
+    skew = Switched(EFFECTS["timestamp_skew"], np.array([1.3]))
+    nodes = film_nodes(record, path, [skew], [], None, FilmStart())
+    assert np.any((nodes.time_s > record.time_s[799]) & (nodes.time_s < record.time_s[800]))
+    np.testing.assert_allclose(nodes.film_degC, 40.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01])
+def test_a_lattice_is_told_beneath_outliers(share: float) -> None:
+    rng = np.random.default_rng(2)
+    values = 45.0 + 20.0 * np.sin(np.arange(6000) / 300.0) + 0.01 * rng.standard_normal(6000)
+    values = 0.0625 * np.round(values / 0.0625)
+    bad = rng.choice(6000, int(share * 6000), replace=False)
+    values[bad] += rng.uniform(-10.0, 10.0, bad.size)
+    assert lattice_step(values) == pytest.approx(0.0625, rel=1e-6)
+    assert lattice_step(values + 0.01 * rng.standard_normal(6000)) == 0.0
+    assert lattice_step(np.round(values + 0.01 * rng.standard_normal(6000), 3)) == 0.0
