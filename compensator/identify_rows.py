@@ -23,6 +23,7 @@ from compensator.temperature_path import TemperaturePath, temperature_path, turn
 
 FEWEST: Final = 12  # readings below which nothing is fitted
 GAP: Final = 1.5  # in median steps
+UNEVEN_GAP: Final = 1.1  # in steps that are longer than all but a twentieth
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,11 +143,13 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile. Sampling is
+    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.1 times the 95th percentile. Sampling is
     uneven where many steps are long, or are no multiples of the median."""
-    medians = steps_s / float(np.median(steps_s))
-    uneven = np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9
-    return GAP * float(np.percentile(steps_s, 95.0) if uneven else np.median(steps_s))
+    median = float(np.median(steps_s))
+    medians = steps_s / median
+    if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
+        return UNEVEN_GAP * float(np.percentile(steps_s, 95.0))
+    return GAP * median
 
 
 def build_path(

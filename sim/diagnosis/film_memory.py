@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -108,41 +109,47 @@ def _cost(channel: ResistanceChannel, p: FilmParameters, start: FilmStart) -> fl
 
 
 def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
-    """The temperatures beyond each gap's ends: the last one that the film passed, then one before that; gap by gap."""
-    record, path = channel.record, channel.path
+    """The temperatures beyond each gap's ends: the last one that the film passed, and one before that; gap by gap."""
+    record = channel.record
     first = record.first_rows[1:]
-    length_s = record.time_s[first] - record.time_s[first - 1]
-    long = np.isin(first, record.long_gaps())
-    longest = [int(k) for k in np.argsort(-length_s)[:MOST] if long[k]]
     passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    seen = Seen(channel, p)
-    for k in sorted(longest):
-        ends = path.at(record.time_s[[first[k] - 1, first[k]]])
-        below, above = float(np.min(ends)), float(np.max(ends))
-        coarse = [float(below - d) for d in np.geomspace(NEAREST_K, max(below - low, 2.0 * NEAREST_K), TRIED)]
-        coarse += [float(above + d) for d in np.geomspace(NEAREST_K, max(high - above, 2.0 * NEAREST_K), TRIED)]
-        for place in (1, 0, 1):
-            through = partial(_through, p.start, passed, k, place)
-            tried = {t: seen.cost(through(t)) for t in coarse}
-            near = _closer(partial(_seen_cost, seen, through), tried, (below, above), CLOSER)
-            if _cost(channel, p, through(near)) >= _cost(channel, p, through(np.nan)) - WORTH:
-                near = np.nan
-            if not np.array_equal(passed[k, place], near, equal_nan=True):  # seen from there, from now on
-                seen = Seen(channel, replace(p, start=through(near)))
-                passed[k, place] = near
+    long = record.long_gaps()
+    longest = long[np.argsort(-(record.time_s[long] - record.time_s[long - 1]))[:MOST]]
+    for k in np.flatnonzero(np.isin(first, longest)):
+        passed = _in_gap(channel, p, passed, int(k))
     return _started(p.start, passed)
 
 
-def _seen_cost(seen: Seen, through: Callable[[float], FilmStart], value: float) -> float:
-    return seen.cost(through(value))
+def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int) -> Array:
+    """`passed` with the best of gap k: first there and back on both sides of its ends, then each for itself."""
+    row = channel.record.first_rows[1 + k]
+    ends, plate = channel.path.at(channel.record.time_s[[row - 1, row]]), channel.path.plate_degC
+    below, above = float(np.min(ends)), float(np.max(ends))
+    lower = below - np.geomspace(NEAREST_K, max(below - float(np.min(plate)), 2.0 * NEAREST_K), TRIED)
+    higher = above + np.geomspace(NEAREST_K, max(float(np.max(plate)) - above, 2.0 * NEAREST_K), TRIED)
 
+    def through(before: float, last: float) -> FilmStart:
+        other = passed.copy()
+        other[k] = before, last
+        return _started(p.start, other)
 
-def _through(start: FilmStart, passed: Array, k: int, place: int, value: float) -> FilmStart:
-    """With another of the two temperatures of gap k."""
-    other = passed.copy()
-    other[k, place] = value
-    return _started(start, other)
+    before, last = (float(t) for t in passed[k])
+    seen = Seen(channel, replace(p, start=through(before, last)))
+    both = [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
+    two = min(both, key=lambda two: seen.cost(through(*two)))
+    if _cost(channel, p, through(*two)) < seen.point.cost - WORTH:
+        before, last = two
+        seen = Seen(channel, replace(p, start=through(before, last)))
+    for place in (1, 0, 1):
+        at = partial(through, before) if place else lambda t, last=last: through(t, last)
+        tried = {float(t): seen.cost(at(float(t))) for t in (*lower, *higher)}
+        near = _closer(lambda t, at=at: seen.cost(at(t)), tried, (below, above), CLOSER)
+        if _cost(channel, p, at(near)) >= _cost(channel, p, at(np.nan)) - WORTH:
+            near = np.nan
+        if not np.array_equal((before, last)[place], near, equal_nan=True):  # seen from there, from now on
+            before, last = (before, near) if place else (near, last)
+            seen = Seen(channel, replace(p, start=through(before, last)))
+    return np.asarray(through(before, last).passed_degC)
 
 
 def _started(start: FilmStart, passed: Array) -> FilmStart:

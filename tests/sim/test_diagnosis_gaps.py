@@ -36,7 +36,9 @@ def with_a_gap(rows: int) -> Record:
 
 def test_uneven_rows_are_no_gaps() -> None:
     rng = np.random.default_rng(1)
-    assert a_record(np.cumsum(rng.uniform(0.25, 0.75, 3000))).first_rows.tolist() == [0]
+    time = np.cumsum(rng.uniform(0.25, 0.75, 3000))
+    assert a_record(time).first_rows.tolist() == [0]
+    assert a_record(np.delete(time, slice(800, 802))).first_rows.tolist() == [0, 800]
     steps = np.full(1000, 0.5)
     steps[::12] = 1.0
     assert np.sum(steps > gap_threshold(steps)) == 84
