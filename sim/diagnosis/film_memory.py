@@ -19,6 +19,7 @@ from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
 
 SEVERAL = 10  # turning points before the first row that are tried, on either side
 FAR = 1.0  # cost a row from which others have to be fitted to be seen
+FAR_OFF = 15.0  # cost a row from which more is wrong than a memory
 LIKELY = 3  # of them that are fitted
 CLOSER_START = 3  # times that the place between the best turning point and its neighbours is looked at
 WORTH_START = 3.0  # log-likelihood that another memory at the first row has to bring
@@ -135,11 +136,12 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
 
     before, last = (float(t) for t in passed[k])
     seen = Seen(channel, replace(p, start=through(before, last)))
-    both = [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
-    two = min(both, key=lambda two: seen.cost(through(*two)))
-    if _cost(channel, p, through(*two)) < seen.point.cost - WORTH:
-        before, last = two
-        seen = Seen(channel, replace(p, start=through(before, last)))
+    if seen.point.cost < FAR_OFF * channel.rows.size:
+        both = [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
+        two = min(both, key=lambda two: seen.cost(through(*two)))
+        if _cost(channel, p, through(*two)) < seen.point.cost - WORTH:
+            before, last = two
+            seen = Seen(channel, replace(p, start=through(before, last)))
     for place in (1, 0, 1):
         at = partial(through, before) if place else lambda t, last=last: through(t, last)
         tried = {float(t): seen.cost(at(float(t))) for t in (*lower, *higher)}

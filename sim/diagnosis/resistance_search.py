@@ -74,7 +74,7 @@ class ResistanceSearch:
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
         found = []
-        for start in self.starts(plain.with_relays(0.0), others, name, promise):
+        for start in self.starts(plain, others, name, promise.start):
             found.append(self.channel.descend(start, QUICK_STEPS))
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
@@ -93,6 +93,14 @@ class ResistanceSearch:
             found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
         return self.keep(found)
 
+    def instead(self, fit: ResistanceFit, name: str, other: str) -> ResistanceFit:
+        """Another effect in the place of one of a fit's, from the film as it is there: begun without either of them, it
+        may end in other envelopes."""
+        plain = fit.plain or fit.parameters
+        rest = [e for e in plain.effects if e.name != name]
+        begin = self.starts(plain, rest, other, starts_of(self.effects[other], self.channel)[0])
+        return self.channel.descend(begin[0], WHOLE_STEPS)
+
     def keep(self, fit: ResistanceFit) -> ResistanceFit:
         """Remember a fit, if it is the best with its effects."""
         names = frozenset(e.name for e in fit.effects)
@@ -102,14 +110,14 @@ class ResistanceSearch:
         return self.fits[names]
 
     def starts(
-        self, plain: FilmParameters, others: list[Switched], name: str, promise: Promise
+        self, plain: FilmParameters, others: list[Switched], name: str, likely: Switched
     ) -> list[FilmParameters]:
-        """Where to begin: of the promising values and those over the range, the ones at which the film fits best with
-        its envelopes as they are."""
+        """Where to begin: of the likely value and those over the range, the ones at which the film fits best with its
+        envelopes as they are."""
         channel = self.channel
         tried: list[tuple[float, int, FilmParameters]] = []
-        for start in (promise.start, *starts_of(self.effects[name], channel, FINER)):
-            p = channel.extended(plain, [*others, start])
+        for start in (likely, *starts_of(self.effects[name], channel, FINER)):
+            p = channel.extended(plain.with_relays(0.0), [*others, start])
             tried.append((channel.point(p, p.x).cost, len(tried), p))
         tried.sort()
         return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]

@@ -36,10 +36,10 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
             if promises[other] < HOPE * own:
                 continue
             if is_last:
-                quick = search.quick(fit, other)
-                if quick.score < search.fit(chain.split(names)[1]).score - FAR:
+                named, quick = search.fit(chain.split(names)[1]), search.quick(fit, other)
+                if quick.score < named.score - FAR:
                     continue
-                chain.followed(rest | {other}, quick)
+                chain.followed(rest | {other}, max(quick, search.instead(named, name, other), key=lambda f: f.score))
             if chain.score(rest | {other}) > whole - CLOSE:
                 found.append(other)
         out[name] = found

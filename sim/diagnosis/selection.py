@@ -190,14 +190,30 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
     for name in others:
         if isinstance(search.effects[name].form, Reading):
-            end = search.plain(search.quick(fit, name).parameters)
-            if search.channel.mean_square(end) <= RELAYS_FROM:
-                found.append(search.keep(end))
+            found.append(search.finish(search.quick(fit, name)))
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None
 
 
+def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    """With another lag or skew in the place of one that fits worse, the film as it is there: what alike effects were
+    fitted to may differ by more than they do."""
+    for name in sorted(names & TIMING):
+        best = search.fit(names)
+        others = sorted((TIMING & search.effects.keys()) - names)
+        if not others or search.channel.mean_square(best) > FAR_FROM_NOISE:
+            return names
+        found = [search.instead(best, name, other) for other in others]
+        interval = search.channel.record.interval_s
+        sound = [f for f in found if not any(without_meaning(e, interval) for e in f.effects)]
+        better = max(sound, key=lambda f: f.score, default=best)
+        if better.score > best.score + 1.0:
+            names = frozenset(e.name for e in search.finish(better).effects)
+    return names
+
+
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    names = _best_timed(search, names)
     for _ in range(3):
         best = search.fit(names)
         if len(names) < 2 or search.channel.mean_square(best) > FAR_FROM_NOISE:
