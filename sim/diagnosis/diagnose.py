@@ -148,7 +148,9 @@ def diagnose(
         while vague := vague_effects(chain, frozenset(judged.names)):
             weakest = min(vague, key=lambda name: judged.evidence[name])
             judged = judge(chain, frozenset(judged.names) - {weakest})
-        other = read_columns(holdout, held_out=False).commanded_in_sight(known.values()) if holdout is not None else None
+        other = None
+        if holdout is not None:
+            other = read_columns(holdout, held_out=False).commanded_in_sight(known.values())
         found = _diagnosis(chain, judged, other, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, other)

@@ -143,15 +143,26 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
             before, last = two
             seen = Seen(channel, replace(p, start=through(before, last)))
     for place in (1, 0, 1):
-        at = partial(through, before) if place else lambda t, last=last: through(t, last)
-        tried = {float(t): seen.cost(at(float(t))) for t in (*lower, *higher)}
-        near = _closer(lambda t, at=at: seen.cost(at(t)), tried, (below, above), CLOSER)
-        if _cost(channel, p, at(near)) >= _cost(channel, p, at(np.nan)) - WORTH:
+        alone = partial(_with_one, through, (before, last), place)
+        cost = partial(_seen_cost, seen, alone)
+        near = _closer(cost, {float(t): cost(float(t)) for t in (*lower, *higher)}, (below, above), CLOSER)
+        if _cost(channel, p, alone(near)) >= _cost(channel, p, alone(np.nan)) - WORTH:
             near = np.nan
         if not np.array_equal((before, last)[place], near, equal_nan=True):  # seen from there, from now on
             before, last = (before, near) if place else (near, last)
             seen = Seen(channel, replace(p, start=through(before, last)))
     return np.asarray(through(before, last).passed_degC)
+
+
+def _with_one(
+    through: Callable[[float, float], FilmStart], both: tuple[float, float], place: int, value: float
+) -> FilmStart:
+    """With another of the two temperatures."""
+    return through(both[0], value) if place else through(value, both[1])
+
+
+def _seen_cost(seen: Seen, through: Callable[[float], FilmStart], value: float) -> float:
+    return seen.cost(through(value))
 
 
 def _started(start: FilmStart, passed: Array) -> FilmStart:
