@@ -23,6 +23,7 @@ HELD_OUT = 4
 FIRST_SHARE = 0.1
 SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
+MOST_IN_A_GAP = 1000  # commands
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
 
 
@@ -83,12 +84,14 @@ class Record:
         return first[self.time_s[first] - self.time_s[first - 1] > SHORT * self.interval_s]
 
     def commands(self) -> tuple[Array, Array]:
-        """When a current was commanded, and which: in the rows, and in a gap on a straight line at the usual pace."""
+        """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace unless
+        the gap is endless."""
         assert self.current_A is not None
         time = [self.time_s]
         for k in self.first_rows[1:]:
             begin, end = self.time_s[k - 1], self.time_s[k]
-            time.append(np.linspace(begin, end, max(round((end - begin) / self.interval_s), 1) + 1)[1:-1])
+            steps = min(max(round((end - begin) / self.interval_s), 1), MOST_IN_A_GAP)
+            time.append(np.linspace(begin, end, steps + 1)[1:-1])
         every = np.sort(np.concatenate(time))
         return every, np.interp(every, self.time_s, self.current_A)
 

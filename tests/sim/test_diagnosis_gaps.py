@@ -53,6 +53,12 @@ def test_commands_in_a_gap_are_on_a_straight_line() -> None:
     assert current[800] == pytest.approx(0.5 * (record.current_A[799] + record.current_A[800]))
 
 
+def test_a_night_between_two_rows_is_no_million_commands() -> None:
+    time = 0.5 * np.arange(2000)
+    time[1000:] += 40_000.0
+    assert a_record(time).commands()[0].size < 4000
+
+
 def test_what_a_command_in_a_gap_may_still_change_is_not_fitted() -> None:
     record = with_a_gap(30)
     fitted = record.commanded_in_sight([EFFECTS["actuator_delay"]])
