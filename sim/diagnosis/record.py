@@ -84,8 +84,8 @@ class Record:
         return first[self.time_s[first] - self.time_s[first - 1] > SHORT * self.interval_s]
 
     def commands(self) -> tuple[Array, Array]:
-        """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace unless
-        the gap is endless."""
+        """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace or
+        a thousand times."""
         assert self.current_A is not None
         time = [self.time_s]
         for k in self.first_rows[1:]:
