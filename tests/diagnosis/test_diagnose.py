@@ -114,7 +114,7 @@ def test_what_the_film_went_through_in_gaps_is_no_effect() -> None:
 
 @pytest.mark.parametrize("seed", [9701, 10007])
 def test_what_happens_in_gaps_is_not_made_up(seed: int) -> None:
-    """A delayed command of a missing row acts after it; a film went 5 K up and 8 K down in a gap whose ends are alike."""
+    """A delayed command of a missing row acts after it; a film went 5 K up and 8 K down in a gap with ends alike."""
     blind = case("disturbed", seed)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden)
