@@ -55,6 +55,7 @@ class FakeBench:
         self.name = "film 7, bench A"
         self.viewers: set[asyncio.Queue[str | None]] = set()
         self.stops: list[float] = []
+        self.answers_stop_after_s = 0.0
         self.reset_reasons: list[str] = []
         self.started_s = time.time()
         self.warnings: list[str] = []
@@ -180,6 +181,7 @@ class FakeBench:
         self.stops.append(time.time())
         self.end("stopped", "stopped", "STOP was pressed")
         self.confirmed = True
+        await asyncio.sleep(self.answers_stop_after_s)
         return JSONResponse({"off": True, "confirmed": True, "took_s": 0.004})
 
     async def reset(self, request: Request) -> Response:

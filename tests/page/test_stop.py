@@ -52,6 +52,23 @@ def test_by_click_by_keyboard_alone_and_by_its_keys(running: Any, bench: FakeBen
     expect(button).to_be_in_viewport(ratio=1)
 
 
+def test_a_press_is_sent_while_an_earlier_one_waits(running: Any, bench: FakeBench, server: Server) -> None:
+    button = running.get_by_role("button", name="STOP", exact=True)
+    bench.answers_stop_after_s = 3.0
+    button.click()
+    assert_off(running, bench)
+    said = running.get_by_role("alert").filter(has_text="has not answered yet")
+    expect(said).to_be_visible()
+    bench.answers_stop_after_s = 0.0
+    server.call(bench.clear)
+    server.call(bench.add_job, "again", "track_resistance")
+    expect(running.locator("#output")).to_have_text("output on")
+    button.click()
+    assert_off(running, bench, 2)
+    expect(said).to_be_hidden()
+    expect(button).not_to_have_attribute("data-busy", "")
+
+
 def test_typing_is_not_stopping(running: Any, bench: FakeBench) -> None:
     running.locator("#text-summary").click()
     running.locator("#text").press_sequentially("S")

@@ -20,8 +20,10 @@ function everything() {
 }
 
 async function readState() {
+  const before = latestState();
   try {
-    take("state", await ask("GET", "/api/state"));
+    const state = await ask("GET", "/api/state");
+    if (latestState() === before) take("state", state); // else the stream has told since, and this may be older
   } catch {
     // the stream tells
   }

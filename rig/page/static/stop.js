@@ -8,25 +8,26 @@ const INSIST_S = 10;
 const ANSWER_S = 16; // the bench itself waits 15 s for its instruments
 const SLOW_MS = 1000;
 const BY_HAND = "Switch the controller off by hand.";
-let busy = false;
+let latest = 0; // every press is sent at once, also while an earlier one waits for its answer; the latest one tells
 
 /** Press STOP. `answered` is told when the bench has answered, so that the state is read anew. */
 async function press(answered) {
-  if (busy) return;
-  busy = true;
+  latest += 1;
+  const mine = latest;
+  const tell = (text) => mine === latest && sayOrHide($("stop-said"), text);
   const button = $("stop");
   button.dataset.busy = "";
   const begin = performance.now();
-  const slow = setTimeout(() => sayOrHide($("stop-said"), "STOP was sent. The bench has not answered yet."), SLOW_MS);
+  const slow = setTimeout(() => tell("STOP was sent. The bench has not answered yet."), SLOW_MS);
   let wait_ms = 100;
-  for (let count = 1; ; count += 1) {
+  for (let count = 1; mine === latest; count += 1) {
     try {
       const answer = await ask("POST", "/api/stop", {}, { timeout_s: ANSWER_S, urgent: true });
+      if (mine !== latest) break;
       const took_ms = performance.now() - begin;
       const took = took_ms < 1000 ? `${Math.round(took_ms)} ms` : duration(took_ms / 1000);
-      clearTimeout(slow);
       const sure = answer?.off === true && answer?.confirmed === true;
-      sayOrHide($("stop-said"), sure ? null : `STOP was sent, but the output is NOT CONFIRMED off. ${BY_HAND}`);
+      tell(sure ? null : `STOP was sent, but the output is NOT CONFIRMED off. ${BY_HAND}`);
       document.dispatchEvent(new CustomEvent("stopped", { detail: { sure, took } }));
       break;
     } catch (fault) {
@@ -34,14 +35,15 @@ async function press(answered) {
       const over = performance.now() - begin > INSIST_S * 1000;
       const certain = fault instanceof Refused && fault.status < 500; // asking again would change nothing
       const next = over || certain ? `${BY_HAND} Or press STOP again.` : `Trying again (${count}) …`;
-      sayOrHide($("stop-said"), `STOP did not reach the bench: ${inWords(fault)}. ${next}`);
+      tell(`STOP did not reach the bench: ${inWords(fault)}. ${next}`);
       if (over || certain) break;
       await new Promise((resolve) => setTimeout(resolve, wait_ms));
       wait_ms = Math.min(1000, wait_ms * 2);
     }
   }
+  clearTimeout(slow);
+  if (mine !== latest) return;
   delete button.dataset.busy;
-  busy = false;
   answered();
 }
 
