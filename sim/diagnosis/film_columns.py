@@ -110,8 +110,7 @@ def film_nodes(
     turns = path.turning_s if power is None else np.concatenate((path.turning_s, power.jumps_s()))
     gaps = record.first_rows[1:]
     begin, end = record.time_s[gaps - 1], record.time_s[gaps]
-    for a, b in zip(begin, end, strict=True):  # what a simulation does there is made up
-        turns = turns[(turns <= a) | (turns >= b)]
+    turns = turns[_gap_of(turns, begin, end) < 0]  # what a simulation does there is made up
     passed = np.asarray(start.passed_degC, dtype=np.float64).reshape(-1, 2)
     known = np.isfinite(passed)
     within = np.stack((begin + (end - begin) / 3.0, end - (end - begin) / 3.0), axis=1) if np.any(known) else passed
@@ -124,9 +123,9 @@ def film_nodes(
         time = np.union1d(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
     place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
     temperature, k = path.at(time), 0
-    if gaps.size and not same:  # nor is what it reads there more than a way from one end to the other
-        gap = np.searchsorted(begin, time) - 1
-        inside = (gap >= 0) & (time < end[gap])
+    if gaps.size and not same:  # what is read there is on the way from one end to the other
+        gap = _gap_of(time, begin, end)
+        inside = gap >= 0
         ends, gap = path.at(np.stack((begin, end))), gap[inside]
         way = (time[inside] - begin[gap]) / (end - begin)[gap]
         temperature[inside] = ends[0, gap] + way * (ends[1] - ends[0])[gap]
@@ -151,6 +150,12 @@ def film_nodes(
     else:
         points, rows = np.unique(place, return_inverse=True)
     return FilmNodes(time, temperature, side, place, start.previous_degC, points, rows)
+
+
+def _gap_of(time: Array, begin: Array, end: Array) -> NDArray[np.int64]:
+    """The gap that each time is inside of, -1 for none."""
+    gap = np.searchsorted(begin, time) - 1
+    return np.where(time < np.append(end, -np.inf)[gap], gap, -1)
 
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:

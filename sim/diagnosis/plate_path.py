@@ -67,7 +67,7 @@ class Nodes:
 
 def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
     """The record's rows and the moments at which its commands act."""
-    acts, amounts = record.commands()
+    acts, amounts = record.commands
     for effect in effects:
         if isinstance(effect.effect.form, Command):
             acts, amounts = effect.effect.form.send(effect.par, acts, amounts)

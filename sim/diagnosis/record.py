@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,12 +67,8 @@ class Record:
     def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
         """The same without the resistances that were read before or after it, or in a long gap, if its time stamps are
         as far off as one of the effects may have them: nothing is known of the temperature there."""
-        margin = 0.0
-        for effect in effects:
-            if isinstance(effect.form, ReadingTime):
-                largest = np.array([p.largest for p in effect.parameters])
-                margin = max(margin, float(np.max(np.abs(effect.form.taken(largest, self.time_s) - self.time_s))))
-        margin = min(margin, MOST_OF_AN_END * float(self.time_s[-1]))
+        off = [e.form.taken(_largest(e), self.time_s) - self.time_s for e in effects if isinstance(e.form, ReadingTime)]
+        margin = min(float(np.max(np.abs(off), initial=0.0)), MOST_OF_AN_END * float(self.time_s[-1]))
         within = np.zeros(self.rows, dtype=np.bool_)
         for first, last in itertools.pairwise([0, *self.long_gaps().tolist(), self.rows]):
             taken = self.taken_s[first:last]
@@ -83,6 +80,7 @@ class Record:
         first = self.first_rows[1:]
         return first[self.time_s[first] - self.time_s[first - 1] > SHORT * self.interval_s]
 
+    @cached_property
     def commands(self) -> tuple[Array, Array]:
         """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace or
         a thousand times."""
@@ -100,11 +98,9 @@ class Record:
         late as one of the effects may have them."""
         if self.current_A is None:
             return self
-        time, latest = self.time_s, 0.0
-        for effect in effects:
-            if isinstance(effect.form, Command):
-                largest = np.array([p.largest for p in effect.parameters])
-                latest = max(latest, float(np.max(effect.form.send(largest, time, self.current_A)[0] - time)))
+        time, current = self.time_s, self.current_A
+        late = [e.form.send(_largest(e), time, current)[0] - time for e in effects if isinstance(e.form, Command)]
+        latest = float(np.max(late, initial=0.0))
         begin = self.first_rows[np.searchsorted(self.first_rows, np.arange(self.rows), side="right") - 1]
         since = np.where(begin > 0, time - time[begin], np.inf)
         if np.mean(since < latest) > MOST_AFTER_GAPS:
@@ -116,6 +112,11 @@ class Record:
     def interval_s(self) -> float:
         """The median step."""
         return float(np.median(np.diff(self.time_s)))
+
+
+def _largest(effect: Effect) -> Array:
+    """Its parameters, as large as any that one meets."""
+    return np.array([p.largest for p in effect.parameters])
 
 
 def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:

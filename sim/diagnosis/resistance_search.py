@@ -98,8 +98,7 @@ class ResistanceSearch:
         may end in other envelopes."""
         plain = fit.plain or fit.parameters
         rest = [e for e in plain.effects if e.name != name]
-        begin = self.starts(plain, rest, other, starts_of(self.effects[other], self.channel)[0])
-        return self.channel.descend(begin[0], WHOLE_STEPS)
+        return self.channel.descend(self.starts(plain, rest, other)[0], WHOLE_STEPS)
 
     def keep(self, fit: ResistanceFit) -> ResistanceFit:
         """Remember a fit, if it is the best with its effects."""
@@ -110,13 +109,13 @@ class ResistanceSearch:
         return self.fits[names]
 
     def starts(
-        self, plain: FilmParameters, others: list[Switched], name: str, likely: Switched
+        self, plain: FilmParameters, others: list[Switched], name: str, *likely: Switched
     ) -> list[FilmParameters]:
-        """Where to begin: of the likely value and those over the range, the ones at which the film fits best with its
+        """Where to begin: of the likely values and those over the range, the ones at which the film fits best with its
         envelopes as they are."""
         channel = self.channel
         tried: list[tuple[float, int, FilmParameters]] = []
-        for start in (likely, *starts_of(self.effects[name], channel, FINER)):
+        for start in (*likely, *starts_of(self.effects[name], channel, FINER)):
             p = channel.extended(plain.with_relays(0.0), [*others, start])
             tried.append((channel.point(p, p.x).cost, len(tried), p))
         tried.sort()

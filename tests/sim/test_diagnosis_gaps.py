@@ -46,7 +46,7 @@ def test_uneven_rows_are_no_gaps() -> None:
 
 def test_commands_in_a_gap_are_on_a_straight_line() -> None:
     record = with_a_gap(1)
-    time, current = record.commands()
+    time, current = record.commands
     assert time.size == 2000
     np.testing.assert_allclose(time, 0.5 * np.arange(2000), atol=1e-9)
     assert record.current_A is not None
@@ -56,7 +56,7 @@ def test_commands_in_a_gap_are_on_a_straight_line() -> None:
 def test_a_night_between_two_rows_is_no_million_commands() -> None:
     time = 0.5 * np.arange(2000)
     time[1000:] += 40_000.0
-    assert a_record(time).commands()[0].size < 4000
+    assert a_record(time).commands[0].size < 4000
 
 
 def test_what_a_command_in_a_gap_may_still_change_is_not_fitted() -> None:
