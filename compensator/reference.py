@@ -17,7 +17,7 @@ from compensator import play
 from compensator.branch import workspace
 from compensator.film import Packed
 from compensator.functions import Array, memoryless_value
-from compensator.inverse import HIGH, LEAST_SLOPE, LOW, arrive, no_point, solve, solve_monotone
+from compensator.solve import HIGH, LEAST_SLOPE, LOW, arrive, no_point, solve, solve_monotone
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 

@@ -23,6 +23,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.own_functions",
         "compensator.play",
         "compensator.inverse",
+        "compensator.solve",
         "compensator.iteration",
         "compensator.check",
         "compensator.compress",
