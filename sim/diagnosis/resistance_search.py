@@ -28,7 +28,7 @@ WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descen
 RELAY_STEPS = 6
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
-UNDERSTOOD = 2.0  # mean square residual over noise below which the memory at the first row is looked for anew
+UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
@@ -42,6 +42,20 @@ class Promise:
     beside: tuple[float, Switched] | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class KnownShape:
+    """The envelopes that a global search found: shape (4,), at these nodes, in this output (rows,)."""
+
+    nodes: FilmNodes
+    output: Array
+    shape: Array
+
+    def serves(self, nodes: FilmNodes, output: Array, channel: ResistanceChannel) -> bool:
+        """Whether it would be found again: the same film, and an output that differs by less than the noise."""
+        apart = (output - self.output)[channel.rows] / channel.sigma_dec
+        return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
+
+
 @dataclass
 class ResistanceSearch:
     """Fits of the last links by the names of their effects, each computed once."""
@@ -50,7 +64,7 @@ class ResistanceSearch:
     effects: dict[str, Effect]
     base: FilmParameters
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
-    known_shape: tuple[FilmNodes, Array] | None = None
+    known_shape: KnownShape | None = None
 
     def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
         """The best fit with exactly these effects; `near`: one to begin from."""
@@ -149,17 +163,20 @@ class ResistanceSearch:
         return fit if start == p.start else self.keep(self.whole(replace(p, start=start)))
 
     def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
-        """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects:
-        those that were found without them may be far off."""
+        """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects, in
+        what they leave of the readings: those that were found without them may be far off."""
         channel, p = self.channel, fit.parameters
         if channel.mean_square(fit) < RESHAPED_FROM:
             return fit
         _, nodes = channel.nodes(p, p.x)
-        if self.known_shape is None or not nodes.same_film(self.known_shape[0]):
-            thin = thinned_path(nodes, channel.output, channel.fitted, p.start)
-            self.known_shape = nodes, starting_shape(thin, channel.basis.curve is not None)[0]
+        film = channel.output - (fit.shown - fit.film_output)  # as an ohmmeter without its effects would read it
+        known = self.known_shape
+        if known is None or not known.serves(nodes, film, channel):
+            thin = thinned_path(nodes, film, channel.fitted, p.start)
+            known = KnownShape(nodes, film, starting_shape(thin, channel.basis.curve is not None)[0])
+            self.known_shape = known
         x = p.x.copy()
-        x[:4] = self.known_shape[1]
+        x[:4] = known.shape
         prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)
         other = channel.descend(replace(p, x=x, prior=prior), WHOLE_STEPS)
         return other if other.score > fit.score else fit
