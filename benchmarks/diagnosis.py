@@ -103,6 +103,7 @@ def one(job: Job) -> Row:
         "noise": truth.noise,
         "details": truth.details,
         "findings": document["effects"],
+        "film": [truth.film, document["film"]],
         "left": document["unexplained"],
     }
     return row
