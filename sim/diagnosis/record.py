@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensator.functions import Array
-from compensator.identify_rows import gap_threshold
 from compensator.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
+from sim.diagnosis.stretches import SHORT, first_rows, gaps
 from sim.effects.effect import Command, Effect, ReadingTime
 
 Mask = NDArray[np.bool_]
@@ -22,7 +22,6 @@ FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
 FIRST_SHARE = 0.1
-SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
 MOST_IN_A_GAP = 1000  # commands
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
@@ -35,8 +34,9 @@ class Record:
     time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that
     the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm),
     None where the record has no resistance; output_used; taken_s: when it was read; test_current_A: of the ohmmeter, 0
-    where it is not known. first_rows: where a stretch begins (the first row, and after each gap). held_out: rows that
-    no fit sees. outliers: readings left out, of each channel.
+    where it is not known. after_gaps: the row after each gap; first_rows: where a stretch begins (the first row, and
+    after each gap through which the plate is not known). held_out: rows that no fit sees. outliers: readings left out,
+    of each channel.
     """
 
     time_s: Array
@@ -48,7 +48,8 @@ class Record:
     output_used: Mask
     taken_s: Array
     test_current_A: Array | None
-    first_rows: NDArray[np.int64]
+    after_gaps: Rows
+    first_rows: Rows
     held_out: Mask
     outliers: tuple[int, int]
     uneven: bool
@@ -86,7 +87,7 @@ class Record:
         a thousand times."""
         assert self.current_A is not None
         time = [self.time_s]
-        for k in self.first_rows[1:]:
+        for k in self.after_gaps:
             begin, end = self.time_s[k - 1], self.time_s[k]
             steps = min(max(round((end - begin) / self.interval_s), 1), MOST_IN_A_GAP)
             time.append(np.linspace(begin, end, steps + 1)[1:-1])
@@ -106,7 +107,12 @@ class Record:
         if np.mean(since < latest) > MOST_AFTER_GAPS:
             latest = float(np.quantile(since, MOST_AFTER_GAPS))
         seen = since >= latest
-        return replace(self, temperature_used=self.temperature_used & seen, output_used=self.output_used & seen)
+        used = self.temperature_used & seen
+        some = np.logical_or.reduceat(used, self.first_rows)
+        some[0] = True  # what no reading tells of is no stretch of its own
+        return replace(
+            self, temperature_used=used, output_used=self.output_used & seen, first_rows=self.first_rows[some]
+        )
 
     @property
     def interval_s(self) -> float:
@@ -169,15 +175,13 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
             output_used, lone = good, int(out.size)
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
-    steps = np.diff(time)
-    threshold = gap_threshold(steps)
-    broken = steps > threshold
+    told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
+    after = gaps(time, told)
     if current is not None:
-        told = np.isfinite(current)
-        broken |= ~told[:-1]
         current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")
-    first_rows = np.concatenate(([0], np.flatnonzero(broken) + 1))
+    begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, after)
+    steps = np.diff(time)
     return Record(
         time - time[0],
         temperature,
@@ -188,8 +192,9 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
         output_used,
         taken,
         None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
-        first_rows,
-        held_out_rows(time.size, first_rows) if held_out else np.zeros(time.size, dtype=np.bool_),
+        after,
+        begins,
+        held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
         (int(strays.size), lone),
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
     )

@@ -32,13 +32,13 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
     """All that apply."""
     record, found = chain.record, []
     found += saturated_sink(chain)
-    gaps = record.first_rows.size - 1
+    gaps, anew = record.after_gaps.size, record.first_rows.size - 1
     if gaps:
-        longest = float(np.max(np.diff(record.time_s)[record.first_rows[1:] - 1]))
+        longest = float(np.max(np.diff(record.time_s)[record.after_gaps - 1]))
         found.append(
             Warning(
                 "gaps",
-                f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state after each was estimated anew",
+                f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state was estimated anew after {anew}",
             )
         )
     if record.uneven:

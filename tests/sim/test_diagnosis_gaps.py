@@ -17,8 +17,8 @@ from sim.effects.effect import Switched
 EFFECTS = catalogue()
 
 
-def a_record(time: Array) -> Record:
-    current = np.sin(time / 40.0)
+def a_record(time: Array, current: Array | None = None) -> Record:
+    current = np.sin(time / 40.0) if current is None else current
     return read_columns(
         {
             "time_s": time,
@@ -37,11 +37,36 @@ def with_a_gap(rows: int) -> Record:
 def test_uneven_rows_are_no_gaps() -> None:
     rng = np.random.default_rng(1)
     time = np.cumsum(rng.uniform(0.25, 0.75, 3000))
-    assert a_record(time).first_rows.tolist() == [0]
-    assert a_record(np.delete(time, slice(800, 802))).first_rows.tolist() == [0, 800]
+    assert a_record(time).after_gaps.tolist() == []
+    assert a_record(np.delete(time, slice(800, 802))).after_gaps.tolist() == [800]
     steps = np.full(1000, 0.5)
     steps[::12] = 1.0
     assert np.sum(steps > gap_threshold(steps)) == 84
+
+
+def test_a_missing_row_begins_a_stretch_only_where_its_command_is_not_known() -> None:
+    rng = np.random.default_rng(4)
+    time = 0.5 * np.arange(2000)
+    current = np.where(time < 400.0, 0.5, 0.8) + 1e-3 * rng.standard_normal(2000)
+    temperature = np.empty(2000)
+    temperature[0] = 30.0
+    for k in range(1, 2000):
+        temperature[k] = temperature[k - 1] + 0.5 * (1.5 * current[k - 1] - 0.05 * (temperature[k - 1] - 20.0))
+    temperature += 0.01 * rng.standard_normal(2000)
+    columns = {"time_s": time, "temperature_degC": temperature, "current_A": current}
+
+    def begins(*missing: int | range) -> list[int]:
+        rows = np.concatenate([np.atleast_1d(m) for m in missing])
+        record = read_columns({name: np.delete(values, rows) for name, values in columns.items()})
+        assert record.after_gaps.size == len(missing)
+        return record.first_rows.tolist()
+
+    assert begins(200, 600, 1200) == [0]
+    assert begins(200, 800, 1200) == [0, 799]  # the step is in it
+    assert begins(200, range(1200, 1210)) == [0, 1199]  # anything may have happened
+    told = current.copy()
+    told[[300, 800]] = np.nan
+    assert read_columns({**columns, "current_A": told}).first_rows.tolist() == [0, 801]
 
 
 def test_commands_in_a_gap_are_on_a_straight_line() -> None:
@@ -69,9 +94,18 @@ def test_what_a_command_in_a_gap_may_still_change_is_not_fitted() -> None:
 
 
 def test_many_gaps_leave_most_of_a_record() -> None:
-    record = a_record(np.delete(0.5 * np.arange(2000), slice(100, 1900, 30)))
+    time = np.delete(0.5 * np.arange(2000), slice(100, 1900, 30))
+    record = a_record(time, np.random.default_rng(3).uniform(-1.0, 1.0, time.size))
+    assert record.first_rows.size == 61
     fitted = record.commanded_in_sight(EFFECTS.values())
     assert 0.05 < np.mean(~fitted.temperature_used) <= 0.2
+
+
+def test_a_stretch_without_a_reading_is_none() -> None:
+    time = np.delete(0.5 * np.arange(2000), [*range(800, 830), *range(834, 864)])
+    record = a_record(time)
+    assert record.first_rows.tolist() == [0, 800, 804]
+    assert record.commanded_in_sight(EFFECTS.values()).first_rows.tolist() == [0, 804]
 
 
 def test_what_may_have_been_read_in_a_long_gap_is_not_fitted() -> None:
