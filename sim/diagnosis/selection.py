@@ -124,9 +124,14 @@ def entry_of(fit: ResistanceFit, known: frozenset[str] = frozenset()) -> float:
     return ABSORBS + choosy * CHOICE
 
 
-def select_last_links(search: ResistanceSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
-    """The effects that the ohmmeter's channel alone asks for."""
-    while len(names) < MOST_EFFECTS:
+def select_last_links(
+    search: ResistanceSearch, names: frozenset[str] = frozenset(), steps: int = MOST_EFFECTS
+) -> frozenset[str]:
+    """The effects that the ohmmeter's channel alone asks for. names: where the search begins; steps: how many times one
+    is added, or two at once."""
+    for _ in range(steps):
+        if len(names) >= MOST_EFFECTS:
+            break
         fit = search.fit(names)
         found, rows = _one_more(search, fit), search.channel.rows.size
         if (
@@ -245,18 +250,24 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
     names = upstream
     if chain.record.output is not None:
         say("temperature to resistance")
-        downstream = select_last_links(chain.last(upstream))
-        names = upstream | downstream
-        understood = 2.0 * chain.last(upstream).fit(downstream).minus_log < FAR_FROM_NOISE * chain.record.rows
-        if understood and chain.renoised(names):
-            downstream = select_last_links(chain.last(upstream), downstream)
-            names = upstream | downstream
+        names = upstream | _selected_last(chain, upstream)
         if chain.first is not None:
             say("both together")
             names = _joint(chain, names)
             chain.together = True
             names = _told_by_the_film(chain, names)
     return names
+
+
+def _selected_last(chain: Chain, upstream: frozenset[str]) -> frozenset[str]:
+    """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
+    is too large would let further effects do what another film does."""
+    names: frozenset[str] = frozenset()
+    for steps in (1, MOST_EFFECTS):
+        names = select_last_links(chain.last(upstream), names, steps)
+        understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
+        changed = understood and chain.renoised(upstream | names)
+    return select_last_links(chain.last(upstream), names) if changed else names
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:
