@@ -96,7 +96,7 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
-        self._plain_nodes: Nodes | None = None
+        self._known_nodes: dict[bytes, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
@@ -191,12 +191,14 @@ class TemperatureChannel:
         return out.path, out.shown_degC
 
     def _nodes(self, effects: Sequence[Switched]) -> Nodes:
-        """The times of a simulation; computed once where no effect moves the commands."""
-        if any(isinstance(e.effect.form, Command) for e in effects):
-            return plate_nodes(self.record, effects)
-        if self._plain_nodes is None:
-            self._plain_nodes = plate_nodes(self.record, effects)
-        return self._plain_nodes
+        """The times of a simulation; computed once where no effect moves the commands, or as long as they are moved
+        alike: a dead band that is held is simulated a hundred times."""
+        moved = b"".join(e.name.encode() + e.par.tobytes() for e in effects if isinstance(e.effect.form, Command))
+        if moved not in self._known_nodes:
+            plain = self._known_nodes.get(b"")
+            self._known_nodes = {} if plain is None else {b"": plain}
+            self._known_nodes[moved] = plate_nodes(self.record, effects)
+        return self._known_nodes[moved]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
         """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
