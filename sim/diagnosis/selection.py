@@ -89,6 +89,7 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
         if _hopeless(fit.minus_log, found[best].minus_log, search.channel.rows.size):
             break
         names |= {best}
+        search.walked(names)
         names = _improved_first(search, names)
     return names
 

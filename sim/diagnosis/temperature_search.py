@@ -22,6 +22,7 @@ BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a
 WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
 APART, DISTINCT = 1.001, 1.000001  # ratio of two jumps that are not one: of a search, and of its last steps
+LEFT = 1.05  # mean square residual over noise
 NOTHING = 0.05  # of the smallest size met
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
@@ -49,6 +50,17 @@ class TemperatureSearch:
         if known is None or best.minus_log < known.minus_log:
             self.fits[names] = best
         return self.fits[names]
+
+    def walked(self, names: frozenset[str]) -> None:
+        """Look again for an effect whose cost jumps, where something is left: found without the others it may be some
+        cells off, and no descent leaves its cell."""
+        fit = self.fit(names)
+        for found in fit.effects:
+            effect = self.effects[found.name]
+            jumps = isinstance(effect.form, Command) and effect.form.jumps is not None
+            if jumps and 2.0 * fit.minus_log > LEFT * self.channel.rows.size:
+                fit = self._walked(fit, effect)
+        self.fits[names] = fit
 
     def without(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         """The best fit without one of a fit's effects, beginning from where the fit is."""
@@ -119,8 +131,11 @@ class TemperatureSearch:
             if near == at:
                 stride //= 2
             at, best = near, tried[near]
-        best = self.held(best, effect, float(values[at]), 15)
-        for apart in (APART, DISTINCT):  # what was tried from afar had not yet come down
+        return self._walked(self.held(best, effect, float(values[at]), 15), effect)  # what was far had not come down
+
+    def _walked(self, best: TemperatureFit, effect: Effect) -> TemperatureFit:
+        """The best of a fit and those in the cells beside its own, as far as they become better."""
+        for apart in (APART, DISTINCT):
             edges = cells(effect, self.channel.record, apart)
             for side in (-1, 1):
                 worse = 0
