@@ -25,6 +25,7 @@ CLOSER_START = 3  # times that the place between the best turning point and its 
 WORTH_START = 3.0  # log-likelihood that another memory at the first row has to bring
 TRIED = 8  # temperatures on either side of a gap's ends
 NEAREST_K = 0.1
+BEYOND = 0.1  # of the temperatures seen in the record: so far may it have gone unseen
 CLOSER = 7  # times that the place between the best and its neighbours is looked at
 WORTH = 6.0  # log-likelihood that one more temperature in a gap has to bring
 MOST = 12  # gaps looked at, the longest
@@ -126,8 +127,10 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
     row = channel.record.first_rows[1 + k]
     ends, plate = channel.path.at(channel.record.time_s[[row - 1, row]]), channel.path.plate_degC
     below, above = float(np.min(ends)), float(np.max(ends))
-    lower = below - np.geomspace(NEAREST_K, max(below - float(np.min(plate)), 2.0 * NEAREST_K), TRIED)
-    higher = above + np.geomspace(NEAREST_K, max(float(np.max(plate)) - above, 2.0 * NEAREST_K), TRIED)
+    low, high = float(np.min(plate)), float(np.max(plate))
+    beyond = BEYOND * (high - low)
+    lower = below - np.geomspace(NEAREST_K, below - low + beyond, TRIED)
+    higher = above + np.geomspace(NEAREST_K, high - above + beyond, TRIED)
 
     def through(before: float, last: float) -> FilmStart:
         other = passed.copy()

@@ -16,7 +16,8 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.resistance_search import View
+from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_search import RELAY_STEPS, View
 from sim.diagnosis.selection import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
 
@@ -125,8 +126,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         for name in sorted(names):
             rest = names - {name}
             evidence[name] = chain.loses(names, name)
-            unseen = held_out_gain(chain, names, rest)
-            unconfirmed = unseen is not None and unseen < -may_lose(chain, evidence[name])
+            told = told_by_unseen(chain, names, rest)
+            unseen = told.gain if told is not None else None
+            unconfirmed = told is not None and told.gain < -may_lose(evidence[name], told.expected)
             short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
             if short or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
@@ -163,13 +165,11 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         names = names - {min(failing, key=lambda n: failing[n])}
 
 
-def may_lose(chain: Chain, evidence: float) -> float:
-    """What unseen rows may lose by an effect of this evidence: a share of it, or, of little evidence, what chance takes
-    from the share of it that they should gain."""
-    if evidence >= WEAK:
-        return SPEAKS_AGAINST * evidence
-    gain = max(evidence, 0.0) * float(np.sum(chain.record.held_out)) / max(float(np.sum(chain.fitted)), 1.0)
-    return max(CHANCE * float(np.sqrt(2.0 * gain + 0.5)) - gain, 0.0)
+def may_lose(evidence: float, expected: float) -> float:
+    """What unseen rows may lose by an effect: what chance takes from the gain that is expected of it there, or a share
+    of much evidence."""
+    chance = max(CHANCE * float(np.sqrt(2.0 * expected + 0.5)) - expected, 0.0)
+    return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
 
 
 def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
@@ -198,15 +198,37 @@ def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
     return View(chain.film_channel(rest), without).expected(effect) >= EXPECTED * ABSORBS
 
 
-def held_out_gain(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> float | None:
-    """Log-likelihood that the rows no fit has seen gain by the effects that `rest` lacks; None without such rows."""
-    gains = []
+@dataclass(frozen=True)
+class Unseen:
+    """gain: of the log-likelihood of rows that no fit has seen; expected: what it would gain on average, were the
+    effects real: half the square of what they change there, over the noise."""
+
+    gain: float
+    expected: float
+
+
+def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> Unseen | None:
+    """What unseen rows say of the effects that `rest` lacks; None without such rows. Relays tell them better than play
+    operators alone wherever a film is not quite of its class: where the fit without the effects has relays, so has the
+    one with them here."""
+    found = []
     for last in (False, True):
-        a, b = _unseen_residual(chain, rest, last), _unseen_residual(chain, names, last)
+        b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
+        a = _unseen_residual(chain, rest, last)
         if a is not None and b is not None:
             sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
-            gains.append(0.5 * float(a @ a - b @ b) / sigma**2)
-    return sum(gains) if gains else None
+            changed = a - b
+            found.append((float(a @ a - b @ b) / sigma**2, float(changed @ changed) / sigma**2))
+    return Unseen(0.5 * sum(g for g, _ in found), 0.5 * sum(c for _, c in found)) if found else None
+
+
+def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> ResistanceFit | None:
+    """The last channel's fit with as wide a prior of relays as the one without the effects has."""
+    fit, without = chain.fits(names)[1], chain.fits(rest)[1]
+    if fit is None or without is None or fit.parameters.has_relays or not without.parameters.has_relays:
+        return fit
+    wide = fit.parameters.with_relays(without.parameters.prior.relay_dec)
+    return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
 
 
 def _told_apart_K(chain: Chain) -> float:
@@ -214,9 +236,13 @@ def _told_apart_K(chain: Chain) -> float:
     return max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
 
 
-def _unseen_residual(chain: Chain, names: frozenset[str], last: bool) -> Array | None:
-    """One channel's residual in the rows that no fit has seen, K or decades; None without such rows."""
+def _unseen_residual(
+    chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
+) -> Array | None:
+    """One channel's residual in the rows that no fit has seen, K or decades; None without such rows. other: fit of the
+    last channel than the one with these effects."""
     record, (a, b) = chain.record, chain.fits(names)
+    b = other if other is not None else b
     residual = np.empty(0)
     if last and b is not None and record.output is not None:
         rows = record.held_out & record.output_used
