@@ -10,6 +10,7 @@ from sim.diagnosis.record import read_columns
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 
+OFF = 8  # currents of the record that a dead band found without other effects may be off
 COLUMNS = ("time_s", "temperature_degC", "current_A")
 
 
@@ -24,7 +25,14 @@ COLUMNS = ("time_s", "temperature_degC", "current_A")
 def test_the_search_ends_in_the_valley_that_leaves_nothing(manner: str, seed: int) -> None:
     made = case("unlike", seed, manner=manner, effect="actuator_deadband")
     record = read_columns({name: made.columns[name] for name in COLUMNS}, held_out=False)
-    every = np.ones(record.rows, dtype=np.bool_)
-    fit = temperature_search(record, every, catalogue()).fit(frozenset({"actuator_deadband"}))
+    every, name, effects = np.ones(record.rows, dtype=np.bool_), "actuator_deadband", catalogue()
+    search = temperature_search(record, every, effects)
+    fit = search.fit(frozenset({name}))
     noise = 2.0 * fit.minus_log / record.rows * fit.sigma_K**2 / made.noise["temperature_K"] ** 2
     assert noise < 1.1
+    cells = np.sort(np.abs(made.columns["current_A"]))
+    beside = float(cells[np.searchsorted(cells, fit.effects[0].par[0]) + OFF])
+    search.fits[frozenset({name})] = off = search.held(fit, effects[name], beside, 10)
+    assert 2.0 * off.minus_log > 1.1 * record.rows
+    search.walked(frozenset({name}))
+    assert search.fit(frozenset({name})).minus_log < fit.minus_log + 1.0
