@@ -180,7 +180,7 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
     if current is not None:
         current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")
-    begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, after)
+    begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, told, after)
     steps = np.diff(time)
     return Record(
         time - time[0],

@@ -26,24 +26,30 @@ def gaps(time_s: Array, told: NDArray[np.bool_]) -> Rows:
     return np.flatnonzero((steps > gap_threshold(steps)) | ~told[:-1]) + 1
 
 
-def first_rows(time_s: Array, temperature_degC: Array, current_A: Array | None, after: Rows) -> Rows:
+def first_rows(
+    time_s: Array, temperature_degC: Array, current_A: Array | None, told: NDArray[np.bool_], after: Rows
+) -> Rows:
     """The first row, and those after gaps through which the plate's temperature is not known. current_A: in each row,
-    (rows,); after: the rows after each gap."""
+    (rows,), on a straight line where it is not told; after: the rows after each gap."""
     if current_A is None or after.size == 0:
         return np.concatenate(([0], after))
-    interval = float(np.median(np.diff(time_s)))
-    missing = time_s[after] - time_s[after - 1]
-    change = _rate_per_A(time_s, temperature_degC, current_A) * missing * _off_the_line(time_s, current_A, after)
-    known = (missing <= SHORT * interval) & (change < KNOWN * quick_noise(temperature_degC))
-    return np.concatenate(([0], after[~known]))
+    rows = np.flatnonzero(told)
+    place = np.searchsorted(rows, after)
+    end = rows[np.minimum(place, rows.size - 1)]
+    begin = np.minimum(rows[np.maximum(place - 1, 0)], end)
+    missing = time_s[end] - time_s[begin]
+    change = _rate_per_A(time_s, temperature_degC, current_A) * missing * _off_the_line(time_s, current_A, begin, end)
+    short = (missing <= SHORT * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
+    return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
 
 
-def _off_the_line(time_s: Array, current_A: Array, after: Rows) -> Array:
-    """How far the commands beside each gap are off the straight line through it, A, (gaps,)."""
-    before = np.maximum(after - 2, 0)
-    beyond = np.minimum(after + 1, time_s.size - 1)
-    slope = (current_A[after] - current_A[after - 1]) / (time_s[after] - time_s[after - 1])
-    off = [current_A[row] - current_A[after] - slope * (time_s[row] - time_s[after]) for row in (before, beyond)]
+def _off_the_line(time_s: Array, current_A: Array, begin: Rows, end: Rows) -> Array:
+    """How far the commands beside each gap are off the straight line through it, A, (gaps,). begin, end: the rows of
+    the last command before and of the first one after it."""
+    before, beyond = np.maximum(begin - 1, 0), np.minimum(end + 1, time_s.size - 1)
+    span = np.maximum(time_s[end] - time_s[begin], 1e-9)
+    slope = (current_A[end] - current_A[begin]) / span
+    off = [current_A[row] - current_A[end] - slope * (time_s[row] - time_s[end]) for row in (before, beyond)]
     return np.asarray(np.max(np.abs(off), axis=0), dtype=np.float64)
 
 

@@ -47,7 +47,7 @@ def test_uneven_rows_are_no_gaps() -> None:
 def test_a_missing_row_begins_a_stretch_only_where_its_command_is_not_known() -> None:
     rng = np.random.default_rng(4)
     time = 0.5 * np.arange(2000)
-    current = np.where(time < 400.0, 0.5, 0.8) + 1e-3 * rng.standard_normal(2000)
+    current = np.where(time < 400.0, 0.5, 0.8) + 5e-4 * rng.standard_normal(2000)
     temperature = np.empty(2000)
     temperature[0] = 30.0
     for k in range(1, 2000):
@@ -67,6 +67,10 @@ def test_a_missing_row_begins_a_stretch_only_where_its_command_is_not_known() ->
     told = current.copy()
     told[[300, 800]] = np.nan
     assert read_columns({**columns, "current_A": told}).first_rows.tolist() == [0, 801]
+    told[1200:1220] = np.nan  # no command is known for 10 s
+    assert read_columns({**columns, "current_A": told}).first_rows.tolist() == [0, 801, *range(1201, 1221)]
+    told[1990:] = np.nan
+    assert read_columns({**columns, "current_A": told}).first_rows.size == 2 + 20 + 9
 
 
 def test_commands_in_a_gap_are_on_a_straight_line() -> None:
