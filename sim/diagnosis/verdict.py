@@ -27,7 +27,7 @@ BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behi
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
 WEAK = 30.0  # evidence below which they may lose no more than chance lets them
 EXPECTED = 0.5  # share of the evidence needed that an effect beside a film of another kind is expected to bring
-CHANCE = 1.64  # standard deviations
+CHANCE = 2.33  # standard deviations: one real effect in a hundred is refused where the rest predicts as well
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
@@ -128,7 +128,7 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             evidence[name] = chain.loses(names, name)
             told = told_by_unseen(chain, names, rest)
             unseen = told.gain if told is not None else None
-            unconfirmed = told is not None and told.gain < -may_lose(evidence[name], told.expected)
+            unconfirmed = told is not None and told.gain < -may_lose(evidence[name], told.changed)
             short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
             if short or unconfirmed or too_small(chain, names, name):
                 failing[name] = min(evidence[name], WORTH)
@@ -165,10 +165,10 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
         names = names - {min(failing, key=lambda n: failing[n])}
 
 
-def may_lose(evidence: float, expected: float) -> float:
-    """What unseen rows may lose by an effect: what chance takes from the gain that is expected of it there, or a share
-    of much evidence."""
-    chance = max(CHANCE * float(np.sqrt(2.0 * expected + 0.5)) - expected, 0.0)
+def may_lose(evidence: float, changed: float) -> float:
+    """What unseen rows may lose by an effect that changes them by so much (sum of squares over the noise's): what
+    chance takes where a film without it tells them as well, or a share of much evidence."""
+    chance = CHANCE * float(np.sqrt(changed + 0.5))
     return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
 
 
@@ -200,11 +200,11 @@ def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
 
 @dataclass(frozen=True)
 class Unseen:
-    """gain: of the log-likelihood of rows that no fit has seen; expected: what it would gain on average, were the
-    effects real: half the square of what they change there, over the noise."""
+    """gain: of the log-likelihood of rows that no fit has seen; changed: what the effects change there, sum of squares
+    over the noise's."""
 
     gain: float
-    expected: float
+    changed: float
 
 
 def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> Unseen | None:
@@ -219,7 +219,7 @@ def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) ->
             sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
             changed = a - b
             found.append((float(a @ a - b @ b) / sigma**2, float(changed @ changed) / sigma**2))
-    return Unseen(0.5 * sum(g for g, _ in found), 0.5 * sum(c for _, c in found)) if found else None
+    return Unseen(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
 
 
 def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> ResistanceFit | None:
