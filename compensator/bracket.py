@@ -53,6 +53,19 @@ def copy_row(source: int, sink: int, work: Work) -> None:
 
 
 @lean
+def halved(near: float, near_f: float, far: float, far_f: float, end: float, target: float, fallbacks: int) -> float:
+    """Where to look next inside a bracket: at its end if F is not known there (far_f nan), else in the middle, every
+    third time on the straight line through both ends."""
+    if math.isnan(far_f):
+        return end
+    if fallbacks % 3 == 1:
+        share = near + (far - near) * (target - near_f) / (far_f - near_f)
+        if near < share < far:
+            return share
+    return 0.5 * (near + far)
+
+
+@lean
 def common_root(
     near_row: int,
     far: float,
@@ -117,13 +130,7 @@ def common_root(
                 trial = side * envelope_inverse(code, a, b, side * g)
             if not near < trial < far:
                 fallbacks += 1
-                if math.isnan(far_f):
-                    trial = end
-                else:
-                    trial = 0.5 * (near + far)
-                    if fallbacks % 3 == 1:
-                        share = near + (far - near) * (target - near_f) / (far_f - near_f)
-                        trial = share if near < share < far else trial
+                trial = halved(near, near_f, far, far_f, end, target, fallbacks)
         z = trial
         d0, d1, d2 = memoryless(d_code, par, side * z)
         e1, e2 = d1, side * d2
@@ -181,13 +188,7 @@ def bracketed(
         if not near < trial < far:
             gap_before = math.inf
             fallbacks += 1
-            if math.isnan(far_f):
-                trial = end
-            else:
-                trial = 0.5 * (near + far)
-                if fallbacks % 3 == 1:
-                    share = near + (far - near) * (target - near_f) / (far_f - near_f)
-                    trial = share if near < share < far else trial
+            trial = halved(near, near_f, far, far_f, end, target, fallbacks)
         evaluate(TRIAL, side, trial, film, memory, work)
         count += 1
         f = points[TRIAL, F]

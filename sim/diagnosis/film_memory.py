@@ -129,8 +129,8 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
     below, above = float(np.min(ends)), float(np.max(ends))
     low, high = float(np.min(plate)), float(np.max(plate))
     beyond = BEYOND * (high - low)
-    lower = below - np.geomspace(NEAREST_K, below - low + beyond, TRIED)
-    higher = above + np.geomspace(NEAREST_K, high - above + beyond, TRIED)
+    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
+    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
 
     def through(before: float, last: float) -> FilmStart:
         other = passed.copy()

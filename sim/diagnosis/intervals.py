@@ -16,7 +16,7 @@ from sim.diagnosis.chain import Chain
 from sim.diagnosis.temperature_search import cell_of, cells
 from sim.diagnosis.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.verdict import resistance_residual, temperature_residual
-from sim.effects.effect import Command, Switched
+from sim.effects.effect import Switched, jumps
 
 NORMAL_95 = 1.96
 HALF_CHI2_95 = 1.92
@@ -111,7 +111,7 @@ def _profiles(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     a, _ = chain.fits(names)
     out = {}
     for effect in a.effects if a is not None else ():
-        if isinstance(effect.effect.form, Command) and effect.effect.form.jumps is not None:
+        if jumps(effect.effect):
             out[effect.name] = {effect.effect.parameters[0].name: _profile(chain, names, effect)}
     return out
 

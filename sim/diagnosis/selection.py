@@ -11,7 +11,7 @@ from sim.diagnosis.resistance_channel import ResistanceFit
 from sim.diagnosis.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
 from sim.diagnosis.tied import widened
-from sim.effects.effect import Reading, Switched
+from sim.effects.effect import Reading, Switched, jumps
 
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 14.0  # the same where the film is of another kind: what its relays lack may look like an effect
@@ -265,9 +265,12 @@ def _selected_last(chain: Chain, upstream: frozenset[str]) -> frozenset[str]:
     is too large would let further effects do what another film does."""
     names: frozenset[str] = frozenset()
     for steps in (1, MOST_EFFECTS):
+        before = names
         names = select_last_links(chain.last(upstream), names, steps)
         understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
         changed = understood and chain.renoised(upstream | names)
+        if names == before and not changed:
+            break  # the same search would find the same
     return select_last_links(chain.last(upstream), names) if changed else names
 
 
@@ -317,7 +320,7 @@ def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
             return names
         found: dict[str, tuple[float, Switched]] = {}
         for name, effect in chain.first.effects.items():
-            if name not in names and getattr(effect.form, "jumps", None) is None:
+            if name not in names and not jumps(effect):
                 found[name] = pair.promised(effect)
         likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
         best, value = names, chain.score(names) + ENTRY

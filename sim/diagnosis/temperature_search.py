@@ -13,7 +13,7 @@ from compensator.identify_balance import Stretch, rough_balances
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.unknowns import fitted_parameters
-from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, switched
+from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched
 
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
@@ -57,8 +57,7 @@ class TemperatureSearch:
         fit = self.fit(names)
         for found in fit.effects:
             effect = self.effects[found.name]
-            jumps = isinstance(effect.form, Command) and effect.form.jumps is not None
-            if jumps and 2.0 * fit.minus_log > LEFT * self.channel.rows.size:
+            if jumps(effect) and 2.0 * fit.minus_log > LEFT * self.channel.rows.size:
                 fit = self._walked(fit, effect)
         self.fits[names] = fit
 
@@ -73,8 +72,7 @@ class TemperatureSearch:
 
     def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         effect = self.effects[name]
-        form = effect.form
-        if isinstance(form, Command) and form.jumps is not None:
+        if jumps(effect):
             return self._searched(fit, effect)
         found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
@@ -169,7 +167,7 @@ class TemperatureSearch:
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
         effect = self.effects[name]
         form = effect.form
-        if isinstance(form, Command) and form.jumps is not None:
+        if jumps(effect):
             values = [[float(v)] for v in searched_values(effect)]
         elif isinstance(form, HeatFlow) and form.own_rate is not None:
             values = starting_values(effect, fit)

@@ -213,9 +213,11 @@ def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) ->
     one with them here."""
     found = []
     for last in (False, True):
-        b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
         a = _unseen_residual(chain, rest, last)
-        if a is not None and b is not None:
+        if a is None:
+            continue
+        b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
+        if b is not None:
             sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
             changed = a - b
             found.append((float(a @ a - b @ b) / sigma**2, float(changed @ changed) / sigma**2))

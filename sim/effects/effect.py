@@ -167,6 +167,11 @@ def filters(effects: Iterable[Switched], *targets: str) -> list[Switched]:
     return [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in targets]
 
 
+def jumps(effect: Effect) -> bool:
+    """Whether the outcome jumps with the effect's parameter, so that it has to be searched for."""
+    return isinstance(effect.form, Command) and effect.form.jumps is not None
+
+
 def switched(effect: Effect, values: dict[str, float] | ArrayLike) -> Switched:
     """The effect with the given parameters. Raises ValueError."""
     if isinstance(values, dict):
