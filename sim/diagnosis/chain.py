@@ -26,6 +26,8 @@ from sim.effects.effect import Effect
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
 MEMORY_ROUNDS = 3
+AGAIN_STEPS = 2
+PROMISED = 0.5  # of what relays and a corrected path bring
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -137,7 +139,6 @@ class Chain:
     facts: FilmFacts | None = None
     searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
     together: bool = False
-    simulated: set[frozenset[str]] = field(default_factory=set)
     pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
     asked: set[frozenset[str]] = field(default_factory=set)
 
@@ -149,10 +150,7 @@ class Chain:
         if upstream not in self.searches:
             path = measured_path(self.record)
             if self.first is not None:
-                fit = self.first.fit(upstream)
-                path = path_of(self.first, fit)
-                if path is fit.path:
-                    self.simulated.add(upstream)
+                path = path_of(self.first, self.first.fit(upstream))
             if self.facts is None:
                 self.facts = film_facts(self.record, path, self.fitted, self.curve)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
@@ -180,11 +178,23 @@ class Chain:
             a, b = self._one_by_one(names)
             assert a is not None
             assert b is not None
-            begin = None
-            if upstream in self.simulated:
-                begin = tied(self.first.channel, self.last(upstream).channel, a, b)
-            self.pairs[names] = settled(begin) if begin is not None else None
+            self.pairs[names] = self._tied(self.last(upstream).channel, a, b)
         return self.pairs[names]
+
+    def _tied(self, channel: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
+        """Both fits as one; None where the film is of another kind, or needs another path than the simulated one. A
+        film of the class on a path that is a little off looks like one of another kind, or the path as if it had to be
+        corrected: there a step over both ends has to promise much of what relays and correction bring."""
+        assert self.first is not None
+        near = b
+        if channel.path is not a.path or b.parameters.has_relays:
+            channel = channel.on(a.path)
+            near = channel.descend(b.plain or b.parameters.with_relays(0.0), AGAIN_STEPS)
+        begin = tied(self.first.channel, channel, a, near)
+        if begin is None or begin.step()[1] < PROMISED * (b.score - near.score):
+            return None
+        found = settled(begin)
+        return found if found.score >= b.score - a.minus_log else None
 
     def keep(self, names: frozenset[str], pair: Tied) -> None:
         """Remember a pair, if it is the best with its effects."""

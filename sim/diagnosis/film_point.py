@@ -97,10 +97,14 @@ class Point:
         return np.concatenate((self.problem.own, self.problem.relays.fitted), axis=1)
 
     @property
+    def room(self) -> float:
+        """What the marginal log-likelihood loses by the room that the coefficients leave in their prior's."""
+        return float(np.sum(np.log(np.diag(self.factor[0])))) - 0.5 * float(np.sum(np.log(self.prior)))
+
+    @property
     def evidence(self) -> float:
         """The marginal log-likelihood, up to a constant of the record."""
-        logdet = 2.0 * float(np.sum(np.log(np.diag(self.factor[0]))))
-        return -self.cost - 0.5 * logdet + 0.5 * float(np.sum(np.log(self.prior)))
+        return -self.cost - self.room
 
     def along(self, columns: Array) -> Array:
         """The columns' products with others."""

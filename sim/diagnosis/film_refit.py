@@ -23,7 +23,7 @@ from compensator.identify_operators import Integers, radius_floor
 from compensator.nnls import solve_triangle
 from sim.diagnosis.film_columns import FilmNodes, classical_columns, filtered, operator_columns, transfer
 from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
-from sim.effects.effect import Reading, filters
+from sim.effects.effect import at_the_terminals, filters
 
 OPERATORS = 80  # places on the grid of radii; few of them get weight
 LEAST_WEIGHT = 1e-6  # of all weights
@@ -86,10 +86,7 @@ class FilmRefit:
         nodes = found.everywhere()
         self.nodes: FilmNodes = nodes
         self.every = replace(nodes, taken=np.arange(nodes.time_s.size))
-        self.curved = any(
-            isinstance(e.effect.form, Reading) and e.effect.link == "ohmmeter" and not e.effect.form.linear
-            for e in self.effects
-        )
+        self.curved = any(at_the_terminals(e.effect) for e in self.effects)
         order = np.argsort(nodes.taken, kind="stable")
         place = nodes.taken[order]
         self.about(np.interp(np.arange(nodes.time_s.size), place, fit.film_output[order]))

@@ -13,7 +13,7 @@ from sim.diagnosis.film_columns import FilmNodes
 from sim.diagnosis.film_memory import begun, remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
-from sim.effects.effect import Effect, Reading, Switched, Warming, switched
+from sim.effects.effect import Effect, Reading, Switched, Warming, at_the_terminals, switched
 
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4
@@ -26,6 +26,8 @@ RELAYS_FROM = 1.02  # mean square residual over noise from which a film of anoth
 FIRST_RELAY_DEC = 0.03
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
 RELAY_STEPS = 6
+RELAY_ROUNDS = 4
+SETTLED = 0.5  # log-likelihood that another round brings
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
@@ -103,7 +105,7 @@ class ResistanceSearch:
         found = self.whole(self.channel.extended(plain, rest))
         if fit.parameters.has_relays:  # from where the relays are, too
             rest = [e for e in fit.effects if e.name != name]
-            wider = self.channel.descend(self.channel.extended(fit.parameters, rest), RELAY_STEPS)
+            wider = self._with_relays(self.channel.extended(fit.parameters, rest))
             found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
         return self.keep(found)
 
@@ -188,7 +190,7 @@ class ResistanceSearch:
     def beside(self, fit: ResistanceFit, start: Switched) -> ResistanceFit:
         """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
         others = [e for e in fit.effects if e.name != start.name]
-        wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
+        wider = self._with_relays(self.channel.extended(fit.parameters, [*others, start]))
         best = replace(wider, plain=wider.parameters.with_relays(0.0))
         if isinstance(start.effect.form, Reading):  # whose work relays can do
             plain = self.channel.descend(wider.parameters.with_relays(0.0), RELAY_STEPS)
@@ -212,9 +214,19 @@ class ResistanceSearch:
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""
         if self.channel.relays:
-            wider = self.channel.descend(fit.parameters.with_relays(FIRST_RELAY_DEC), RELAY_STEPS)
+            wider = self._with_relays(fit.parameters.with_relays(FIRST_RELAY_DEC))
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
+        return fit
+
+    def _with_relays(self, parameters: FilmParameters) -> ResistanceFit:
+        """To the end with relays: the priors' widths and the envelopes follow each other slowly."""
+        fit = self.channel.descend(parameters, RELAY_STEPS)
+        for _ in range(RELAY_ROUNDS):
+            again = self.channel.descend(fit.parameters, RELAY_STEPS)
+            if again.score < fit.score + SETTLED:
+                break
+            fit = again
         return fit
 
     def relayed(self, names: frozenset[str]) -> ResistanceFit:
@@ -311,11 +323,6 @@ class View:
         shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
         delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
-
-
-def at_the_terminals(effect: Effect) -> bool:
-    """Whether it bends the reading as a function of the resistance alone."""
-    return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
 
 
 def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:

@@ -135,6 +135,8 @@ def select_last_links(
             break
         fit = search.fit(names)
         found, rows = _one_more(search, fit), search.channel.rows.size
+        if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
+            fit = search.without(found, next(e.name for e in found.effects if e.name not in names))
         if (
             found is None
             or found.score - fit.score < entry_of(found, names)

@@ -172,6 +172,11 @@ def jumps(effect: Effect) -> bool:
     return isinstance(effect.form, Command) and effect.form.jumps is not None
 
 
+def at_the_terminals(effect: Effect) -> bool:
+    """Whether it bends the reading as a function of the resistance alone."""
+    return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
+
+
 def switched(effect: Effect, values: dict[str, float] | ArrayLike) -> Switched:
     """The effect with the given parameters. Raises ValueError."""
     if isinstance(values, dict):
