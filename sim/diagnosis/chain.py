@@ -243,7 +243,8 @@ class Chain:
             self._relayed(names - {name})
             b = self.fits(names)[1]
             if b is not None and b.parameters.has_relays:
-                self.last(upstream).without(b, name)
+                search = self.last(upstream)
+                search.ended(search.without(search.ended(b), name))
         return self.score(names) - self.score(names - {name})
 
     def _relayed(self, names: frozenset[str]) -> None:

@@ -105,7 +105,7 @@ class ResistanceSearch:
         found = self.whole(self.channel.extended(plain, rest))
         if fit.parameters.has_relays:  # from where the relays are, too
             rest = [e for e in fit.effects if e.name != name]
-            wider = self._with_relays(self.channel.extended(fit.parameters, rest))
+            wider = self.channel.descend(self.channel.extended(fit.parameters, rest), RELAY_STEPS)
             found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
         return self.keep(found)
 
@@ -190,12 +190,20 @@ class ResistanceSearch:
     def beside(self, fit: ResistanceFit, start: Switched) -> ResistanceFit:
         """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
         others = [e for e in fit.effects if e.name != start.name]
-        wider = self._with_relays(self.channel.extended(fit.parameters, [*others, start]))
+        wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
         best = replace(wider, plain=wider.parameters.with_relays(0.0))
         if isinstance(start.effect.form, Reading):  # whose work relays can do
             plain = self.channel.descend(wider.parameters.with_relays(0.0), RELAY_STEPS)
             best = replace(max((wider, plain), key=lambda f: f.score), plain=plain.parameters)
         return self.keep(best)
+
+    def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
+        """One more effect from where it does the most of the relays' work: a film of the class with it if that leaves
+        nothing, else beside the fit's relays; kept."""
+        plain = self.plain(self.quick(fit, name).parameters)
+        if self.channel.mean_square(plain) <= RELAYS_FROM:
+            return self.keep(plain)
+        return self.beside(fit, next(e for e in plain.effects if e.name == name))
 
     def absorbed(self, fit: ResistanceFit, name: str) -> Switched | None:
         """The size of an effect beside which the film fits about as well as without it, the best; None without one."""
@@ -214,20 +222,20 @@ class ResistanceSearch:
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""
         if self.channel.relays:
-            wider = self._with_relays(fit.parameters.with_relays(FIRST_RELAY_DEC))
+            wider = self.channel.descend(fit.parameters.with_relays(FIRST_RELAY_DEC), RELAY_STEPS)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit
 
-    def _with_relays(self, parameters: FilmParameters) -> ResistanceFit:
-        """To the end with relays: the priors' widths and the envelopes follow each other slowly."""
-        fit = self.channel.descend(parameters, RELAY_STEPS)
-        for _ in range(RELAY_ROUNDS):
-            again = self.channel.descend(fit.parameters, RELAY_STEPS)
+    def ended(self, fit: ResistanceFit) -> ResistanceFit:
+        """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,
+        and what is left on the way (up to 15 of log-likelihood) would be any other fit's evidence."""
+        for _ in range(RELAY_ROUNDS if fit.parameters.has_relays else 0):
+            again = replace(self.channel.descend(fit.parameters, RELAY_STEPS), plain=fit.plain)
             if again.score < fit.score + SETTLED:
                 break
             fit = again
-        return fit
+        return self.keep(fit)
 
     def relayed(self, names: frozenset[str]) -> ResistanceFit:
         """The best fit with exactly these effects, relays tried though little is left."""

@@ -133,10 +133,11 @@ def select_last_links(
     for _ in range(steps):
         if len(names) >= MOST_EFFECTS:
             break
-        fit = search.fit(names)
+        fit = search.ended(search.fit(names))
         found, rows = _one_more(search, fit), search.channel.rows.size
         if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
-            fit = search.without(found, next(e.name for e in found.effects if e.name not in names))
+            found = search.ended(found)
+            fit = search.ended(search.without(found, next(e.name for e in found.effects if e.name not in names)))
         if (
             found is None
             or found.score - fit.score < entry_of(found, names)
@@ -198,7 +199,7 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
     for name in others:
         if isinstance(search.effects[name].form, Reading):
-            found.append(search.finish(search.quick(fit, name)))
+            found.append(search.in_their_place(fit, name))
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None
 
