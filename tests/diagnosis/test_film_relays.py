@@ -12,8 +12,11 @@ from sim.diagnosis.film_point import Point
 from sim.diagnosis.hidden import hidden_by_the_film
 from sim.diagnosis.record import read_columns
 from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
+from sim.diagnosis.resistance_search import RELAY_STEPS
+from sim.diagnosis.selection import ABSORBS
+from sim.diagnosis.temperature_search import held_effect
 from sim.effects.catalogue import catalogue
-from sim.effects.effect import switched
+from sim.effects.effect import Switched, switched
 from tests.diagnosis.cases import case
 
 RELAYS_DEC = 0.1
@@ -93,3 +96,41 @@ def test_a_noisier_record_hides_more() -> None:
     assert quiet[0] == loud[0] == "series_ohm"
     assert 10.0 < quiet[1] < 500.0  # of a metallic film of 3,500 ohm
     assert np.isnan(loud[1]) or loud[1] > 1.5 * quiet[1]
+
+
+def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> None:
+    """Of the penalized cost alone it would be 108 ohm, of 273."""
+    blind = case("other_film_effect", 10500)
+    record = read_columns(blind.columns, held_out=True)
+    chain = Chain(record, ~record.held_out, dict(catalogue()))
+    chain.first = temperature_search(record, ~record.held_out, chain.effects)
+    search = chain.last(frozenset())
+    fit = search.ended(search.in_their_place(search.ended(search.fit(frozenset())), "series_resistance"))
+    assert fit.parameters.has_relays
+    (found,) = fit.effects
+    assert float(found.par[0]) > 0.5 * blind.hidden["series_resistance"]["series_ohm"]
+    for times in (0.6, 1.6):
+        held = Switched(held_effect(found.effect), times * found.par)
+        other = search.channel.descend(search.channel.extended(fit.parameters, [held]), RELAY_STEPS)
+        assert other.score < fit.score - 1.0
+    assert fit.score > search.ended(search.without(fit, "series_resistance")).score + ABSORBS
+
+
+def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> None:
+    """Readings in steps of 0.18 K leave the plate's path some millikelvin off, and the film sees them."""
+    blind = case("three", 10803)
+    record = read_columns(blind.columns, held_out=True)
+    chain = Chain(record, ~record.held_out, dict(catalogue()))
+    chain.first = temperature_search(record, ~record.held_out, chain.effects)
+    names = frozenset({"radiative_loss", "series_resistance"})
+    apart = chain.score(names)
+    assert chain.fits(names)[1].parameters.has_relays  # type: ignore[union-attr]
+    chain.together = True
+    pair = chain.pair(names)
+    assert pair is not None
+    assert not pair.b.parameters.has_relays
+    assert pair.score > apart + 100.0
+    for fit in (pair.a, pair.b):
+        for effect in fit.effects:
+            (truth,) = blind.hidden[effect.name].values()
+            assert float(effect.par[0]) == pytest.approx(truth, rel=0.02)
