@@ -28,6 +28,7 @@ WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descen
 RELAY_STEPS = 6
 RELAY_ROUNDS = 4
 SETTLED = 0.5  # log-likelihood that another round brings
+COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
 PAIR_SIZES = 7
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
@@ -230,7 +231,8 @@ class ResistanceSearch:
     def ended(self, fit: ResistanceFit) -> ResistanceFit:
         """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,
         and what is left on the way (up to 15 of log-likelihood) would be any other fit's evidence."""
-        for _ in range(RELAY_ROUNDS if fit.parameters.has_relays else 0):
+        close = fit.parameters.has_relays and self.channel.mean_square(fit) < COMPARED_BELOW
+        for _ in range(RELAY_ROUNDS if close else 0):
             again = replace(self.channel.descend(fit.parameters, RELAY_STEPS), plain=fit.plain)
             if again.score < fit.score + SETTLED:
                 break
