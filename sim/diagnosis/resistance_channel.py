@@ -11,6 +11,7 @@ effects' parameters are searched for by Gauss-Newton with Marquardt's damping.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,8 @@ from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_
 from sim.effects.effect import Filter, Reading, Switched, Warming, at_the_terminals, filters
 
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
+FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
+SAME_COST = 1.0
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -194,8 +197,9 @@ class ResistanceChannel:
         rows, y = self.rows, self.output
         coefficients = guess
         film = nodes.of_rows(signals)
-        rounds = 1 if not curved else 3 if guess is None else 2  # near a guess two are enough
-        for _ in range(rounds):
+        least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if curved else (1, 1)
+        before = math.inf
+        for turn in range(most):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
             guessed = known.size == signals.shape[1]
             signal = np.interp(nodes.points_s, self.record.time_s, self._film_output(p))
@@ -222,6 +226,9 @@ class ResistanceChannel:
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
             coefficients = found.coefficients
+            if turn + 1 >= least and abs(found.cost - before) < SAME_COST:
+                break
+            before = found.cost
         return found
 
     def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array | None]:

@@ -20,6 +20,7 @@ PROMISING = 4.0
 MOST_EFFECTS = 4
 TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
+RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
@@ -164,7 +165,7 @@ def _one_more(
     """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
-    if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYS_FROM:
+    if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYED:
         return _one_more_beside(search, fit, others)
     rough = search.channel.mean_square(fit) > ROUGH
     promises = search.promises(fit, others)
