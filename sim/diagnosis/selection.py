@@ -14,7 +14,7 @@ from sim.diagnosis.tied import widened
 from sim.effects.effect import Reading, Switched, jumps
 
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
-ABSORBS = 14.0  # the same where the film is of another kind: what its relays lack may look like an effect
+ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 PROMISING = 4.0
 MOST_EFFECTS = 4
