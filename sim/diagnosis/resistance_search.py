@@ -206,11 +206,11 @@ class ResistanceSearch:
             return self.keep(plain)
         return self.beside(fit, next(e for e in plain.effects if e.name == name))
 
-    def absorbed(self, fit: ResistanceFit, name: str) -> Switched | None:
+    def absorbed(self, fit: ResistanceFit, effect: Effect, within: float = WITHIN) -> Switched | None:
         """The size of an effect beside which the film fits about as well as without it, the best; None without one."""
-        others = [e for e in fit.effects if e.name != name]
-        best, value = None, fit.score - WITHIN
-        for start in starts_of(self.effects[name], self.channel, FINER):
+        others = [e for e in fit.effects if e.name != effect.name]
+        best, value = None, fit.score - within
+        for start in starts_of(effect, self.channel, FINER):
             p = self.channel.extended(fit.parameters, [*others, start])
             evidence = self.channel.point(p, p.x).evidence
             if evidence > value:

@@ -186,7 +186,7 @@ def _one_more(
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
-        begin += [start for start in (search.absorbed(fit, n) for n in readings) if start is not None]
+        begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
         found += [search.beside(fit, start) for start in begin]
     sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
     return max(sound, key=lambda e: e.score) if sound else None

@@ -13,6 +13,7 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.adequacy import Adequacy, adequacy
+from sim.diagnosis.bends import bends_as_it_does
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
@@ -188,14 +189,16 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
     many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
-    Beside a film of the class it is the simpler film that counts.
+    Beside a film of the class it is the simpler film that counts. Nor may a film that bends its own output do as well.
     """
     rest = names - {name}
     b, without = chain.fits(names)[1], chain.fits(rest)[1]
     if b is None or without is None or film_of_the_class(chain, names):
         return True
     effect = next(e for e in b.effects if e.name == name)
-    return View(chain.film_channel(rest), without).expected(effect) >= EXPECTED * ABSORBS
+    if View(chain.film_channel(rest), without).expected(effect) < EXPECTED * ABSORBS:
+        return False
+    return bends_as_it_does(chain.last(chain.split(names)[0]), b, without, name)
 
 
 @dataclass(frozen=True)

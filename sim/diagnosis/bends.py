@@ -1,0 +1,49 @@
+"""Whether a reading is bent as an effect at the terminals bends it, or as a film bends itself.
+
+Relays alone have congruent minor loops: of one shape between two temperatures, wherever the film is (I. Mayergoyz,
+Mathematical Models of Hysteresis, 1991, ch. 1). A film whose loops are not looks like one behind a resistance in series
+or in parallel, for its output seems to be bent. But what a film does of its own need not have the shape of a sum of
+resistances or of conductances: so the same bend is tried softer and sharper,
+
+    shown^p = R^p + series_ohm^p        (p = 1: the effect; alike for any other),
+
+and a name is said only where neither does as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.functions import Array
+from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_search import ResistanceSearch
+from sim.effects.effect import Effect, Reading, at_the_terminals
+
+SHARPNESS = (0.4, 2.5)  # p
+BETTER = 2.0  # log-likelihood by which the effect's own shape has to be the better one
+
+
+def of_sharpness(effect: Effect, power: float) -> Effect:
+    """The effect with another sharpness of its bend."""
+    form = effect.form
+    assert isinstance(form, Reading)
+
+    def read(par: Array, values: Array) -> Array:
+        return np.asarray(form.read(par**power, values**power) ** (1.0 / power))
+
+    return replace(effect, name=f"{effect.name} of sharpness {power:g}", form=Reading(read))
+
+
+def bends_as_it_does(search: ResistanceSearch, fit: ResistanceFit, without: ResistanceFit, name: str) -> bool:
+    """Whether the effect's own shape is better than a softer and a sharper one. fit, without: with relays, followed to
+    their ends. True for what does not bend the reading."""
+    effect = search.effects[name]
+    if not at_the_terminals(effect) or any(p.signed or p.choices for p in effect.parameters):
+        return True
+    for power in SHARPNESS:
+        start = search.absorbed(without, of_sharpness(effect, power), np.inf)
+        if start is not None and search.ended(search.beside(without, start)).score > fit.score - BETTER:
+            return False
+    return True
