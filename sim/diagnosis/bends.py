@@ -7,7 +7,8 @@ resistances or of conductances: so the same bend is tried softer and sharper,
 
     shown^p = R^p + series_ohm^p        (p = 1: the effect; alike for any other),
 
-and a name is said only where neither does as well.
+and no name is said where one of them does better. (Of films by interpolation between reversal curves with nothing
+hidden, whose evidence for a resistance was 18 to 53, all three were better with the softer bend, by 7 to 20.)
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.effects.effect import Effect, Reading, at_the_terminals
 
 SHARPNESS = (0.4, 2.5)  # p
-BETTER = 2.0  # log-likelihood by which the effect's own shape has to be the better one
+BETTER = 4.0  # log-likelihood by which another sharpness has to be the better one
 
 
 def of_sharpness(effect: Effect, power: float) -> Effect:
@@ -37,13 +38,13 @@ def of_sharpness(effect: Effect, power: float) -> Effect:
 
 
 def bends_as_it_does(search: ResistanceSearch, fit: ResistanceFit, without: ResistanceFit, name: str) -> bool:
-    """Whether the effect's own shape is better than a softer and a sharper one. fit, without: with relays, followed to
-    their ends. True for what does not bend the reading."""
+    """Whether neither a softer nor a sharper shape is better than the effect's own. fit, without: with relays, followed
+    to their ends. True for what does not bend the reading."""
     effect = search.effects[name]
     if not at_the_terminals(effect) or any(p.signed or p.choices for p in effect.parameters):
         return True
     for power in SHARPNESS:
         start = search.absorbed(without, of_sharpness(effect, power), np.inf)
-        if start is not None and search.ended(search.beside(without, start)).score > fit.score - BETTER:
+        if start is not None and search.ended(search.beside(without, start)).score > fit.score + BETTER:
             return False
     return True
