@@ -98,9 +98,7 @@ def test_a_leakage_beside_a_film_of_another_kind() -> None:
     covered(document, blind)
 
 
-@pytest.mark.parametrize(
-    ("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 0), ("other_film", 6005), ("other_film", 11001)]
-)
+@pytest.mark.parametrize(("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 6005), ("other_film", 11001)])
 def test_nothing_hidden_nothing_named(kind: str, seed: int) -> None:
     """The last film's minor loops are not congruent, as if there were 53 ohm in series: evidence 52."""
     document = diagnose(case(kind, seed).columns).document()
