@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from compensator.functions import Array
-from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.effects.effect import Effect, Reading, at_the_terminals
 
@@ -44,7 +44,11 @@ def bends_as_it_does(search: ResistanceSearch, fit: ResistanceFit, without: Resi
     if not at_the_terminals(effect) or any(p.signed or p.choices for p in effect.parameters):
         return True
     for power in SHARPNESS:
-        start = search.absorbed(without, of_sharpness(effect, power), np.inf)
-        if start is not None and search.ended(search.beside(without, start)).score > fit.score + BETTER:
+        other = of_sharpness(effect, power)
+        names = frozenset(e.name for e in without.effects) | {other.name}
+        start = search.absorbed(without, other, np.inf) if names not in search.fits else None
+        if start is not None:
+            search.ended(search.beside(without, start))
+        if names in search.fits and search.fits[names].score > fit.score + BETTER:
             return False
     return True

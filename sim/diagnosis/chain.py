@@ -16,7 +16,8 @@ from sim.diagnosis.path_estimate import corrected_path, measured_path
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
-from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.diagnosis.strays import strays
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
@@ -26,7 +27,7 @@ from sim.effects.effect import Effect
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
 MEMORY_ROUNDS = 3
-AGAIN_STEPS = 2
+AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 

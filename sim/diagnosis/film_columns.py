@@ -21,7 +21,7 @@ from compensator.identify_operators import envelope_values, operator_outputs
 from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
-from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming, filters
+from sim.effects.effect import Filter, Reading, ReadingTime, Switched, Warming, at_the_terminals, filters
 
 KNOTS = 7
 SIMPLE = 3  # degree of what D has of simple form
@@ -257,7 +257,8 @@ def transfer(effects: Sequence[Switched], output: Array) -> tuple[Array, Array]:
     shown, slope = output, np.ones_like(output)
     for effect in effects:
         form = effect.effect.form
-        if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and not form.linear:
+        if at_the_terminals(effect.effect):
+            assert isinstance(form, Reading)
             h = 1e-5
             within = np.clip(shown, -15.0, 15.0)
             up = -np.log10(form.read(effect.par, 10.0 ** -(within + h)))

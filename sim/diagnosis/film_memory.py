@@ -15,7 +15,8 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.film_columns import FilmStart
-from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import FilmParameters
 
 SEVERAL = 10  # turning points before the first row that are tried, on either side
 FAR = 1.0  # cost a row from which others have to be fitted to be seen

@@ -22,7 +22,8 @@ from compensator.identify_mixed import Dictionary
 from compensator.identify_operators import Integers, radius_floor
 from compensator.nnls import solve_triangle
 from sim.diagnosis.film_columns import FilmNodes, classical_columns, filtered, operator_columns, transfer
-from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.effects.effect import at_the_terminals, filters
 
 OPERATORS = 80  # places on the grid of radii; few of them get weight

@@ -9,7 +9,7 @@ from __future__ import annotations
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.resistance_search import View, starts_of
 from sim.diagnosis.verdict import least_evidence
-from sim.effects.effect import Reading
+from sim.effects.effect import at_the_terminals
 
 SIZES = 9
 
@@ -23,7 +23,7 @@ def hidden_by_the_film(chain: Chain, names: frozenset[str]) -> dict[str, tuple[s
     channel = chain.film_channel(names)
     view, found = View(channel, b), {}
     for name, effect in chain.effects.items():
-        if name in names or effect.link != "ohmmeter" or not isinstance(effect.form, Reading) or effect.form.linear:
+        if name in names or not at_the_terminals(effect):
             continue
         needed = least_evidence(chain, names, name)
         sizes = starts_of(effect, channel, SIZES)

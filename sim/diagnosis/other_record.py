@@ -14,7 +14,8 @@ from sim.diagnosis.film_memory import beginnings
 from sim.diagnosis.path_estimate import measured_path
 from sim.diagnosis.record import Record
 from sim.diagnosis.residuals import read_within
-from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.temperature_channel import TemperatureChannel
 
 STEP_DEC, STEP_K = 1e-3, 1e-2  # of a difference quotient

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import cho_solve
@@ -25,7 +25,6 @@ from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import (
     FOLLOWING,
     FilmNodes,
-    FilmStart,
     film_nodes,
     filtered,
     operator_columns,
@@ -33,59 +32,18 @@ from sim.diagnosis.film_columns import (
 )
 from sim.diagnosis.film_point import LinearProblem, Point
 from sim.diagnosis.film_power import MeterPower
-from sim.diagnosis.film_prior import PriorWidths
 from sim.diagnosis.film_relays import RelaysOfRecord
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Filter, Reading, Switched, Warming, at_the_terminals, filters
 
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
-SAME_COST = 1.0
+SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
-
-
-@dataclass(frozen=True, eq=False)
-class FilmParameters:
-    """x: envelopes (4), effects, how far film filters are behind; film_output: of an earlier fit, (rows,), whose
-    resistance the ohmmeter's current heats; None: the one that was read."""
-
-    effects: tuple[Switched, ...]
-    x: Array
-    start: FilmStart
-    prior: PriorWidths = field(default_factory=PriorWidths)
-    film_output: Array | None = None
-
-    @property
-    def has_relays(self) -> bool:
-        """Whether the film is of another kind."""
-        return self.prior.relay_dec > 0.0
-
-    def with_relays(self, relay_dec: float) -> FilmParameters:
-        """The same with relays of this prior's width, or none at 0."""
-        return replace(self, prior=replace(self.prior, relay_dec=relay_dec))
-
-
-@dataclass(frozen=True, eq=False)
-class ResistanceFit:
-    """parameters; shown: -log10 of the resistance shown, (rows,); film_output: of the film itself, (rows,); score: the
-    marginal log-likelihood of the fitted rows (effects' and envelopes' parameters at their best); coefficients."""
-
-    parameters: FilmParameters
-    shown: Array
-    film_output: Array
-    score: float
-    sigma_dec: float
-    coefficients: Array
-    jacobian: Array
-    minus_log: float
-    plain: FilmParameters | None = None
-
-    @property
-    def effects(self) -> tuple[Switched, ...]:
-        return self.parameters.effects
 
 
 class ResistanceChannel:
@@ -325,21 +283,20 @@ class ResistanceChannel:
 
         for iteration in range(steps):
             base = self.predict(p, point.x, point)
+            room = np.zeros(x.size)  # slope of what it takes
             for k in range(x.size):
                 moved = point.x.copy()
                 moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
                 shown = self.predict(p, moved, point)
                 jacobian[:, k] = (shown - base) / (moved[k] - point.x[k])
+                if k in bending:
+                    other = self.point(p, moved, point.coefficients)
+                    room[k] = (other.room - point.room) / (moved[k] - point.x[k])
             j = jacobian[self.rows] / self.sigma_dec
             residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
             cross = point.along(j) / self.sigma_dec
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
-            gradient = j.T @ residual
-            for k in bending:
-                moved = point.x.copy()
-                moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                other = self.point(p, moved, point.coefficients)
-                gradient[k] -= (other.room - point.room) / (moved[k] - point.x[k])
+            gradient = j.T @ residual - room
             held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
             normal[held, :] = 0.0
             normal[:, held] = 0.0

@@ -12,7 +12,8 @@ from compensator.functions import Array
 from sim.diagnosis.film_columns import FilmNodes
 from sim.diagnosis.film_memory import begun, remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
-from sim.diagnosis.resistance_channel import FilmParameters, ResistanceChannel, ResistanceFit
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.effects.effect import Effect, Reading, Switched, Warming, at_the_terminals, switched
 
 FEWEST_ROWS = 30  # on either side of a threshold
@@ -26,7 +27,7 @@ RELAYS_FROM = 1.02  # mean square residual over noise from which a film of anoth
 FIRST_RELAY_DEC = 0.03
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
 RELAY_STEPS = 6
-RELAY_ROUNDS = 4
+RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
 PAIR_SIZES = 7

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.diagnosis.chain import Chain
-from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.temperature_search import TemperatureSearch
 from sim.diagnosis.tied import widened

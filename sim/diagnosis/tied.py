@@ -16,7 +16,8 @@ from scipy.linalg import cho_factor, cho_solve
 from compensator.functions import Array
 from sim.diagnosis.film_point import Point
 from sim.diagnosis.readings import likelihood
-from sim.diagnosis.resistance_channel import ResistanceChannel, ResistanceFit
+from sim.diagnosis.resistance_channel import ResistanceChannel
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.temperature_search import held_effect, starting_values
 from sim.diagnosis.unknowns import along_values, logarithmic, unknowns_of

@@ -17,7 +17,7 @@ from sim.diagnosis.bends import bends_as_it_does
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
-from sim.diagnosis.resistance_channel import ResistanceFit
+from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import RELAY_STEPS, View
 from sim.diagnosis.selection import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
 from sim.effects.effect import Switched
@@ -189,7 +189,7 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
     many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
-    Beside a film of the class it is the simpler film that counts. Nor may a film that bends its own output do as well.
+    Beside a film of the class it is the simpler film that counts. Nor may a film that bends its own output do better.
     """
     rest = names - {name}
     b, without = chain.fits(names)[1], chain.fits(rest)[1]
