@@ -197,6 +197,14 @@ class Chain:
         found = settled(begin)
         return found if found.score >= b.score - a.minus_log else None
 
+    def relays_bring(self, names: frozenset[str]) -> float:
+        """Log-likelihood that the last channel's fit with these effects owes to relays; 0 where it has none."""
+        b = self.fits(names)[1]
+        if b is None or not b.parameters.has_relays:
+            return 0.0
+        plain = self.film_channel(names).descend(b.plain or b.parameters.with_relays(0.0))
+        return b.score - plain.score
+
     def keep(self, names: frozenset[str], pair: Tied) -> None:
         """Remember a pair, if it is the best with its effects."""
         known = self.pair(names)

@@ -247,12 +247,10 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     verdict = verdict_of(findings, unexplained)
     film = None
     if chain.facts is not None:
-        b = chain.fits(names)[1]
-        assert b is not None
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
-            "of_the_class": bool(not b.parameters.has_relays),
+            "of_the_class": bool(chain.relays_bring(names) < ABSORBS),
         }
     return Diagnosis(
         verdict,
