@@ -8,7 +8,8 @@ resistances or of conductances: so the same bend is tried softer and sharper,
     shown^p = R^p + series_ohm^p        (p = 1: the effect; alike for any other),
 
 and no name is said where one of them does better. (Of films by interpolation between reversal curves with nothing
-hidden, whose evidence for a resistance was 18 to 53, all three were better with the softer bend, by 7 to 20.)
+hidden, whose evidence for a resistance was 18 to 53, all three were better with the softer bend, by 7 to 20.) Nor is it
+where the film leaves something that is not understood, which may bend the reading, too.
 """
 
 from __future__ import annotations
@@ -37,11 +38,16 @@ def of_sharpness(effect: Effect, power: float) -> Effect:
     return replace(effect, name=f"{effect.name} of sharpness {power:g}", form=Reading(read))
 
 
+def only_bends(effect: Effect) -> bool:
+    """Whether all it does is to bend the reading smoothly, as a film may bend itself."""
+    return at_the_terminals(effect) and not any(p.signed or p.choices for p in effect.parameters)
+
+
 def bends_as_it_does(search: ResistanceSearch, fit: ResistanceFit, without: ResistanceFit, name: str) -> bool:
     """Whether neither a softer nor a sharper shape is better than the effect's own. fit, without: with relays, followed
     to their ends. True for what does not bend the reading."""
     effect = search.effects[name]
-    if not at_the_terminals(effect) or any(p.signed or p.choices for p in effect.parameters):
+    if not only_bends(effect):
         return True
     for power in SHARPNESS:
         other = of_sharpness(effect, power)

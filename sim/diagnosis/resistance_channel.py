@@ -43,6 +43,7 @@ from sim.effects.effect import Filter, Reading, Switched, Warming, at_the_termin
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
+SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -184,7 +185,8 @@ class ResistanceChannel:
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
             coefficients = found.coefficients
-            if turn + 1 >= least and abs(found.cost - before) < SAME_COST:
+            same = max(SAME_COST, SAME_SHARE * (found.cost - 0.5 * rows.size))
+            if turn + 1 >= least and abs(found.cost - before) < same:
                 break
             before = found.cost
         return found

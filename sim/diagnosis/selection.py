@@ -26,6 +26,7 @@ HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival o
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
+LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
 
@@ -62,9 +63,11 @@ def _hopeless(before: float, after: float, rows: int) -> bool:
     return square > FAR_FROM_NOISE and square > LITTLE_CHANGED * 2.0 * before / rows
 
 
-def _in_vain(before: float, after: float, rows: int) -> bool:
+def _in_vain(before: ResistanceFit, after: ResistanceFit, rows: int) -> bool:
     """Whether the best effect there is leaves what is well beyond the noise as it was."""
-    return 2.0 * after / rows > ROUGH and before - after < NOTHING_CHANGED * (before - 0.5 * rows)
+    share = LITTLE_BESIDE if before.parameters.has_relays and after.parameters.has_relays else NOTHING_CHANGED
+    gone = before.minus_log - after.minus_log
+    return 2.0 * after.minus_log / rows > ROUGH and gone < share * (before.minus_log - 0.5 * rows)
 
 
 def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
@@ -139,16 +142,12 @@ def select_last_links(
         if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
             found = search.ended(found)
             fit = search.ended(search.without(found, next(e.name for e in found.effects if e.name not in names)))
-        if (
-            found is None
-            or found.score - fit.score < entry_of(found, names)
-            or _in_vain(fit.minus_log, found.minus_log, rows)
-        ):
+        if found is None or found.score - fit.score < entry_of(found, names) or _in_vain(fit, found, rows):
             found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
             interval = search.channel.record.interval_s
             if found is None or any(without_meaning(e, interval) for e in found.effects):
                 break
-            if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit.minus_log, found.minus_log, rows):
+            if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit, found, rows):
                 break
         if _hopeless(fit.minus_log, found.minus_log, rows):
             break
@@ -226,7 +225,8 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
     names = _best_timed(search, names)
     for _ in range(3):
         best = search.fit(names)
-        if len(names) < 2 or search.channel.mean_square(best) > FAR_FROM_NOISE:
+        too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
+        if len(names) < 2 or search.channel.mean_square(best) > too_much_left:
             return names  # as long as something large is missing, whatever is there may stand in for it
         changed: ResistanceFit | None = None
         for name in sorted(names):

@@ -13,7 +13,7 @@ import numpy as np
 
 from compensator.functions import Array
 from sim.diagnosis.adequacy import Adequacy, adequacy
-from sim.diagnosis.bends import bends_as_it_does
+from sim.diagnosis.bends import bends_as_it_does, only_bends
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
 from sim.diagnosis.record import Rows
@@ -146,6 +146,9 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
                 failing[name] = evidence[name]  # the film's temperature itself is not well known
                 continue
             if left is None or left.clean:
+                continue
+            if only_bends(chain.effects[name]) and not film_of_the_class(chain, names):
+                failing[name] = min(evidence[name], WORTH)  # what is left of the film may bend it, too
                 continue
             value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
             now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
