@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.functions import Array
-from sim.diagnosis.record import Mask, Record
+from sim.diagnosis.record import Mask, Record, Rows
 from sim.effects.effect import Command, Filter, Switched, filters
 from sim.plate_balance import heat_flows, run
 
@@ -101,27 +101,46 @@ def simulate_plate(
     plate: Array,
     effects: Sequence[Switched],
     first_degC: Array,
+    anew: Rows,
     own_degC: Array,
     behind_K: Array,
 ) -> PlateRun:
-    """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. own_degC: of the
-    effects of form HeatFlow at the first row. behind_K: by how much each thermometer filter is behind there."""
+    """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
+    and others of those that begin stretches. own_degC: there, of the effects of form HeatFlow, (anew, effects).
+    behind_K: by how much each thermometer filter is behind there, (anew, filters)."""
     heat = heat_flows(effects)
     n = nodes.time_s.size
     reset = np.full(n, np.nan)
     reset[nodes.rows[record.first_rows]] = first_degC
     temperature, slopes = np.empty(n), np.empty((n, 2))
-    own = np.array(own_degC, dtype=np.float64)
-    run(plate, heat.terms, heat.values, nodes.time_s, nodes.current_A, reset, own, temperature, slopes)
+    begins = nodes.rows[anew]
+    for begin, end, own in zip(begins, [*begins[1:] + 1, n], own_degC, strict=True):
+        part = slice(begin, end)  # up to the next begin, whose slope before it is kept
+        before = slopes[begin, 1]
+        run(
+            plate,
+            heat.terms,
+            heat.values,
+            nodes.time_s[part],
+            nodes.current_A[part],
+            reset[part],
+            own.copy(),
+            temperature[part],
+            slopes[part],
+        )
+        if begin > 0:
+            slopes[begin, 1] = before
     path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
     lags = filters(effects, "thermometer")
     if not lags:
         return PlateRun(path, temperature[nodes.rows])
     time, shown = path.finer(np.isfinite(reset))
-    for lag, behind in zip(lags, behind_K, strict=True):
+    for lag, behind in zip(lags, behind_K.T, strict=True):
         form, out = lag.effect.form, np.empty(time.size)
         assert isinstance(form, Filter)
-        form.run(lag.par, time, shown, np.array([shown[0] - behind]), out)
+        for begin, end, late in zip(FINER * begins, [*FINER * begins[1:], time.size], behind, strict=True):
+            part = slice(begin, end)
+            form.run(lag.par, time[part], shown[part], np.array([shown[begin] - late]), out[part])
         shown = out
     return PlateRun(path, shown[FINER * nodes.rows])
 

@@ -1,8 +1,8 @@
 """The fit of the first links: current -> driver -> plate -> thermometer, by the simulation error over whole stretches.
 
 Unknowns are the plate's s, r, g, T_a (a heater's q, g, T_a), the effects' parameters, the temperatures of what has a
-temperature of its own at the first row, and the plate's temperature at the beginning of each stretch. The last are
-many but each acts on its own stretch only, so that they are eliminated from the normal equations.
+temperature of its own at the first row and after each long gap, and the plate's temperature at the beginning of each
+stretch. The last are many but each acts on its own stretch only, so that they are eliminated from the normal equations.
 """
 
 from __future__ import annotations
@@ -33,12 +33,14 @@ PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
-APART_K = 10.0  # spread of what has a temperature of its own about the plate's or the ambient's, at the first row
+APART_K = 10.0  # spread of what has a temperature of its own about the plate's or the ambient's, where it begins
+MOST_ANEW = 10  # long gaps after which it begins anew; with more of them, it is taken through all
 
 
 @dataclass(frozen=True, eq=False)
 class PlateParameters:
-    """x: the fit's vector (plate, effects, temperatures of their own); first_degC: of each stretch."""
+    """x: the fit's vector (plate, effects, temperatures of their own, each at its beginnings); first_degC: of each
+    stretch."""
 
     kind: str
     effects: tuple[Switched, ...]
@@ -57,14 +59,14 @@ class PlateParameters:
         return np.array([0.0, 0.0, v[1], v[0], v[2]])
 
 
-def own_temperatures(effects: Sequence[Switched]) -> int:
-    """How many effects have a temperature of their own."""
-    return sum(isinstance(e.effect.form, HeatFlow) for e in effects)
+def has_own(effect: Switched) -> bool:
+    """Whether it is a body on the plate's balance with a temperature of its own."""
+    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
 
 
-def thermometer_filters(effects: Sequence[Switched]) -> int:
-    """How many filters the thermometer's signal passes."""
-    return len(filters(effects, "thermometer"))
+def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
+    """The effects that have one: on the plate's balance, then filters of the thermometer."""
+    return [e for e in effects if has_own(e)] + filters(effects, "thermometer")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,10 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
+        long = record.long_gaps()
+        self.anew: Rows = (
+            np.concatenate(([0], long)).astype(np.int64) if long.size <= MOST_ANEW else record.first_rows[:1]
+        )
         self._known_nodes: dict[bytes, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
@@ -114,12 +120,8 @@ class TemperatureChannel:
         """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
         base = parameters.x[: len(parameters.base)]
         before = self._own(parameters)
-        own = []
-        for effect in effects:
-            if isinstance(effect.effect.form, HeatFlow):
-                own.append(before.get(effect.name, 0.0))
-        own += [before.get(effect.name, 0.0) for effect in filters(effects, "thermometer")]
-        x = np.concatenate((base, values_inside(effects), own))
+        own = [before.get(effect.name, np.zeros(self.anew.size)) for effect in with_own_temperature(effects)]
+        x = np.concatenate((base, values_inside(effects), *own))
         return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
 
     def awakened(self, p: PlateParameters) -> PlateParameters:
@@ -135,11 +137,18 @@ class TemperatureChannel:
         x[1] = PELTIER[1].inside(least)
         return replace(p, x=x)
 
-    def _own(self, p: PlateParameters) -> dict[str, float]:
-        names = [e.name for e in p.effects if isinstance(e.effect.form, HeatFlow)]
-        names += [e.name for e in filters(p.effects, "thermometer")]
-        own = p.x[p.x.size - len(names) :]
-        return {name: float(v) for name, v in zip(names, own, strict=True)}
+    def _own(self, p: PlateParameters) -> dict[str, Array]:
+        """Of each effect, at each of its beginnings here; parameters of another record begin as they did there."""
+        names = [e.name for e in with_own_temperature(p.effects)]
+        own = p.x[len(p.base) + len(unknowns_of(p.effects)) :]
+        each = own.reshape(len(names), own.size // max(len(names), 1))
+        if each.shape[1] != self.anew.size:
+            each = np.repeat(each[:, :1], self.anew.size, axis=1)
+        return dict(zip(names, each, strict=True))
+
+    def _owns(self, effects: Sequence[Switched]) -> int:
+        """How many temperatures of their own, at all beginnings."""
+        return len(with_own_temperature(effects)) * int(self.anew.size)
 
     def rough_firsts(self) -> Array:
         """The first reading of each stretch, degC."""
@@ -154,7 +163,7 @@ class TemperatureChannel:
     def begun(self, p: PlateParameters) -> tuple[Array, Array]:
         """p.x and the first temperatures, only what a record began with fitted: two steps of Gauss-Newton."""
         x, first = p.x.copy(), p.first_degC.copy()
-        own = own_temperatures(p.effects) + thermometer_filters(p.effects)
+        own = self._owns(p.effects)
         for _ in range(2):
             shown = self.simulate(p, x, first)[1]
             residual = (self.record.temperature_degC - shown)[self.rows]
@@ -176,18 +185,23 @@ class TemperatureChannel:
         return x, first
 
     def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
-        """Effects with values, their own temperatures, and how far the filters are behind."""
-        base = len(p.base)
-        own, lags = own_temperatures(p.effects), thermometer_filters(p.effects)
-        end = x.size - own - lags
-        effects = with_values(p.effects, x[base:end])
+        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), and how far the
+        filters are behind (beginnings, filters)."""
+        end = x.size - self._owns(p.effects)
+        effects = with_values(p.effects, x[len(p.base) : end])
         ambient = replace(p, x=x).plate()[4]
-        return effects, ambient + APART_K * x[end : end + own], APART_K * x[end + own :]
+        apart = APART_K * x[end:].reshape(-1, self.anew.size)
+        flows = [e for e in effects if isinstance(e.effect.form, HeatFlow)]
+        place = [k for k, e in enumerate(flows) if has_own(e)]
+        own = np.full((self.anew.size, len(flows)), ambient)
+        own[:, place] += apart[: len(place)].T
+        return effects, own, apart[len(place) :].T
 
     def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows."""
         effects, own, behind = self.split(p, x)
-        out = simulate_plate(self.record, self._nodes(effects), replace(p, x=x).plate(), effects, first, own, behind)
+        plate, nodes = replace(p, x=x).plate(), self._nodes(effects)
+        out = simulate_plate(self.record, nodes, plate, effects, first, self.anew, own, behind)
         return out.path, out.shown_degC
 
     def _nodes(self, effects: Sequence[Switched]) -> Nodes:
@@ -203,8 +217,7 @@ class TemperatureChannel:
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
         """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
         how many spreads a step of that changes it."""
-        base = len(p.base)
-        own = own_temperatures(p.effects) + thermometer_filters(p.effects)
+        base, own = len(p.base), self._owns(p.effects)
         index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
         away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
         scale = np.ones(index.size)

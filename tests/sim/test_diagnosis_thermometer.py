@@ -31,8 +31,9 @@ def test_a_lag_behind_a_plate_that_bends_between_the_rows(interval_s: float) -> 
         np.array([S, R, G, 0.0, AMBIENT_DEGC]),
         effects,
         np.array([START_DEGC]),
-        np.empty(0),
-        np.zeros(1),
+        record.first_rows,
+        np.empty((1, 0)),
+        np.zeros((1, 1)),
     )
     np.testing.assert_allclose(run.path.at(time), plate, atol=1e-7)
     np.testing.assert_allclose(run.shown_degC, shown, atol=2e-4)
