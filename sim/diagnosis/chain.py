@@ -20,6 +20,7 @@ from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.diagnosis.strays import strays
+from sim.diagnosis.stretches import off_after_missing_rows
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
 from sim.diagnosis.tied import Tied, settled, tied
@@ -285,19 +286,28 @@ class Chain:
 
     def renoised_first(self, upstream: frozenset[str]) -> bool:
         """Weigh the first channel by the noise that the fit with these effects leaves, without the readings that it
-        shows to be lone; whether anything changed."""
+        shows to be lone, in stretches that begin where it shows that a row is missing; whether anything changed."""
         assert self.first is not None
         old, record = self.first, self.record
         fit = old.fit(upstream)
         sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
-        lone = strays(record.temperature_degC - fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
-        if not self._without(temperature=lone) and abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE:
+        left = record.temperature_degC - fit.shown_degC
+        lone = strays(left, self.as_read.temperature_used, 0.5 * record.step_K)
+        changed = self._without(temperature=lone)
+        left = np.where(self.record.temperature_used, left / sigma, np.nan)
+        off = off_after_missing_rows(left, record.time_s, record.first_rows)
+        if not changed and not off.size and abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE:
             return False
+        self.as_read, self.record = self.as_read.begun_also(off), self.record.begun_also(off)
+        self.fitted = self.fitted | (record.held_out & ~self.record.held_out)
         channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
-        self.first = TemperatureSearch(channel, old.effects, old.base)
+        begins = self.record.time_s[self.record.first_rows]
+        base = replace(old.base, parameters=replace(old.base.parameters, first_degC=old.base.path.at(begins)))
+        self.first = TemperatureSearch(channel, old.effects, base)
         for key, known in old.fits.items():
             if key <= upstream:
-                self.first.fits[key] = self.first.channel.descend(known.parameters, 10)
+                begun = replace(known.parameters, first_degC=known.path.at(begins))
+                self.first.fits[key] = self.first.channel.descend(begun, 10)
         return True
 
     def renoised(self, names: frozenset[str]) -> bool:

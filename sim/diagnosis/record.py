@@ -65,6 +65,11 @@ class Record:
         outliers = self.outliers[0] + int(temperature.size), self.outliers[1] + int(output.size)
         return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
 
+    def begun_also(self, rows: Rows) -> Record:
+        """The same with stretches that begin at these rows, too; what follows them is held out no longer."""
+        held = self.held_out & held_out_rows(self.rows, rows)
+        return replace(self, first_rows=np.union1d(self.first_rows, rows), held_out=held)
+
     def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
         """The same without the resistances that were read before or after it, or in a long gap, if its time stamps are
         as far off as one of the effects may have them: nothing is known of the temperature there."""

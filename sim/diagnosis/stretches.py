@@ -2,7 +2,9 @@
 
 A missing row is no such gap where the commands beside it lie on a straight line: what was commanded in it is known
 better than any reading tells the temperature, and the simulation goes on through it. Begun anew after each of a hundred
-missing rows, the plate's temperature would be known by a few readings each time, and a film feels the difference.
+missing rows, the plate's temperature would be known by a few readings each time, and a film feels the difference. Where
+a fit shows that it was not on that line (a controller may have answered an outlier in the very row that is missing),
+a stretch does begin.
 """
 
 from __future__ import annotations
@@ -17,6 +19,11 @@ from sim.diagnosis.readings import quick_noise
 SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
 FITTED = 10  # rows over which the plate's rate is taken
+LONGER = 1.3  # median steps, from which a row may be missing
+BESIDE = 8  # rows on either side of one that is
+FAR_OFF = 5.0  # standard deviations of what these differ by
+MOST_FAR_OFF = 20  # more are no missing commands
+MEDIAN = 1.57  # variance of a median of normal readings, over that of their mean
 Rows = NDArray[np.int64]
 
 
@@ -41,6 +48,24 @@ def first_rows(
     change = _rate_per_A(time_s, temperature_degC, current_A) * missing * _off_the_line(time_s, current_A, begin, end)
     short = (missing <= SHORT * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
     return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
+
+
+def off_after_missing_rows(residual: Array, time_s: Array, begins: Rows) -> Rows:
+    """The rows from which the readings go on off what they were on before, a longer step being between. residual: of a
+    fit, over the noise, nan without a reading, (rows,); begins: where stretches do. None where there are many."""
+    steps = np.diff(time_s)
+    likely = np.setdiff1d(np.flatnonzero(steps > LONGER * np.median(steps)) + 1, begins)
+    found: list[int] = []
+    for row in likely:
+        sides = residual[max(row - BESIDE, 0) : row], residual[row : row + BESIDE]
+        before, after = (side[np.isfinite(side)] for side in sides)
+        if min(before.size, after.size) < BESIDE // 2 or np.any(np.abs(begins - row) < BESIDE):
+            continue
+        away = (np.median(after) - np.median(before)) / np.sqrt(MEDIAN * (1.0 / before.size + 1.0 / after.size))
+        if abs(away) > FAR_OFF:
+            found.append(int(row))
+    rows = np.array(found, dtype=np.int64)
+    return rows if rows.size <= MOST_FAR_OFF else rows[:0]
 
 
 def _off_the_line(time_s: Array, current_A: Array, begin: Rows, end: Rows) -> Array:

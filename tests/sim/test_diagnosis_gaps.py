@@ -7,10 +7,12 @@ import pytest
 
 from compensator.functions import Array
 from compensator.identify_rows import gap_threshold
+from sim.diagnosis.chain import temperature_search
 from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.lattice import lattice_step
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record, read_columns
+from sim.diagnosis.stretches import off_after_missing_rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
 
@@ -71,6 +73,44 @@ def test_a_missing_row_begins_a_stretch_only_where_its_command_is_not_known() ->
     assert read_columns({**columns, "current_A": told}).first_rows.tolist() == [0, 801, *range(1201, 1221)]
     told[1990:] = np.nan
     assert read_columns({**columns, "current_A": told}).first_rows.size == 2 + 20 + 9
+
+
+def test_a_stretch_begins_where_a_fit_is_off_after_a_missing_row() -> None:
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.uniform(0.45, 0.55, 2000))
+    time[800:] += 0.5
+    time[1500:] += 0.5
+    residual = rng.standard_normal(2000)
+    none = np.zeros(1, dtype=np.int64)
+    assert off_after_missing_rows(residual, time, none).size == 0
+    off = residual.copy()
+    off[800:] += 5.0 * np.exp(-(time[800:] - time[800]) / 20.0)
+    off[1800:] += 5.0  # nothing is missing there
+    off += 20.0 * np.sin(time / 50.0)
+    off[801] = np.nan
+    assert off_after_missing_rows(off, time, none).tolist() == [800]
+    assert off_after_missing_rows(off, time, np.array([0, 798])).size == 0
+    everywhere = residual + 10.0 * (np.cumsum(rng.random(2000) < 0.1) % 2)
+    assert off_after_missing_rows(everywhere, np.cumsum(rng.uniform(0.25, 0.75, 2000)), none).size == 0
+
+
+def test_what_is_slow_begins_anew_after_a_long_gap() -> None:
+    """A thermometer of 5 s, and a gap of 25 s in which the current went up and came back."""
+    rng, fine, tau = np.random.default_rng(6), 0.05, 5.0
+    time = fine * np.arange(20_000)
+    current = np.repeat(0.6 + 0.4 * np.sign(np.sin(time[::10] / 37.0)), 10) + 1.5 * ((time > 602.0) & (time < 618.0))
+    plate, shown = np.full(time.size, 30.0), np.full(time.size, 30.0)
+    for k in range(1, time.size):
+        heat = 0.005 * current[k - 1] * (plate[k - 1] + 273.15) + 0.02 * current[k - 1] ** 2
+        plate[k] = plate[k - 1] + fine * (heat - 0.05 * (plate[k - 1] - 25.0))
+        shown[k] = shown[k - 1] + fine * (plate[k] - shown[k - 1]) / tau
+    rows = np.setdiff1d(np.arange(0, time.size, 10), np.arange(12_000, 12_500))
+    readings = shown[rows] + 0.01 * rng.standard_normal(rows.size)
+    record = read_columns({"time_s": time[rows], "temperature_degC": readings, "current_A": current[rows]})
+    search = temperature_search(record, ~record.held_out, {"sensor_lag": EFFECTS["sensor_lag"]})
+    fit = search.fit(frozenset({"sensor_lag"}))
+    assert fit.effects[0].par[0] == pytest.approx(tau, rel=0.02)
+    assert 2.0 * fit.minus_log / search.channel.rows.size < 1.1
 
 
 def test_commands_in_a_gap_are_on_a_straight_line() -> None:
