@@ -130,13 +130,17 @@ def entry_of(fit: ResistanceFit, known: frozenset[str] = frozenset()) -> float:
 
 
 def select_last_links(
-    search: ResistanceSearch, names: frozenset[str] = frozenset(), steps: int = MOST_EFFECTS
+    search: ResistanceSearch,
+    names: frozenset[str] = frozenset(),
+    steps: int = MOST_EFFECTS,
+    say: Progress = lambda text: None,
 ) -> frozenset[str]:
     """The effects that the ohmmeter's channel alone asks for. names: where the search begins; steps: how many times one
     is added, or two at once."""
     for _ in range(steps):
         if len(names) >= MOST_EFFECTS:
             break
+        say(f"temperature to resistance{': besides ' if names else ''}{', '.join(sorted(names))}")
         fit = search.ended(search.fit(names))
         found, rows = _one_more(search, fit), search.channel.rows.size
         if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
@@ -254,8 +258,7 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
             upstream = select_first_links(chain.first, upstream)
     names = upstream
     if chain.record.output is not None:
-        say("temperature to resistance")
-        names = upstream | _selected_last(chain, upstream)
+        names = upstream | _selected_last(chain, upstream, say)
         if chain.first is not None:
             say("both together")
             names = _joint(chain, names)
@@ -264,18 +267,18 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
     return names
 
 
-def _selected_last(chain: Chain, upstream: frozenset[str]) -> frozenset[str]:
+def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
     names: frozenset[str] = frozenset()
     for steps in (1, MOST_EFFECTS):
         before = names
-        names = select_last_links(chain.last(upstream), names, steps)
+        names = select_last_links(chain.last(upstream), names, steps, say)
         understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
         changed = understood and chain.renoised(upstream | names)
         if names == before and not changed:
             break  # the same search would find the same
-    return select_last_links(chain.last(upstream), names) if changed else names
+    return select_last_links(chain.last(upstream), names, say=say) if changed else names
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:
