@@ -26,6 +26,7 @@ WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clea
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
+BENDS_ITSELF = 40.0  # evidence that a bend needs beside a film of another kind: most bend less by themselves
 WEAK = 30.0  # evidence below which they may lose no more than chance lets them
 EXPECTED = 0.25  # share of the evidence needed that an effect beside a film of another kind is expected to bring
 CHANCE = 2.33  # standard deviations: one real effect in a hundred is refused where the rest predicts as well
@@ -179,7 +180,10 @@ def may_lose(evidence: float, changed: float) -> float:
 def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
     """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
     of_the_class = name in chain.split(names)[0] or film_of_the_class(chain, names)
-    choosy = any(p.choices for p in chain.effects[name].parameters)
+    effect = chain.effects[name]
+    choosy = any(p.choices for p in effect.parameters)
+    if only_bends(effect) and chain.relays_bring(names) >= ABSORBS:
+        return BENDS_ITSELF
     return (WORTH if of_the_class else ABSORBS) + choosy * CHOICE
 
 

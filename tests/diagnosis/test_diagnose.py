@@ -98,6 +98,11 @@ def test_a_leakage_beside_a_film_of_another_kind() -> None:
     covered(document, blind)
 
 
+def test_a_film_that_bends_its_own_output_is_no_leakage() -> None:
+    blind = case("other_film_effect", 11303)
+    assert names(diagnose(blind.columns).document()) == {"ambient_drift"}
+
+
 @pytest.mark.parametrize(("kind", "seed"), [("clean", 0), ("clean", 1), ("other_film", 6005), ("other_film", 11001)])
 def test_nothing_hidden_nothing_named(kind: str, seed: int) -> None:
     """The last film's minor loops are not congruent, as if there were 53 ohm in series: evidence 52."""
