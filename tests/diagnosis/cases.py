@@ -31,6 +31,7 @@ KINDS = (
     "clean",
     "other_film",
     "other_film_effect",
+    "further_film",
     "outside",
     "indistinguishable",
     "disturbed",

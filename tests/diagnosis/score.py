@@ -104,6 +104,8 @@ def passed(case: Case, row: Row, document: Document) -> bool:
         return not row["instruments_blamed"]
     if case.kind == "other_film_effect":
         return bool(row["found"])
+    if case.kind == "further_film":
+        return bool(row["found"]) and not row["instruments_blamed"]
     if case.expectation == "clean":
         return bool(row["clean"])
     if case.expectation == "unexplained":

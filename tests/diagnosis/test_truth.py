@@ -15,12 +15,13 @@ from tests.diagnosis.score import named_as_set, score, wilson
 from tests.diagnosis.truth.combine import allowed, recorded_current
 from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed
 from tests.diagnosis.truth.draw import Bench, draw_bench, draw_film
+from tests.diagnosis.truth.hysteresis import PREISACH
 from tests.diagnosis.truth.oracle import Oracle
 from tests.diagnosis.truth.rig import Clean, Effects, Rig, Schedule, simulate
 from tests.diagnosis.truth.sizes import weaker
 
 Array = NDArray[np.float64]
-FILMS = ("of_class", "preisach", "forc")
+FILMS = ("of_class", "preisach", "forc", "moving", "medium")
 
 
 @pytest.fixture(scope="module")
@@ -154,6 +155,34 @@ def test_films_fall_with_temperature_and_have_loops(kind: str) -> None:
         assert y.min() > 0.5
         assert y.max() < 6.2
         assert np.max(y[:500] - y[999:499:-1]) > 0.1
+
+
+def test_relays_in_a_field_switch_where_the_field_puts_them() -> None:
+    film = draw_film(np.random.default_rng(1), "moving", form=0)
+    t = np.concatenate((np.linspace(20.0, 100.0, 400), np.linspace(100.0, 20.0, 400)))
+    y = film.log_ohm(t)
+    metal = (y[0] - y) / (y[0] - y[399])
+    seen = t + film.table[4, 0] * (metal - 0.5)
+    alone = replace(film, kind=PREISACH, table=film.table[:4]).log_ohm(seen)
+    np.testing.assert_allclose(y, alone, atol=1e-5)
+
+
+def test_a_mixture_percolates_at_a_half_and_at_a_third() -> None:
+    """Bruggeman's medium of d dimensions: the metal alone conducts (d f - 1) / (d - 1) of what it does, f > 1 / d."""
+    t, decades = np.linspace(20.0, 110.0, 600), 9.0
+    for dimensions in (2, 3):
+        film = draw_film(np.random.default_rng(2), "medium", form=0)
+        table = film.table.copy()
+        table[1] *= decades / np.sum(table[1])
+        table[4] = dimensions
+        relays = replace(film, kind=PREISACH, table=table[:4]).log_ohm(t)
+        mixture = replace(film, table=table).log_ohm(t)
+        metal, gained = (relays[0] - relays) / decades, mixture[0] - mixture
+        some = metal > 1.0 / dimensions + 0.05
+        conducts = (dimensions * metal[some] - 1.0) / (dimensions - 1.0)
+        np.testing.assert_allclose(gained[some], decades + np.log10(conducts), atol=1e-3)
+        assert np.max(gained[metal < 1.0 / dimensions - 0.05]) < 1.5
+        assert gained[-1] == pytest.approx(decades, abs=1e-3)
 
 
 def test_order_condition_holds() -> None:

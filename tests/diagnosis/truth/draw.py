@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.diagnosis.truth.films import Film
-from tests.diagnosis.truth.hysteresis import PLAY, PREISACH, REVERSAL
+from tests.diagnosis.truth.hysteresis import MEDIUM, MOVING, PLAY, PREISACH, REVERSAL
 from tests.diagnosis.truth.manner import USUAL, Manner, setpoints
 from tests.diagnosis.truth.profiles import meter_currents, steps_and_dithers
 from tests.diagnosis.truth.rig import Plate, Rig, Schedule, feedforward, simulate
@@ -100,6 +100,19 @@ def preisach_table(rng: Random, centre: float, decades: float) -> Array:
     return table
 
 
+def moving_table(rng: Random, centre: float, decades: float) -> Array:
+    """Relays in a mean field of 0.5 to 3 K from the one end to the other, less than switches them all at once."""
+    table = preisach_table(rng, centre, decades)
+    field = rng.uniform(0.5, min(3.0, float(np.min(table[3]))))
+    return np.vstack((table, np.full(table.shape[1], field)))
+
+
+def medium_table(rng: Random, centre: float, decades: float) -> Array:
+    """Grains in a film (two dimensions) or in a thick one."""
+    table = preisach_table(rng, centre, decades)
+    return np.vstack((table, np.full(table.shape[1], float(rng.integers(2, 4)))))
+
+
 def reversal_table(rng: Random, centre: float, decades: float) -> Array:
     """Two major branches, each of two steps, and reversal curves that start flatter than the branch they join."""
     width = rng.uniform(3.0, 9.0)
@@ -120,7 +133,13 @@ def draw_film(rng: Random, kind: str = "of_class", form: int | None = None, few_
     form = int(rng.integers(0, 4)) if form is None else form
     slow = rng.uniform(0.12, 0.35) * min(total, 2.5) if form else 0.0
     play = few_operators_table if few_operators else play_table
-    make = {"of_class": (PLAY, play), "preisach": (PREISACH, preisach_table), "forc": (REVERSAL, reversal_table)}
+    make = {
+        "of_class": (PLAY, play),
+        "preisach": (PREISACH, preisach_table),
+        "forc": (REVERSAL, reversal_table),
+        "moving": (MOVING, moving_table),
+        "medium": (MEDIUM, medium_table),
+    }
     code, table = make[kind]
     parts = table(rng, centre, total - slow)
     d = memoryless_part(rng, form, slow)

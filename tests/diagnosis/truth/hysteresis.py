@@ -1,4 +1,4 @@
-"""Three kinds of hysteretic film as compiled steps: share of the transition, in decades, at a new film temperature.
+"""Kinds of hysteretic film as compiled steps: share of the transition, in decades, at a new film temperature.
 
 kind 0, play operators with tanh envelopes.  table[0] radii, table[1] weights, table[2, :4] a_R, b_R, a_L, b_L.
 kind 1, a Preisach plane with bell-shaped density: relays of half-width w whose centres are normal about mu(w) with
@@ -8,6 +8,11 @@ kind 2, first-order-reversal curves by interpolation between the last turning po
         major branch; its exponent grows with the distance from that branch and with the place of the reversal, so it
         does not factorize into a Preisach density. table[0] rising branch, table[1] falling branch
         (c1, k1, c2, k2, share), table[2, :3] decades, exponent, its change with the place.
+kind 3, the relays of kind 1 in the mean field of all others: what has switched helps the rest to. Relays see T and
+        table[4, 0] kelvin times the share that is metal, less a half (E. Della Torre's moving model, IEEE Trans. Audio
+        Electroacoust. 14 (1966) 86, with temperature for the field).
+kind 4, the relays of kind 1 as grains of metal in an insulator, 10^decades times less conductive, of which Bruggeman's
+        effective medium of table[4, 0] dimensions conducts (D. Stroud, Phys. Rev. B 12 (1975) 3368): it percolates.
 """
 
 from __future__ import annotations
@@ -19,7 +24,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-PLAY, PREISACH, REVERSAL = 0, 1, 2
+PLAY, PREISACH, REVERSAL, MOVING, MEDIUM = 0, 1, 2, 3, 4
 DEEPEST = 400  # turning points that a reversal film can remember
 COLD, HOT = -60.0, 200.0
 
@@ -72,6 +77,38 @@ def _reversal_film(table: Array, state: Array, x: float, commit: bool) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _relays(table: Array, state: Array, x: float, commit: bool) -> float:
+    """Decades of all relays that see x, degC."""
+    total = 0.0
+    for j in range(state.size):
+        z = min(x + table[0, j], max(x - table[0, j], state[j]))
+        if commit:
+            state[j] = z
+        total += table[1, j] * 0.5 * (1.0 + erf((z - table[2, j]) / (sqrt(2.0) * table[3, j])))
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _seen(table: Array, state: Array, x: float, decades: float) -> float:
+    """What relays see at x in the mean field of all of them: a fixed point, since the field is weak."""
+    shift = 0.0
+    for _ in range(100):
+        before = shift
+        shift = table[4, 0] * (_relays(table, state, x + before, False) / decades - 0.5)
+        if abs(shift - before) < 1e-10:
+            break
+    return x + shift
+
+
+@njit(cache=True, error_model="numpy")
+def _medium(metal: float, decades: float, dimensions: float) -> float:
+    """Decades by which the mixture conducts better than the insulator."""
+    good = 10.0**decades
+    b = (dimensions * metal - 1.0) * good + dimensions * (1.0 - metal) - 1.0
+    return np.log10((b + sqrt(b * b + 4.0 * (dimensions - 1.0) * good)) / (2.0 * (dimensions - 1.0)))
+
+
+@njit(cache=True, error_model="numpy")
 def share(kind: int, table: Array, state: Array, x: float, commit: bool) -> float:
     """Decades of the transition at film temperature x, degC; the memory in `state` moves only with `commit`."""
     if kind == REVERSAL:
@@ -86,12 +123,12 @@ def share(kind: int, table: Array, state: Array, x: float, commit: bool) -> floa
                 state[j] = w
             total += table[1, j] * w
         return total
-    for j in range(state.size):
-        z = min(x + table[0, j], max(x - table[0, j], state[j]))
-        if commit:
-            state[j] = z
-        total += table[1, j] * 0.5 * (1.0 + erf((z - table[2, j]) / (sqrt(2.0) * table[3, j])))
-    return total
+    if kind == PREISACH:
+        return _relays(table, state, x, commit)
+    decades = np.sum(table[1])
+    if kind == MOVING:
+        return _relays(table, state, _seen(table, state, x, decades), commit)
+    return _medium(_relays(table, state, x, commit) / decades, decades, table[4, 0])
 
 
 @njit(cache=True, error_model="numpy")

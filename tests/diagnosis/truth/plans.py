@@ -116,6 +116,15 @@ def other_film_effect(rng: Random, seed: int, film: str | None = None, effect: s
     return finished(rng, "other_film_effect", seed, bench, hidden, "exactly", details={"smallest_share": shares})
 
 
+def further_film(rng: Random, seed: int, film: str | None = None, effect: str | None = None) -> Case:
+    """Films that relays and a curve do not tell to the noise: a moving Preisach film, and one that percolates; every
+    other pair with an effect."""
+    film = film or ("moving", "medium")[seed % 2]
+    bare = effect is None and seed // 2 % 2 == 0
+    made = other_film(rng, seed, film) if bare else other_film_effect(rng, seed, film, effect)
+    return replace(made, kind="further_film")
+
+
 def outside_the_catalogue(rng: Random, seed: int, fault: str | None = None) -> Case:
     """A fault that has no name in the catalogue; `fault` chooses one of `outside.OUTSIDE`."""
     fault = fault or OUTSIDE[seed % len(OUTSIDE)]
@@ -207,6 +216,7 @@ PLANS: dict[str, Callable[..., Case]] = {
     "clean": clean,
     "other_film": other_film,
     "other_film_effect": other_film_effect,
+    "further_film": further_film,
     "outside": outside_the_catalogue,
     "indistinguishable": indistinguishable,
     "disturbed": disturbed_record,
