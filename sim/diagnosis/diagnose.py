@@ -22,7 +22,7 @@ from sim.diagnosis.record import Mask, Record, read_columns
 from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
 from sim.diagnosis.selection import ABSORBS, select
-from sim.diagnosis.verdict import UNSEEN, Verdict, judge, resistance_residual, temperature_residual
+from sim.diagnosis.verdict import UNSEEN, Verdict, bends_elsewhere, judge, resistance_residual, temperature_residual
 from sim.diagnosis.warnings import Warning, warnings_of
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -151,6 +151,8 @@ def diagnose(
         other = None
         if holdout is not None:
             other = read_columns(holdout, held_out=False).commanded_in_sight(known.values())
+            if bends := bends_elsewhere(chain, frozenset(judged.names), other):
+                judged = judge(chain, frozenset(judged.names) - bends)
         found = _diagnosis(chain, judged, other, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, other)

@@ -16,7 +16,8 @@ from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.bends import bends_as_it_does, only_bends
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.discrepancy import cosines, whitened_score
-from sim.diagnosis.record import Rows
+from sim.diagnosis.other_record import residuals_on
+from sim.diagnosis.record import Record, Rows
 from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import RELAY_STEPS, View
 from sim.diagnosis.selection import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
@@ -37,6 +38,9 @@ CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is 
 LITTLE_LEFT = 0.2  # of the noise's variance
 BEYOND = 2.0  # times the largest size met: more has no physical meaning
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
+UNDERSTOOD = (
+    1.3  # mean square residual over noise there, of a film whose reading an effect is said to bend (0.96 to 1.0)
+)
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -146,10 +150,10 @@ def judge(chain: Chain, names: frozenset[str]) -> Verdict:
             if not upstream and temperature is not None and not temperature.clean and evidence[name] < BEHIND_UNKNOWN:
                 failing[name] = evidence[name]  # the film's temperature itself is not well known
                 continue
-            if left is None or left.clean:
-                continue
-            if only_bends(chain.effects[name]) and not film_of_the_class(chain, names):
+            if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
                 failing[name] = min(evidence[name], WORTH)  # what is left of the film may bend it, too
+                continue
+            if left is None or left.clean:
                 continue
             value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
             now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
@@ -191,6 +195,22 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
     """Whether the film needs no relays beside its play operators, or there is none."""
     b = chain.fits(names)[1]
     return b is None or not b.parameters.has_relays
+
+
+def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
+    """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    unseen = _unseen_square(chain, names, True)
+    told = unseen is None or unseen < UNDERSTOOD
+    return film_of_the_class(chain, names) or (told and (left is None or left.clean))
+
+
+def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
+    """The effects that bend the reading of a film of another kind which another record shows not to be understood."""
+    bends = frozenset(n for n in names if only_bends(chain.effects[n]))
+    if not bends or chain.facts is None or film_of_the_class(chain, names):
+        return frozenset()
+    left = residuals_on(chain, names, other).get("resistance_dec", np.zeros(1))
+    return bends if np.sqrt(np.nanmean(left**2)) > UNSEEN * chain.facts.sigma_dec else frozenset()
 
 
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
