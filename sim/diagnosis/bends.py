@@ -9,8 +9,8 @@ resistances or of conductances: so the same bend is tried softer and sharper,
 
 and no name is said where one of them does better. (Of films by interpolation between reversal curves with nothing
 hidden, whose evidence for a resistance was 18 to 53, all three were better with the softer bend, by 7 to 20.) Nor is it
-where the film leaves something that is not understood, which may bend the reading, too: in unseen rows not more than a
-third of the noise (of films with such an effect 0, of moving Preisach ones with none two thirds).
+where the film leaves something that is not understood, which may bend the reading, too, be it in rows that no fit has
+seen: their mean square over the noise's was 0.96 to 0.99 for films with such an effect, 1.65 for a moving Preisach one.
 """
 
 from __future__ import annotations
