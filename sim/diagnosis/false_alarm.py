@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 # Evidence of the effects that were named on clean records: of none of them
-# (`benchmark diagnosis --kinds clean --first 32000 --seeds 20`).
+# (`benchmark diagnosis --kinds clean --first 33000 --seeds 20`).
 CLEAN_EVIDENCE: tuple[float, ...] = ()
 RECORDS = 300
 
