@@ -173,19 +173,9 @@ def table(rows: list[Row]) -> None:
     others = of["other_film"] + of["other_film_effect"]
     rate("film outside the class: no innocent instrument blamed", others, lambda r: not r["instruments_blamed"], "98 %")
     rate("film outside the class: the effect found", of["other_film_effect"], lambda r: r["found"], "95 %")
-    further = of["further_film"]
-    rate(
-        "film percolates, or is a moving Preisach one: no instrument blamed",
-        further,
-        lambda r: not r["instruments_blamed"],
-        "",
-    )
-    rate(
-        "film percolates, or is a moving Preisach one: the effect found",
-        [r for r in further if r["hidden"]],
-        lambda r: r["found"],
-        "",
-    )
+    further, hidden = of["further_film"], [row for row in of["further_film"] if row["hidden"]]
+    rate("film of a further kind: no innocent instrument blamed", further, lambda r: not r["instruments_blamed"], "")
+    rate("film of a further kind: the effect found", hidden, lambda r: r["found"], "")
     rate("outside the catalogue: unexplained, and no name", of["outside"], lambda r: r["ok"], "95 %")
     for fault in sorted({row["details"]["fault"] for row in of["outside"]}):
         rate(f"    {fault}", [r for r in of["outside"] if r["details"]["fault"] == fault], lambda r: r["ok"], "")

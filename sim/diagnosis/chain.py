@@ -191,7 +191,7 @@ class Chain:
         near = b
         if channel.path is not a.path or b.parameters.has_relays:
             channel = channel.on(a.path)
-            near = channel.descend(b.plain or b.parameters.with_relays(0.0), AGAIN_STEPS)
+            near = channel.descend(b.without_relays, AGAIN_STEPS)
         begin = tied(self.first.channel, channel, a, near)
         if begin is None or begin.step()[1] < PROMISED * (b.score - near.score):
             return None
@@ -203,7 +203,7 @@ class Chain:
         b = self.fits(names)[1]
         if b is None or not b.parameters.has_relays:
             return 0.0
-        plain = self.film_channel(names).descend(b.plain or b.parameters.with_relays(0.0))
+        plain = self.film_channel(names).descend(b.without_relays)
         return b.score - plain.score
 
     def keep(self, names: frozenset[str], pair: Tied) -> None:
@@ -301,13 +301,11 @@ class Chain:
         self.as_read, self.record = self.as_read.begun_also(off), self.record.begun_also(off)
         self.fitted = self.fitted | (record.held_out & ~self.record.held_out)
         channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
-        begins = self.record.time_s[self.record.first_rows]
-        base = replace(old.base, parameters=replace(old.base.parameters, first_degC=old.base.path.at(begins)))
+        base = replace(old.base, parameters=channel.in_its_stretches(old.base))
         self.first = TemperatureSearch(channel, old.effects, base)
         for key, known in old.fits.items():
             if key <= upstream:
-                begun = replace(known.parameters, first_degC=known.path.at(begins))
-                self.first.fits[key] = self.first.channel.descend(begun, 10)
+                self.first.fits[key] = channel.descend(channel.in_its_stretches(known), 10)
         return True
 
     def renoised(self, names: frozenset[str]) -> bool:

@@ -47,5 +47,10 @@ class ResistanceFit:
     plain: FilmParameters | None = None
 
     @property
+    def without_relays(self) -> FilmParameters:
+        """Those of the film of the class that it began from, or its own."""
+        return self.plain or self.parameters.with_relays(0.0)
+
+    @property
     def effects(self) -> tuple[Switched, ...]:
         return self.parameters.effects

@@ -99,9 +99,7 @@ class TemperatureChannel:
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
         long = record.long_gaps()
-        self.anew: Rows = (
-            np.concatenate(([0], long)).astype(np.int64) if long.size <= MOST_ANEW else record.first_rows[:1]
-        )
+        self.anew: Rows = np.append(0, long if long.size <= MOST_ANEW else long[:0])
         self._known_nodes: dict[bytes, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
@@ -159,6 +157,10 @@ class TemperatureChannel:
             row = k + near[0] if near.size else all_used[np.argmin(np.abs(all_used - k))]
             firsts.append(float(record.temperature_degC[row]))
         return np.array(firsts)
+
+    def in_its_stretches(self, fit: TemperatureFit) -> PlateParameters:
+        """A fit's parameters, beginning where its path was where this record's stretches do: they may be others."""
+        return replace(fit.parameters, first_degC=fit.path.at(self.record.time_s[self.record.first_rows]))
 
     def begun(self, p: PlateParameters) -> tuple[Array, Array]:
         """p.x and the first temperatures, only what a record began with fitted: two steps of Gauss-Newton."""

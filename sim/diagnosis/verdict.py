@@ -38,9 +38,7 @@ CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is 
 LITTLE_LEFT = 0.2  # of the noise's variance
 BEYOND = 2.0  # times the largest size met: more has no physical meaning
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
-UNDERSTOOD = (
-    1.3  # mean square residual over noise there, of a film whose reading an effect is said to bend (0.96 to 1.0)
-)
+UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
@@ -199,9 +197,10 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 
 def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
     """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    if film_of_the_class(chain, names):
+        return True
     unseen = _unseen_square(chain, names, True)
-    told = unseen is None or unseen < UNDERSTOOD
-    return film_of_the_class(chain, names) or (told and (left is None or left.clean))
+    return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
 
 
 def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
