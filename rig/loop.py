@@ -4,8 +4,8 @@ A tick triggers the meter and collects its reading, reads the temperature, asks 
 row's time is that of the temperature's reading, a few milliseconds before its current acts. Ticks lie on a fixed grid
 of the bench's clock; one that is missed is counted and not made up for.
 
-A reading that is frozen, jumps or is missing is none (`rig.credible`): the policy is given nan, and goes on without it
-until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
+A reading that is frozen, jumps or is missing is none (`rig.safety.credible`): the policy is given nan, and goes on
+without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
 """
 
 from __future__ import annotations
@@ -18,17 +18,14 @@ from typing import Protocol
 from compensator.functions import KELVIN
 from compensator.plate import PlateModel
 from rig.bench import Bench
-from rig.credible import OhmmeterTrust, ThermometerTrust
-from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import LOG_RESISTANCE, film_output
 from rig.errors import Disconnected, InstrumentError, RigError
 from rig.files.run_folder import RunFolder
-from rig.guard.line import UNGUARDED, Guard
-from rig.interlock import Limits, Watch, check_current, check_readings, check_test_current
-from rig.outcome import NotConfirmedOff, Tripped
+from rig.outcome import Tripped
 from rig.reading import Quality, Reading, missing
-from rig.runaway import RunawayWatch
-from rig.signals import SignalStop
+from rig.safety.credible import OhmmeterTrust, ThermometerTrust
+from rig.safety.interlock import Limits, Watch, check_current, check_readings, check_test_current
+from rig.safety.runaway import RunawayWatch
 
 COLUMNS = [
     "time_s",
@@ -302,26 +299,3 @@ class Loop:
         now = self.bench.clock.now_s()
         self.folder.event(now - self._start_s, "no_reading", f"{name}: {error}")
         return missing(now)
-
-
-class OutputOff:
-    """Context that ends with the controller's output off, whatever happens, and knows whether that is confirmed."""
-
-    def __init__(self, controller: TemperatureController, signals: SignalStop, guard: Guard = UNGUARDED) -> None:
-        self._controller = controller
-        self._signals = signals
-        self._guard = guard
-        self.confirmed: bool | None = None
-
-    def __enter__(self) -> OutputOff:
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        self._signals.shield()
-        self.confirmed = self._controller.off()
-        if not self.confirmed:
-            reason = f" (after: {error})" if error is not None else ""
-            raise NotConfirmedOff(f"the controller did not confirm that its output is off{reason}") from error
-        self._guard.idle()
-        if error is None:
-            self._signals.expose()

@@ -33,7 +33,7 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     file = read_configuration(options.config)
     from rig.bench import open_bench
     from rig.experiment.session import Session, calibrate, calibration_summary
-    from rig.signals import SignalStop
+    from rig.safety.signals import SignalStop
 
     path = options.out if options.out is not None else default_folder("calibration")
     with (

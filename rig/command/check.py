@@ -33,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice(options.json)
     file = read_configuration(options.config)
     from rig.bench import open_bench
-    from rig.signals import SignalStop
+    from rig.safety.signals import SignalStop
 
     with SignalStop(), open_bench(file, whatever_serial_number=True) as bench:
         faults = _identities(file, bench, voice)

@@ -26,7 +26,7 @@ def main(options: argparse.Namespace) -> int:
     file = read_configuration(options.config)
     from rig.bench import emulated_instruments
     from rig.ports.pseudo_terminal import PseudoTerminals
-    from rig.signals import SignalStop
+    from rig.safety.signals import SignalStop
 
     instruments = emulated_instruments(file, 0.0)
     with SignalStop(), PseudoTerminals({role: i for role, _, i in instruments}, speed=options.speed) as terminals:

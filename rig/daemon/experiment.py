@@ -12,7 +12,7 @@ from rig.experiment.session import Result, Session, calibrate, run_on, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, prepared_folder
 from rig.loop import Tick
-from rig.signals import SignalStop
+from rig.safety.signals import SignalStop
 
 
 class Watcher:

@@ -23,7 +23,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff, Stopped
 from rig.reading import Quality, Reading, missing
-from rig.signals import SignalStop
+from rig.safety.signals import SignalStop
 
 TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew

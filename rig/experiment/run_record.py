@@ -17,10 +17,11 @@ from rig.bench import Bench
 from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
-from rig.interlock import Limits
-from rig.loop import Loop, OutputOff, Progress, Tick, columns_of
+from rig.loop import Loop, Progress, Tick, columns_of
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.signals import SignalStop
+from rig.safety.interlock import Limits
+from rig.safety.output_off import OutputOff
+from rig.safety.signals import SignalStop
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 TRIP_S = 60.0  # of rows before a trip, kept beside its cause

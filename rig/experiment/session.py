@@ -30,7 +30,7 @@ from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
 from rig.guard.line import UNGUARDED, Guard
 from rig.loop import Loop, Progress, Tick
-from rig.signals import SignalStop
+from rig.safety.signals import SignalStop
 
 QUANTITY = {
     "track_resistance": "resistance",

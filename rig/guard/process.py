@@ -23,7 +23,7 @@ from collections.abc import Callable
 from rig.guard.last_breath import LastBreath
 from rig.guard.line import UNGUARDED, Guard, GuardLine
 from rig.guard.takeover import Held, prepare, switch_off
-from rig.signals import CAUGHT
+from rig.safety.signals import CAUGHT
 
 NOT_CONFIRMED = 11
 FAILED = 1

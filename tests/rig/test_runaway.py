@@ -12,7 +12,7 @@ import pytest
 from compensator.identify_plate import identify_plate
 from compensator.plate import PlateModel
 from rig.outcome import Tripped
-from rig.runaway import RunawayWatch
+from rig.safety.runaway import RunawayWatch
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 CLEAN = ("peltier_8010.csv", "peltier_8020.csv", "peltier_8055.csv", "peltier_500.csv")
