@@ -2,7 +2,8 @@
 
     dT/dt = s I (T + 273.15) + 1/2 r I^2 + q I - g T + h
 
-A heater has s = r = 0, a Peltier plate q = 0. The simulation runs over each stretch between gaps from a first
+A heater has s = r = 0, a Peltier plate q = 0. A thermometer that lags by tau shows dM/dt = (T - M) / tau instead of T;
+at the first row of a stretch the two are the same. The simulation runs over each stretch between gaps from a first
 temperature of its own, which enters linearly and is projected out (variable projection: G. Golub, V. Pereyra, Inverse
 Problems 19 (2003) R1). Starts come from the balance integrated over windows, a linear regression that noise biases.
 """
@@ -22,7 +23,8 @@ from scipy.optimize import nnls
 from compensator.functions import KELVIN, Array
 
 Kind = Literal["peltier", "heater"]
-PLACES: Final = {"peltier": (0, 1, 2, 4), "heater": (3, 2, 4)}  # fitted ones of (s, r, g, q, h)
+PLACES: Final = {"peltier": (0, 1, 2, 4), "heater": (3, 2, 4)}  # fitted ones of (s, r, g, q, h, tau)
+LAG_PLACE: Final = 5
 SMALLEST: Final = 1e-9
 USUAL_AMBIENT_DEGC: Final = (25.0, 15.0)  # and its spread
 USUAL_SHARE: Final = (0.4, 0.3)  # r I_max / (300 K s), and its spread
@@ -30,17 +32,23 @@ USUAL_SHARE: Final = (0.4, 0.3)  # r I_max / (300 K s), and its spread
 
 @njit(cache=True)
 def simulate_with_slopes(par: Array, first: float, steps: Array, current: Array, out: Array, slopes: Array) -> None:
-    """Temperatures (n,) and slopes (n, 6): d/d(s, r, g, q, h) and d/d(first); par = (s, r, g, q, h)."""
-    s, r, g, q, h = par[0], par[1], par[2], par[3], par[4]
-    t = first
-    d = np.zeros(6)
-    d[5] = 1.0
+    """Readings (n,) and slopes (n, 7): d/d(s, r, g, q, h, tau) and d/d(first); par = (s, r, g, q, h, tau).
+
+    The plate's steps are exact; behind a lag its course within a step is taken as straight.
+    """
+    s, r, g, q, h, tau = par[0], par[1], par[2], par[3], par[4], par[5]
+    t = shown = first
+    d = np.zeros(7)
+    d[6] = 1.0
+    ds = d.copy()
+    before = d.copy()
     for k in range(out.size):
-        out[k] = t
-        for j in range(6):
-            slopes[k, j] = d[j]
+        out[k] = shown
+        for j in range(7):
+            slopes[k, j] = ds[j]
         if k + 1 < out.size:
-            i, dt = current[k], steps[k]
+            i, dt, t_before = current[k], steps[k], t
+            before[:] = d
             decay = g - s * i
             forcing = s * KELVIN * i + 0.5 * r * i * i + q * i + h
             x = decay * dt
@@ -53,13 +61,23 @@ def simulate_with_slopes(par: Array, first: float, steps: Array, current: Array,
                 rest_slope = (dt * keep - rest) / decay
             by_decay = -dt * keep * t + forcing * rest_slope
             t = t * keep + forcing * rest
-            for j in range(6):
+            for j in range(7):
                 d[j] *= keep
             d[0] += rest * KELVIN * i - by_decay * i
             d[1] += rest * 0.5 * i * i
             d[2] += by_decay
             d[3] += rest * i
             d[4] += rest
+            if tau <= 0.0:
+                shown = t
+                ds[:] = d
+                continue
+            share, fade = tau / dt, math.exp(-dt / tau)
+            behind = shown - t_before + share * (t - t_before)
+            for j in range(7):
+                ds[j] = d[j] - share * (d[j] - before[j]) + fade * (ds[j] - before[j] + share * (d[j] - before[j]))
+            ds[5] += (fade - 1.0) * (t - t_before) / dt + behind * fade * dt / (tau * tau)
+            shown = t - share * (t - t_before) + behind * fade
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +94,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """par = (s, r, g, q, h); residual, Huber weights and projected jacobian over the used readings."""
+    """par = (s, r, g, q, h, tau); residual, Huber weights and projected jacobian over the used readings."""
 
     par: Array
     firsts: Array
@@ -87,7 +105,7 @@ class Trial:
 
 
 def rough_balances(stretches: Sequence[Stretch], kind: Kind) -> list[Array]:
-    """(s, r, g, q, h) from the balance integrated over windows of several lengths, and a few typical plates."""
+    """(s, r, g, q, h, 0) from the balance integrated over windows of several lengths, and a few typical plates."""
     starts = []
     longest = max(stretch.used.size for stretch in stretches)
     places = PLACES[kind]
@@ -119,11 +137,11 @@ def rough_balances(stretches: Sequence[Stretch], kind: Kind) -> list[Array]:
         starts.append(typical if kind == "peltier" else np.array([0.0, 0.0, rate, 30.0 * rate, rate * ambient]))
     least = np.zeros(4)
     least[places[0]] = SMALLEST
-    return [np.append(np.maximum(start[:4], least), start[4]) for start in starts]
+    return [np.concatenate((np.maximum(start[:4], least), [start[4], 0.0])) for start in starts]
 
 
 class SimulationError:
-    """The simulation error as a function of (s, r, g, q, h), of which `places` are fitted."""
+    """The simulation error as a function of (s, r, g, q, h, tau), of which `places` are fitted."""
 
     def __init__(
         self,
@@ -138,8 +156,8 @@ class SimulationError:
 
     def usual(self, par: Array) -> tuple[Array, Array]:
         """How far par is from usual plates, in spreads, and the derivatives by the fitted parameters."""
-        s, r, g, _, h = par
-        values, slopes = [], np.zeros((2, 5))
+        s, r, g, _, h, _ = par
+        values, slopes = [], np.zeros((2, 6))
         loss = max(float(g), 1e-7)
         values.append((h / loss - USUAL_AMBIENT_DEGC[0]) / USUAL_AMBIENT_DEGC[1])
         slopes[0, 4] = 1.0 / (loss * USUAL_AMBIENT_DEGC[1])
@@ -157,9 +175,9 @@ class SimulationError:
         residuals, weights, jacobians, firsts = [], [], [], []
         for stretch in self.stretches:
             used = stretch.used
-            out, slopes = np.empty(used.size), np.empty((used.size, 6))
+            out, slopes = np.empty(used.size), np.empty((used.size, 7))
             simulate_with_slopes(par, 0.0, stretch.steps, stretch.current, out, slopes)
-            e, away = slopes[used, 5], stretch.temperature[used] - out[used]
+            e, away = slopes[used, 6], stretch.temperature[used] - out[used]
             w = np.ones_like(e)
             if not np.all(np.isfinite(away)):
                 return Trial(par, np.empty(0), math.inf, np.empty(0), np.empty(0), np.empty((0, 0)))
@@ -185,7 +203,7 @@ class SimulationError:
     def descend(self, best: Trial, steps: int) -> Trial:
         """Gauss-Newton with Marquardt's damping; rates stay >= 0, h is free."""
         damping = 1e-3
-        least = np.array([SMALLEST, 0.0, 0.0, SMALLEST, -math.inf])[self.places]
+        least = np.array([SMALLEST, 0.0, 0.0, SMALLEST, -math.inf, 0.0])[self.places]
         for _ in range(steps):
             if best.cost == math.inf:
                 break

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensator.functions import Array
-from compensator.identify_balance import PLACES, Kind, SimulationError, Stretch, Trial, rough_balances
+from compensator.identify_balance import LAG_PLACE, PLACES, Kind, SimulationError, Stretch, Trial, rough_balances
 from compensator.identify_covariance import block_sandwich, correlation_rows
 from compensator.identify_rows import gap_threshold
 from compensator.plate import PlateModel
@@ -45,6 +45,9 @@ NAMES: Final = {
 HUBER: Final = 4.0  # in robust standard deviations
 UNUSUAL: Final = 6.0  # squared spreads from a usual plate
 FEWEST: Final = 12
+LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
+SHORTEST_LAG_S: Final = 0.05
+LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,8 @@ class PlateFit:
     model; names: of the parameters; values, standard_errors: shape (parameters,), inf where the record fixes nothing;
     correlation: shape (parameters, parameters); first_degC: temperature at the start of each stretch, with `stretches`
     its (record, first row, last row + 1); noise_K: of the thermometer; rmse_K, max_abs_K: of the simulation over all
-    trusted readings; outliers: number of readings left out; identifiability: what the records cannot fix.
+    trusted readings; outliers: number of readings left out; identifiability: what the records cannot fix; lag_s: of the
+    thermometer behind the plate, where it was asked for.
     """
 
     model: PlateModel
@@ -80,20 +84,27 @@ class PlateFit:
     max_abs_K: float
     outliers: int
     identifiability: tuple[str, ...]
+    lag_s: float = 0.0
 
 
 def identify_plate(
-    time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier"
+    time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier", lag: bool = False
 ) -> PlateFit:
     """The plate of one record; arrays of shape (samples,) in s, degC, A (heater: drive 0..1).
 
-    Raises ValueError with one line for a record that cannot be used.
+    lag: whether the thermometer may lag behind the plate. Raises ValueError with one line for a record that cannot be
+    used.
     """
-    return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind)
+    return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind, lag=lag)
 
 
-def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "peltier") -> PlateFit:
-    """One plate for several records; a stretch of rows between gaps has a first temperature of its own."""
+def identify_plate_records(
+    records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False
+) -> PlateFit:
+    """One plate for several records; a stretch of rows between gaps has a first temperature of its own.
+
+    lag: whether the thermometer may lag; then `lag_s` is the lag, 0 where it does not make the record likelier.
+    """
     if kind not in NAMES:
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
@@ -110,6 +121,8 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     fit = SimulationError(stretches, PLACES[kind])
     near = [fit.descend(fit.evaluate(start), 6) for start in rough_balances(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
+    if lag:
+        best = _with_lag(fit, best)
     for _ in range(2):
         start = best.par
         limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)
@@ -117,10 +130,25 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
         fit = SimulationError(stretches, PLACES[kind], limit, one_reading)
         best = fit.evaluate(start)
         if float(np.sum(fit.usual(start)[0] ** 2)) > UNUSUAL:  # the record leaves something open: look around again
-            near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough_balances(stretches, kind))]
+            rough = [np.append(par[:LAG_PLACE], start[LAG_PLACE]) for par in rough_balances(stretches, kind)]
+            near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough)]
             best = min(near, key=lambda trial: trial.cost)
         best = fit.descend(best, 60)
     return _result(fit, best, kind, float(np.median(noises)), outliers)
+
+
+def _with_lag(fit: SimulationError, plain: Trial) -> Trial:
+    """The best fit with a lagging thermometer, where that explains more than chance does; else the one without."""
+    lagging = SimulationError(fit.stretches, (*fit.places, LAG_PLACE), fit.limit, fit.one_reading)
+    best = plain
+    for lag in LAG_STARTS_S:
+        trial = lagging.descend(lagging.evaluate(np.append(plain.par[:LAG_PLACE], lag)), 40)
+        best = min(best, trial, key=lambda t: t.cost)
+    if best.par[LAG_PLACE] < SHORTEST_LAG_S:
+        return plain
+    rows = correlation_rows(best.residual)
+    likelier = 0.5 * best.residual.size / rows * math.log(max(plain.cost, 1e-300) / max(best.cost, 1e-300))
+    return fit.evaluate(best.par) if likelier > LAG_EVIDENCE else plain
 
 
 def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, float]:
@@ -171,7 +199,7 @@ def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, fl
 
 
 def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outliers: int) -> PlateFit:
-    s, r, g, q, h = (float(value) for value in best.par)
+    s, r, g, q, h, lag = (float(value) for value in best.par)
     lost = g < 1e-7
     ambient = h / g if not lost else 25.0
     model = (
@@ -201,6 +229,7 @@ def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outli
         float(np.max(np.abs(best.residual))),
         outliers + int(np.sum(best.weights < 0.5)),
         plate_notes(fit.stretches, NAMES[kind], values, errors, kind),
+        lag,
     )
 
 

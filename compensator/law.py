@@ -61,6 +61,7 @@ class LawSettings:
     observer_gain: float = 0.3
     disturbance_time_s: float = 1.0
     rate_share: float = 0.9
+    fastest_K_per_s: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +94,7 @@ class Command:
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
 # places in a law's numbers
-LAW, PERIOD, LIMIT, LOW, HIGH, SPACING, BAND, OBSERVER, DISTURBANCE_TIME, SHARE, HAS_FILM = range(11)
+LAW, PERIOD, LIMIT, LOW, HIGH, SPACING, BAND, OBSERVER, DISTURBANCE_TIME, SHARE, HAS_FILM, FASTEST = range(12)
 # places in a state's numbers, then in a command's
 T, REF, DISTURBANCE, INTEGRAL, DERIVATIVE, ERROR, CURRENT, INPUT, SETPOINT, REF_NOW, MODEL, REACHED = range(12)
 
@@ -141,8 +142,8 @@ def law_step(
             state[INTEGRAL] = integral_of(gains, state[INTEGRAL], target_now, output, shortfall, period)
         return
     low, high = current_range(plate, here, limit)
-    cooling = min(law[SHARE] * rate(plate, here, low), -1e-6)
-    heating = max(law[SHARE] * rate(plate, here, high), 1e-6)
+    cooling = min(max(law[SHARE] * rate(plate, here, low), -law[FASTEST]), -1e-6)
+    heating = max(min(law[SHARE] * rate(plate, here, high), law[FASTEST]), 1e-6)
     reference, reached = state[REF], True
     if name == TEMPERATURE:
         following = next_temperature(targets, law[SPACING], period, reference, cooling, heating)
@@ -191,7 +192,7 @@ class Law:
         self.inverse = Inverse(film, settings.low_degC, settings.high_degC) if film is not None else None
         s = settings
         numbers = (s.period_s, s.current_limit_A, s.low_degC, s.high_degC, s.preview_spacing_s, s.band)
-        shares = (s.observer_gain, s.disturbance_time_s, s.rate_share, float(film is not None))
+        shares = (s.observer_gain, s.disturbance_time_s, s.rate_share, float(film is not None), s.fastest_K_per_s)
         self._numbers = np.array([float(NAMES.index(s.name)), *numbers, *shares])
         self._gains = s.gains.array()
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law

@@ -6,26 +6,31 @@ of the bench's clock; one that is missed is counted and not made up for.
 
 A reading that is frozen, jumps or is missing is none (`rig.safety.credible`): the policy is given nan, and goes on
 without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
+
+Nothing is computed with the output on: what takes longer than a tick is done before the first phase, or inside
+`resting`, with the output off and the guard idle. A program that is late all the same says so, and counts it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from compensator.functions import KELVIN
-from compensator.plate import PlateModel
 from rig.bench import Bench
 from rig.drivers.meter import LOG_RESISTANCE, film_output
 from rig.errors import Disconnected, InstrumentError, RigError
 from rig.files.run_folder import RunFolder
-from rig.outcome import Tripped
+from rig.outcome import NotConfirmedOff, Tripped
 from rig.reading import Quality, Reading, missing
-from rig.safety.credible import OhmmeterTrust, ThermometerTrust
-from rig.safety.interlock import Limits, Watch, check_current, check_readings, check_test_current
-from rig.safety.runaway import RunawayWatch
+from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_of
+from rig.safety.first_plate import KnownPlate
+from rig.safety.interlock import Limits, check_test_current
+
+GAP_S = 0.5  # without a reading while a current flows: that is counted and told
+MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
 
 COLUMNS = [
     "time_s",
@@ -38,6 +43,7 @@ COLUMNS = [
     "reference_degC",
     "target_ohm",
     "predicted_ohm",
+    "tick",
     "phase",
 ]
 
@@ -48,9 +54,6 @@ def columns_of(bench: Bench) -> list[str]:
     return COLUMNS if output == LOG_RESISTANCE else [*COLUMNS, output]
 
 
-ANY_PLATE_K_PER_S = 1.5  # at the current limit, as long as no model is known: a plate may be ten times slower
-
-
 @dataclass(frozen=True)
 class Decision:
     """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
@@ -58,7 +61,7 @@ class Decision:
     setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
     that the plate can follow.
 
-    done: the phase ends here. wait: nothing is sent, whatever is on stays on.
+    done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
     """
 
     current_A: float = math.nan
@@ -79,11 +82,17 @@ class Policy(Protocol):
 
 @dataclass
 class Ticks:
-    """How punctual the loop was: ticks done, ticks missed, largest lateness (s)."""
+    """How punctual the loop was: ticks done, ticks missed, largest lateness (s).
+
+    gaps: times that nobody read for more than `GAP_S` with a current on; unwatched_s: the longest time without a
+    reading with a current on.
+    """
 
     done: int = 0
     missed: int = 0
     latest_s: float = 0.0
+    gaps: int = 0
+    unwatched_s: float = 0.0
 
 
 Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
@@ -121,48 +130,62 @@ class Loop:
         self.folder = folder
         self.ticks = Ticks()
         self.tripped: Tripped | None = None
+        self.status_at_trip = ""
         self.rejected = {"thermometer": 0, "ohmmeter": 0}
         self._progress = progress
         self._on_tick = on_tick
         self._start_s = bench.clock.now_s()
-        self._watch = Watch(self._start_s, self._start_s)
-        self._runaway = RunawayWatch(limits.current_A, limits.runaway_s)
-        self._thermometer = ThermometerTrust(limits.rate_K_per_s, ANY_PLATE_K_PER_S / limits.current_A)
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
-        self._ohmmeter = OhmmeterTrust(self._output == LOG_RESISTANCE)
-        self._mode = "off"
-        self._sent_A = 0.0
-        self._setpoint_degC = math.nan
+        self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)
+        self.sent = OFF
+        self._measured_s = -math.inf
+        self._read_s: float | None = None  # the last reading with a current on
 
     def elapsed_s(self) -> float:
         """Time of the run, s."""
         return self.bench.clock.now_s() - self._start_s
 
-    def know_plate(self, plate: PlateModel) -> None:
-        """From now on readings are judged by what this plate can do."""
-        limits = self.limits
-        self._runaway.plate = plate
-        ends = (limits.low_degC, limits.high_degC)
-        rates = [rate for t in ends for rate in plate.rate_range_K_per_s(t, limits.current_A)]
-        self._thermometer.rate_K_per_s = min(limits.rate_K_per_s, 1.0 + 2.0 * max(abs(rate) for rate in rates))
-        self._thermometer.gain_K_per_A_s = (
-            plate.seebeck_over_capacity_per_A_s * (limits.low_degC + KELVIN) + plate.drive_over_capacity_K_per_s
-        )
+    def know_plate(self, known: KnownPlate) -> None:
+        """From now on readings are judged by what this plate does."""
+        self.watch.know(known)
 
     def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
-        """Run a policy for a time, or until it says that it is done. Raises what ends an experiment."""
+        """Run a policy for a time, or until it says that it is done. Raises what ends an experiment.
+
+        What it sent last stays on: the next phase follows at once, or `resting` does.
+        """
         if self.tripped is not None:
             raise self.tripped
         try:
             self._phase(name, policy, duration_s, period_s)
         except Tripped as trip:
             self.tripped = trip
+            self._note_status()
             raise
+
+    @contextmanager
+    def resting(self, why: str) -> Iterator[None]:
+        """The output is off and the guard idle while something is computed; the next phase arms it anew.
+
+        Raises NotConfirmedOff.
+        """
+        self.bench.guard.alive()
+        if self.sent.armed:
+            if not math.isnan(self.sent.current_A):
+                self.bench.controller.set_current_A(0.0)
+            if not self.bench.controller.off():
+                raise NotConfirmedOff("the controller did not confirm that its output is off")
+        self.sent, self._read_s = OFF, None
+        self.bench.guard.idle()
+        begin_s = self.elapsed_s()
+        yield
+        self.folder.event(begin_s, "rest", why, duration_s=self.elapsed_s() - begin_s)
 
     def _phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         clock = self.bench.clock
         begin = clock.now_s()
-        self._begin_anew(begin)
+        if not self.sent.heats_or_cools and self.watch.unwatched_s(begin) > 0.5 * self.limits.stale_s:
+            self._begin_anew(begin)
         self.folder.event(begin - self._start_s, "phase", name, duration_s=duration_s, period_s=period_s)
         count = max(1, math.ceil(duration_s / period_s - 1e-9))
         k = 0
@@ -176,7 +199,7 @@ class Loop:
                 self.ticks.missed += missed
                 k += missed
                 due = begin + k * period_s
-            if self._tick(name, policy, k * period_s):
+            if self._tick(name, policy, k, period_s):
                 break
             if self._progress is not None and k % 16 == 0:
                 self._progress(name, k * period_s, duration_s)
@@ -186,45 +209,42 @@ class Loop:
             self._progress(name, duration_s, duration_s)
 
     def _begin_anew(self, now: float) -> None:
-        """Between two phases something may have been computed for a while. Where no current flows this does no harm.
+        """Nothing flowed, and nobody looked for a while: the output is armed anew, because the controller's own dead
+        man may have switched it off."""
+        self.watch.begin_anew(now)
+        self.sent, self._read_s = OFF, None
 
-        The output is armed again then, because the controller's own dead man may have switched it off.
-        """
-        idle = self._mode == "off" or (self._mode == "current" and self._sent_A == 0.0)
-        if idle and now - self._watch.temperature_s > 0.5 * self.limits.stale_s:
-            self._watch = Watch(now, now)
-            self._runaway.forget()
-            self._mode = "off"
-
-    def _tick(self, name: str, policy: Policy, time_s: float) -> bool:
+    def _tick(self, name: str, policy: Policy, k: int, period_s: float) -> bool:
         resistance = self._read_resistance()
         temperature = self._read_temperature()
         now = self.bench.clock.now_s()
-        temperature, resistance = self._judge(now, temperature, resistance)
+        self._count_gap(now)
+        sent = self._measured(now)
+        temperature, resistance, reasons = self.watch.judge(now, sent, temperature, resistance)
+        self._note_rejected(now, reasons, temperature, resistance)
         known = temperature.is_number
         degC = temperature.value if known else math.nan
-        self._runaway.look(now, degC, self._sent_A, self._setpoint_degC)
         output = film_output(self._output, resistance)
         good = resistance is not None and not math.isnan(output)
-        value = resistance.value if resistance is not None else math.nan
-        if not (good or (resistance is not None and resistance.quality is Quality.OVERRANGE)):
-            value = math.nan
-        decision = policy.decide(time_s, degC, output)
-        if not (decision.done or decision.wait):
+        value = resistance.value if resistance is not None and (good or is_reading(resistance)) else math.nan
+        decision = policy.decide(k * period_s, degC, output)
+        if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             self._apply(decision, now, degC)
+        self.watch.look_at_status(now, self.sent, self.bench.controller)
         meter = self.bench.meter
         self.folder.row(
             (
                 (temperature.time_s if known else now) - self._start_s,
                 degC,
                 value if self._output == LOG_RESISTANCE else math.nan,
-                self._sent_A,
+                self.sent.current_A,
                 meter.test_current_A if meter is not None else math.nan,
                 resistance.time_s - self._start_s if good and resistance is not None else math.nan,
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,
                 decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                k,
                 name,
                 *([] if self._output == LOG_RESISTANCE else [value]),
             )
@@ -234,44 +254,72 @@ class Loop:
         self.ticks.done += 1
         self.bench.guard.alive()
         if self._on_tick is not None:
-            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, self._sent_A, decision))
+            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, self.sent.current_A, decision))
         return decision.done
 
-    def _judge(self, now: float, temperature: Reading, resistance: Reading | None) -> tuple[Reading, Reading | None]:
-        """The readings with the quality that they deserve. Raises Tripped."""
-        degC = temperature.value if temperature.is_number else math.nan
-        log_ohm = film_output(self._output, resistance) if self._output == LOG_RESISTANCE else math.nan
-        temperature, why = self._thermometer.judge(temperature, self._sent_A, log_ohm)
-        why_not = ""
-        if resistance is not None:
-            resistance, why_not = self._ohmmeter.judge(resistance, degC)
-        for name, reason, reading in (("thermometer", why, temperature), ("ohmmeter", why_not, resistance)):
-            if reason and reading is not None and reading.quality is not Quality.OVERRANGE:
+    def _count_gap(self, now: float) -> None:
+        """How long nobody read with a current on: from one reading to the next."""
+        if self._read_s is not None and self.sent.heats_or_cools:
+            unwatched_s = now - self._read_s
+            self.ticks.unwatched_s = max(self.ticks.unwatched_s, unwatched_s)
+            if unwatched_s > GAP_S:
+                self.ticks.gaps += 1
+                self.folder.event(now - self._start_s, "gap", f"this program did not read for {unwatched_s:.2f} s")
+        self._read_s = now
+
+    def _measured(self, now: float) -> Sent:
+        """What is on; under the controller's own regulation the current that it says flows, where it can tell."""
+        controller = self.bench.controller
+        if math.isnan(self.sent.setpoint_degC) or not controller.commands_current:
+            return self.sent
+        if now - self._measured_s >= MEASURED_EVERY_S:
+            self._measured_s = now
+            with suppress(InstrumentError):
+                reading = controller.read_current()
+                self.sent = replace(self.sent, current_A=reading.value if reading.is_number else math.nan)
+        return self.sent
+
+    def _note_rejected(
+        self, now: float, reasons: dict[str, str], temperature: Reading, resistance: Reading | None
+    ) -> None:
+        for name, reading in (("thermometer", temperature), ("ohmmeter", resistance)):
+            if name in reasons and reading is not None and reading.quality is not Quality.OVERRANGE:
                 self.rejected[name] += 1
                 if reading.quality is not Quality.MISSING:  # that was told when it was asked for
-                    self.folder.event(now - self._start_s, "no_reading", f"{name}: {reason}")
-        self._watch = check_readings(self.limits, self._watch, now, temperature, resistance, (why, why_not))
-        return temperature, resistance
+                    self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
     def _apply(self, decision: Decision, now: float, degC: float) -> None:
         controller = self.bench.controller
         if decision.use_setpoint:
-            if self._mode != "setpoint":
+            if math.isnan(self.sent.setpoint_degC):
                 self.bench.guard.busy()
                 controller.arm_setpoint()
-                self._mode, self._sent_A = "setpoint", math.nan
-            self._setpoint_degC = decision.setpoint_degC
+                self.watch.armed(now)
             controller.set_setpoint_degC(decision.setpoint_degC)
+            self.sent = Sent(self.sent.current_A if self._measures else math.nan, decision.setpoint_degC, True)
             return
-        check_current(self.limits, now, decision.current_A)
-        self._runaway.check_cooling(now, degC, decision.current_A)
-        if self._mode != "current":
+        self.watch.allow(now, degC, decision.current_A)
+        if not self.sent.armed or not math.isnan(self.sent.setpoint_degC):
             self.bench.guard.busy()
             controller.arm_current()
-            self._mode, self._setpoint_degC = "current", math.nan
-            self._runaway.forget()
+            self.watch.armed(now)
         controller.set_current_A(decision.current_A)
-        self._sent_A = decision.current_A
+        self.sent = Sent(decision.current_A, armed=True)
+
+    @property
+    def _measures(self) -> bool:
+        """Whether the current of now was read from the controller."""
+        return not math.isnan(self.sent.setpoint_degC) and self.bench.controller.commands_current
+
+    def _note_status(self) -> None:
+        """What the controller says about itself, at a trip."""
+        try:
+            status = status_of(self.bench.controller)
+        except Disconnected as error:
+            self.status_at_trip = f"the controller is gone: {error}"
+        else:
+            self.status_at_trip = "the controller does not answer" if status is None else status.text
+        self.folder.event(self.elapsed_s(), "status", f"controller: {self.status_at_trip}")
 
     def _read_temperature(self) -> Reading:
         try:

@@ -10,7 +10,7 @@ check      minor loops that no fit has seen: the model is simulated over them, n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,18 +22,23 @@ from compensator.functions import Array
 from compensator.identify_film import FilmFit, identify_film
 from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
-from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
-from rig.experiment.policies import CurrentProfile, Follow, warmed_up
+from rig.experiment.extended_model import ExtendedLaw, plate_extension
+from rig.experiment.policies import CurrentProfile, Follow, Look, warmed_up
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Loop
 from rig.outcome import Tripped
+from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
+from rig.safety.plate_watch import watchable_rate_K_per_s
+from sim.effects.effect import Switched, switched
+from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 
-PULSE_SHARE = 0.5  # of the current limit
-PULSE_S = 8.0
+PULSE_SHARE = 0.5  # of the current limit, at most
+PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat
+LONG_LAG_S = 5.0  # beyond it, pulses do not tell a thermometer's lag from the plate's own time constant
 LEAST_RISE_K = 0.3  # that a heating pulse must give
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
@@ -68,14 +73,16 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     """Run the whole profile; the rows are in the loop's folder afterwards."""
     c = configuration.calibration
     low, high = calibration_range(configuration)
-    plate = _pulse(loop, configuration)
-    loop.know_plate(plate)
-    law = _temperature_law(configuration, plate, c.period_s)
-    rate = min(c.rate_K_per_s, _fastest(plate, configuration, low, high))
-    now = float(loop.folder.column("temperature_degC")[-1])
-    condition = _temperature_target([now, high], rate, c.dwell_s, hold_first=False)
+    _pulses(loop, configuration)
+    with loop.resting("plate from the pulses, gains, compiled loops"):
+        known = _plate_of_pulses(loop.folder)
+        loop.know_plate(known)
+        law = warmed_up(_temperature_law(configuration, known, c.period_s))
+        rate = min(c.rate_K_per_s, _fastest(known, configuration, low, high))
+    start = Look()
+    loop.phase("look", start, 2 * c.period_s, c.period_s)
+    condition = _temperature_target([start.temperature_degC, high], rate, c.dwell_s, hold_first=False)
     follow = Follow(law, condition)
-    warmed_up(law)
     loop.phase("condition", follow, condition.duration_s, c.period_s)
     major = _temperature_target([high, low, high, low], rate, c.dwell_s)
     follow.target = major
@@ -89,32 +96,44 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
         loop.phase(name, follow, follow.target.duration_s, c.period_s)
 
 
-def _pulse(loop: Loop, configuration: Configuration) -> PlateModel:
-    """Pulses of current: a first plate model. Raises Tripped where a heating current does not heat."""
+def _pulses(loop: Loop, configuration: Configuration) -> None:
+    """Pulses of current of both signs, no larger than what the first plate may take unseen. Raises Tripped where a
+    heating current does not heat."""
+    known = loop.watch.plate.known
+    behind_s = known.behind_s if known is not None else 0.0
     current = PULSE_SHARE * configuration.limits.current_A
     low, high = configuration.limits.temperature_degC
+    if known is not None:
+        gain = known.plate.rate_range_K_per_s(0.5 * (low + high), current)[1] / current
+        current = min(current, PULSE_K / (PULSE_S * gain))
     inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
     period = configuration.calibration.period_s
-    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, PULSE_S), (-current, PULSE_S), (0.0, PULSE_S)]
+    rest_s = PULSE_S + behind_s
+    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, rest_s), (-current, PULSE_S), (0.0, rest_s)]
+    before = len(loop.folder.rows)
     for k, (value, length) in enumerate(steps):
-        before = len(loop.folder.rows)
         profile = Target("current", np.array([0.0, length]), np.array([value, value]))
         loop.phase("pulse", CurrentProfile(profile, low + inset, high - inset), length, period)
-        if k == 1:
+        if k == 2:
             rise = loop.folder.column("temperature_degC")[before:]
-            change = float(rise[-1] - rise[0])
+            change = float(np.nanmax(rise) - rise[np.isfinite(rise)][0])
             if not change > LEAST_RISE_K:
                 text = (
-                    f"{value:g} A for {length:g} s changed the temperature by {change:+.2f} K; expected a rise of "
+                    f"{current:g} A for {PULSE_S:g} s changed the temperature by {change:+.2f} K; expected a rise of "
                     f"more than {LEAST_RISE_K:g} K: is the Peltier connected, and with the right polarity?"
                 )
                 raise Tripped("polarity", text, loop.elapsed_s())
-    folder = loop.folder
-    fit = identify_plate(folder.column("time_s"), folder.column("temperature_degC"), folder.column("current_A"))
-    return fit.model
 
 
-def _temperature_law(configuration: Configuration, plate: PlateModel, period_s: float) -> Law:
+def _plate_of_pulses(folder: RunFolder) -> KnownPlate:
+    """Plate and the thermometer's lag from all rows so far."""
+    columns = [folder.column(name) for name in ("time_s", "temperature_degC", "current_A")]
+    fit = identify_plate(*columns, lag=True)
+    doubt = OF_PULSES if fit.lag_s < LONG_LAG_S else OF_A_PULSE
+    return KnownPlate(fit.model, fit.lag_s, doubt=doubt)
+
+
+def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: float) -> Law:
     control = configuration.control
     dead_time = control.dead_time_s if control.dead_time_s is not None else period_s
     design = design_temperature(period_s, dead_time, control.ms)
@@ -122,15 +141,24 @@ def _temperature_law(configuration: Configuration, plate: PlateModel, period_s: 
     settings = LawSettings(
         "temperature", period_s, configuration.limits.current_A, low, high, design.gains, rate_share=control.rate_share
     )
-    return Law(settings, plate, None)
+    if known.lag_s == 0.0:
+        return Law(settings, known.plate, None)
+    extension = plate_extension([lagging(known.lag_s)], known.plate, period_s)
+    assert extension is not None
+    return ExtendedLaw(settings, known.plate, None, extension)
 
 
-def _fastest(plate: PlateModel, configuration: Configuration, low: float, high: float) -> float:
-    """The rate that the plate can keep, up and down, over the whole range."""
+def lagging(lag_s: float) -> Switched:
+    """A thermometer's lag as an effect of the model."""
+    return switched(SENSOR_LAG, {"tau_s": lag_s})
+
+
+def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: float) -> float:
+    """The rate that the plate can keep, up and down, over the whole range, and at which heat does not go unseen."""
     limit = configuration.limits.current_A
-    rates = [plate.rate_range_K_per_s(t, limit) for t in (low, high)]
+    rates = [known.plate.rate_range_K_per_s(t, limit) for t in (low, high)]
     share = configuration.control.rate_share
-    return max(0.01, share * min(min(-cool, heat) for cool, heat in rates))
+    return max(0.01, min(share * min(min(-cool, heat) for cool, heat in rates), watchable_rate_K_per_s(known)))
 
 
 def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_first: bool = True) -> Target:
@@ -201,6 +229,15 @@ def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> li
     return points
 
 
+def _plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:
+    """The plate's temperature behind a thermometer that lags: T + lag dT/dt, on the smoothed course."""
+    if lag_s == 0.0:
+        return temperature_degC
+    path = temperature_path(time_s, temperature_degC).temperature_degC
+    course: Array = path + lag_s * np.gradient(path, time_s)
+    return course
+
+
 def identify_calibration(folder: RunFolder, configuration: Configuration, model_path: Path) -> Calibration:
     """Fit film and plate to all phases but "check", predict "check" in a simulation over the whole record."""
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
@@ -208,24 +245,27 @@ def identify_calibration(folder: RunFolder, configuration: Configuration, model_
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
     checked = folder.column("phase") == "check"
     fitted = ~checked
-    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted])
+    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], lag=True)
     read_s = folder.column("resistance_time_s")
+    plate_degC = _plate_course(time, temperature, plate_fit.lag_s)
     film_fit = identify_film(
         time[fitted],
-        temperature[fitted],
+        plate_degC[fitted],
         output[fitted],
         output_time_s=read_s[fitted],
         seed=configuration.calibration.seed,
     )
     film: FilmModel = film_fit.model
-    path = temperature_path(time, temperature).temperature_degC
+    path = temperature_path(time, plate_degC).temperature_degC
     when_read = np.interp(np.where(np.isfinite(read_s), read_s, time), time, path)
     predicted, _ = film.simulate(when_read, film_fit.memories[0])
     error = (predicted - output)[checked]
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
-    error_K = (simulated - temperature)[checked]
+    error_K = (simulated - plate_degC)[checked]
     model = Model(film, plate_fit.model)
+    if plate_fit.lag_s > 0.0:
+        model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))
     rmse = float(np.sqrt(np.mean(error**2)))
     write_model(
         model_path,

@@ -29,6 +29,7 @@ from compensator.pid import PidState, integral_of, output_of
 from compensator.plate import PlateModel
 from rig.experiment.extension import Extension, own_output_table
 from rig.files.target import Target
+from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
 from sim.links import links_of
 
@@ -102,6 +103,13 @@ class ExtendedLaw(Law):
         integral = integral_of(gains, pid.integral, wanted, plate_degC, shortfall, x.period_s)
         self._plate_pid, self._plate_degC = PidState(integral, derivative, error), wanted
         return current
+
+
+def known_plate(plate: PlateModel, effects: Sequence[Switched]) -> KnownPlate:
+    """Plate and thermometer of a model, as a run is watched by them."""
+    own = {e.effect.name: e.values() for e in effects}
+    lag_s = own.get("sensor_lag", {}).get("tau_s", 0.0)
+    return KnownPlate(plate, lag_s, own.get("actuator_delay", {}).get("delay_s", 0.0))
 
 
 def plate_extension(effects: Sequence[Switched], plate: PlateModel, period_s: float) -> Extension | None:

@@ -1,32 +1,42 @@
-"""Polarity, before anything else is sent: does a small current heat when it should?
+"""Polarity and a first plate, before anything else is sent: one small pulse, and what it does.
 
 rest    no current for a moment: how the temperature drifts by itself
-pulse   a share of the current limit (limits.polarity_share), twice as much where that decides nothing; as soon as the
-        temperature has left its drift clearly, the way that it left says it. Hot plates are cooled instead.
+pulse   a share of the current limit (limits.polarity_share), until the temperature has left its drift clearly, or the
+        charge is used up that may be put in unseen; the way that it left says the polarity. Hot plates are cooled.
+quiet   0 A, until the temperature has stopped going that way: a thermometer that lags, a current that comes late show
+        themselves here, and where nothing has left its drift yet, it may do so now
 again   where it left the wrong way, the opposite current: polarity is wrong only if that moves it the wrong way too;
         a plate that still drifts from what was before (a long delay, a slow thermometer) goes one way with either
+
+From rest, pulse and quiet comes the plate that the run is watched by (`rig.safety.first_plate`).
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from rig.files.configuration import Configuration
 from rig.loop import Decision, Loop
 from rig.outcome import Tripped
+from rig.safety.first_plate import KnownPlate, first_plate
 
-REST_S, FIRST_S, SECOND_S = 1.5, 10.0, 20.0
+REST_S = 1.5
 FEWEST = 5  # readings at rest
 CLEARLY_K, STEPS, SIGMAS = 0.4, 3.0, 6.0
 CURVED_PER_S = 0.015  # a drift's own change of rate, over the drift: a plate's time constant is a minute or more
+CHARGE_A_S, CHARGE_S = 10.0, 5.0  # put in unseen: 15 K into 10 J/K; for small modules, so long at their limit
+DOUBLED_S = 10.0  # a pulse that has decided nothing by then goes on with twice the current
+QUIET_S, LONGEST_QUIET_S, QUIET_SHARE = 2.0, 60.0, 0.4  # since the last advance; that share of the quiet so far
 NEAR_LIMIT_K = 5.0
 TRIALS = 3
+LATER_S, LATER_SHARE = 1.0, 0.5  # than the model says, for the pulse's own lag to be believed instead
 
 
 class PolarityPulse:
-    """The policy of the phase. current_A: of the pulse's first part, its sign the way that it is to go.
+    """The policy of the phase. current_A: of the pulse, its sign the way that it is to go.
 
     left_K: by how much the temperature has left its drift in that way, nan before that is clear.
     """
@@ -36,26 +46,41 @@ class PolarityPulse:
         self.left_K = math.nan
         self.rest_s = max(REST_S, FEWEST * period_s)
         self._strong_A = math.copysign(min(2.0 * abs(current_A), limit_A), current_A)
+        self._charge_A_s = min(CHARGE_A_S, CHARGE_S * limit_A)
+        self._period_s = period_s
+        self._put_in_A_s = 0.0
         self._times: list[float] = []
         self._values: list[float] = []
         self._drift: tuple[float, float, float] | None = None
+        self._quiet_since_s = math.nan
+        self._furthest_K, self._advanced_s = -math.inf, 0.0
 
     @property
     def duration_s(self) -> float:
         """Longest that it takes, s."""
-        return self.rest_s + FIRST_S + SECOND_S
+        return self.rest_s + DOUBLED_S + self._charge_A_s / abs(self._strong_A) + LONGEST_QUIET_S
 
     def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
-        if not math.isnan(temperature_degC):
+        known = not math.isnan(temperature_degC)
+        if known:
             self._times.append(time_s)
             self._values.append(temperature_degC)
         if time_s < self.rest_s - 1e-9 or len(self._values) < FEWEST:
             return Decision(0.0)
         if self._drift is None:
             self._drift = self._fit()
-        if self._clearly():
-            return Decision(0.0, done=True)
-        return Decision(self.current_A if time_s < self.rest_s + FIRST_S else self._strong_A)
+        if known and self._advance() and math.isnan(self._quiet_since_s):
+            self._quiet_since_s = time_s
+        if math.isnan(self._quiet_since_s):
+            if self._put_in_A_s < self._charge_A_s:
+                current_A = self.current_A if time_s < self.rest_s + DOUBLED_S else self._strong_A
+                self._put_in_A_s += abs(current_A) * self._period_s
+                return Decision(current_A)
+            self._quiet_since_s = time_s
+        quiet_s = time_s - self._quiet_since_s
+        still_s = time_s - max(self._advanced_s, self._quiet_since_s)
+        settled = not math.isnan(self.left_K) and still_s >= QUIET_S + QUIET_SHARE * quiet_s
+        return Decision(0.0, done=settled or quiet_s >= LONGEST_QUIET_S)
 
     def _fit(self) -> tuple[float, float, float]:
         """The drift at rest, a line: value at its end, slope; and how far readings scatter about it."""
@@ -63,36 +88,49 @@ class PolarityPulse:
         slope, value = np.polyfit(times, values, 1)
         return float(value), float(slope), float(np.std(values - (value + slope * times)))
 
-    def _clearly(self) -> bool:
+    def _advance(self) -> bool:
+        """Take note of how far it has gone; whether it has left its drift clearly."""
         assert self._drift is not None
         value, slope, scatter_K = self._drift
         age_s = self._times[-1] - self.rest_s
-        left_K = self._values[-1] - (value + slope * age_s)
+        left_K = float(np.mean(self._values[-3:])) - (value + slope * age_s)
         steps = np.abs(np.diff(self._values))
         step_K = float(np.min(steps[steps > 0.0], initial=math.inf))
         coarse_K = STEPS * step_K if math.isfinite(step_K) else 0.0
-        if abs(left_K) < max(CLEARLY_K, coarse_K, SIGMAS * scatter_K) + CURVED_PER_S * abs(slope) * age_s**2:
+        if abs(left_K) > self._furthest_K + max(0.02, scatter_K, 0.5 * min(coarse_K, 1.0)):
+            self._furthest_K, self._advanced_s = abs(left_K), self._times[-1]
+        clearly = max(CLEARLY_K, coarse_K, SIGMAS * scatter_K) + CURVED_PER_S * abs(slope) * age_s**2
+        if math.isnan(self.left_K) and abs(left_K) < clearly:
             return False
-        self.left_K = math.copysign(1.0, self.current_A) * left_K
+        if math.isnan(self.left_K):
+            self.left_K = math.copysign(1.0, self.current_A) * left_K
         return True
 
 
-def check_polarity(loop: Loop, configuration: Configuration, period_s: float, cools: bool = True) -> None:
-    """Pulse, and judge. cools: whether the plate can. Raises Tripped("polarity") or Tripped("no_response")."""
+def check_polarity(
+    loop: Loop, configuration: Configuration, period_s: float, model: KnownPlate | None = None, cools: bool = True
+) -> KnownPlate | None:
+    """Pulse, judge, and let the loop know the plate: the model's, or where there is none the pulse's.
+
+    cools: whether the plate can. Returns what the loop knows now. Raises Tripped("polarity") or Tripped("no_response").
+    """
     limits = configuration.limits
     if limits.polarity_share == 0.0 or not loop.bench.controller.commands_current:
         loop.folder.event(loop.elapsed_s(), "polarity", "not checked")
-        return
+        if model is not None:
+            loop.know_plate(model)
+        return model
     now = loop.bench.controller.read_temperature()
     hot = cools and now.is_number and now.value > limits.temperature_degC[1] - NEAR_LIMIT_K
     current_A = (-1.0 if hot else 1.0) * limits.polarity_share * limits.current_A
     said = 0.0
     for _ in range(TRIALS):
+        first = len(loop.folder.rows)
         pulse = _pulsed(loop, current_A, limits.current_A, period_s)
         if pulse.left_K > 0.0:
             text = f"{current_A:g} A {'heats' if current_A > 0.0 else 'cools'}"
             loop.folder.event(loop.elapsed_s(), "polarity", text, moved_K=pulse.left_K)
-            return
+            return _known(loop, model, first, limits.current_A)
         said = pulse.left_K
         if not cools or _pulsed(loop, -current_A, limits.current_A, period_s).left_K < 0.0:
             break  # either current moves it the wrong way; otherwise it drifts by itself, and has settled some more
@@ -109,8 +147,28 @@ def _pulsed(loop: Loop, current_A: float, limit_A: float, period_s: float) -> Po
     loop.phase("polarity", pulse, pulse.duration_s, period_s)
     if math.isnan(pulse.left_K):
         text = (
-            f"{current_A:g} A, then twice that, for {FIRST_S + SECOND_S:g} s did not "
+            f"{current_A:g} A, then twice that, {pulse._put_in_A_s:.3g} A s in all, and a wait did not "
             f"{'heat' if current_A > 0.0 else 'cool'} the plate: is the Peltier connected, and the thermometer on it?"
         )
         raise Tripped("no_response", text, loop.elapsed_s())
     return pulse
+
+
+def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> KnownPlate | None:
+    """The model's plate, with the pulse's lag where that is clearly longer; without a model the pulse's plate."""
+    with loop.resting("a first plate from the pulse"):
+        folder = loop.folder
+        time, degC, current = (folder.column(name)[first:] for name in ("time_s", "temperature_degC", "current_A"))
+        seen = first_plate(time, degC, current, limit_A)
+        known = seen if model is None else model
+        if model is not None and seen is not None:
+            behind_s = seen.lag_s + seen.delay_s
+            if behind_s > LATER_S + (1.0 + LATER_SHARE) * model.behind_s:
+                text = f"heat shows {behind_s:.2g} s after the current, the model says {model.behind_s:.2g} s"
+                folder.event(loop.elapsed_s(), "lag", text)
+                known = replace(model, lag_s=seen.lag_s, delay_s=seen.delay_s)
+        if known is not None:
+            loop.know_plate(known)
+            text = f"{known.plate}, lag {known.lag_s:g} s, delay {known.delay_s:g} s"
+            folder.event(loop.elapsed_s(), "first_plate", text, behind_s=known.behind_s)
+    return known

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,18 @@ class Setpoints:
         return Decision(setpoint_degC=float(self._target.at(time_s)), use_setpoint=True)
 
 
+class Look:
+    """Nothing is sent: to see where the temperature is."""
+
+    def __init__(self) -> None:
+        self.temperature_degC = math.nan
+
+    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+        if not math.isnan(temperature_degC):
+            self.temperature_degC = temperature_degC
+        return Decision(0.0, wait=True)
+
+
 def handed_over(state: LawState, law: Law) -> LawState:
     """The state of one law as the start of another: the estimates stay, the correction begins anew."""
     fresh = law.start(state.temperature_degC, state.memory, state.current_A)
@@ -85,7 +98,9 @@ def handed_over(state: LawState, law: Law) -> LawState:
 
 
 def warmed_up(law: Law) -> Law:
-    """The law, after a step that nobody sees: what has to be compiled is, before a loop waits for it."""
-    targets = np.zeros(law.settings.preview)
-    law.step(law.start(25.0, None), 25.0, math.nan, 25.0, targets)
+    """The law, after some steps of a copy: what has to be compiled is, before a loop waits for it."""
+    trial = deepcopy(law)
+    state = trial.start(25.0, None)
+    for _ in range(3):
+        _, state = trial.step(state, 25.0, math.nan, 25.0, np.full(law.settings.preview, 25.0))
     return law

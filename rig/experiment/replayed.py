@@ -11,11 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from rig.experiment.extended_model import plate_extension
+from rig.experiment.extended_model import known_plate, plate_extension
 from rig.experiment.policies import Follow
 from rig.experiment.session import QUANTITY
 from rig.experiment.simulated import simulated_configuration
-from rig.experiment.tracking import law_and_design, to_temperature, track
+from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import plate_table, read_model
@@ -23,6 +23,7 @@ from rig.files.record_file import Record, read_record
 from rig.files.target import read_target
 from rig.files.toml_file import read_toml
 from rig.loop import Loop, Policy
+from rig.safety.plate_watch import watchable_rate_K_per_s
 
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
 
@@ -64,7 +65,7 @@ class RecordedLoop:
         end = self.phases[0]["time_s"] if self.phases else math.inf
         time = self.record["time_s"]
         for row in np.flatnonzero((time >= begin) & (time < end)):
-            tick = math.floor((time[row] - begin) / period_s)
+            tick = self._tick(row, float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
             self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
@@ -73,6 +74,12 @@ class RecordedLoop:
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"
             self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+
+    def _tick(self, row: int, time_s: float, period_s: float) -> int:
+        """Which tick of its phase a row is; records from before that was written are on their grid."""
+        if self.record.has("tick"):
+            return int(self.record["tick"][row])
+        return math.floor(time_s / period_s)
 
     def _compare(self, now: float, then: float, time_s: float) -> None:
         replay = self.replay
@@ -98,15 +105,17 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     events = [json.loads(line) for line in lines]
     loop = RecordedLoop(read_record(folder / "record.csv"), [event for event in events if event["event"] == "phase"])
     stand_in = cast(Loop, loop)
+    fastest = watchable_rate_K_per_s(known_plate(model.plate, model.switched()))
     if e.kind == "track_resistance":
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
         started = json.loads((folder / "run.json").read_text(encoding="utf-8"))["start"]["what"]
         law = started.removeprefix("law ")
-        track(stand_in, file.content, target, model.film, model.plate, law, model.switched())
+        plan = plan_tracking(stand_in.bench, file.content, target, model, law, fastest)
+        track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
         extension = plate_extension(model.switched(), model.plate, e.period_s)
-        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension)
+        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension, fastest)
         policy = Follow(law, target)
         start = to_temperature(stand_in, law, None, float(target.values[0]), e.settle_s, "approach", False)
         policy.state = start.state

@@ -15,12 +15,12 @@ from compensator.design import Design
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
-from rig.experiment.extended_model import own_target, plate_extension
+from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
 from rig.experiment.run_record import recorded
-from rig.experiment.tracking import Score, law_and_design, to_temperature, track
+from rig.experiment.tracking import Score, law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, read_model, write_model
@@ -30,6 +30,7 @@ from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
 from rig.guard.line import UNGUARDED, Guard
 from rig.loop import Loop, Progress, Tick
+from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
 
 QUANTITY = {
@@ -195,15 +196,18 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     folders: dict[str, RunFolder] = {}
     for name in names:
         where = path if name == e.law else inner / name
+        known = known_plate(model.plate, model.switched())
+        plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
         with one_run(session, where, f"law {name}") as (loop, folder):
-            loop.know_plate(model.plate)
             if name == names[0] and result.calibration is None:
-                check_polarity(loop, file.content, e.period_s, model.plate.kind == "peltier")
-            score, design = track(loop, file.content, target, model.film, model.plate, name, model.switched())
-        folder.result(law=name, score=score.table(), design=design_table(design))
+                check_polarity(loop, file.content, e.period_s, known, model.plate.kind == "peltier")
+            else:
+                loop.know_plate(known)
+            score = track(loop, file.content, plan)
+        folder.result(law=name, score=score.table(), design=design_table(plan.design))
         _keep(folder, target, model)
         result.scores.append(score)
-        result.designs[name] = design
+        result.designs[name] = plan.design
         folders[name] = folder
         say(f"{name}: RMS error {score.rms_dec:.4f} dec, largest {score.max_dec:.3f} dec")
     from rig.report.tracking import write_tracking_report
@@ -225,6 +229,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     assert target is not None
     plate = result.model.plate if result.model is not None else None
     film = result.model.film if result.model is not None else None
+    known = known_plate(plate, result.model.switched()) if result.model is not None and plate is not None else None
     policy: CurrentProfile | Follow | Setpoints
     if e.law != "instrument_pid" or e.kind == "current_profile":
         _needs_current(session)
@@ -234,15 +239,14 @@ def _profile(session: Session, path: Path, result: Result) -> None:
         policy = Setpoints(target)
     else:
         assert plate is not None
+        assert known is not None
         extension = plate_extension(result.model.switched() if result.model else (), plate, e.period_s)
         law, result.designs["temperature"] = law_and_design(
-            "temperature", file.content, cast(Any, film), plate, extension
+            "temperature", file.content, cast(Any, film), plate, extension, watchable_rate_K_per_s(known)
         )
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):
-        if plate is not None:
-            loop.know_plate(plate)
-        check_polarity(loop, file.content, e.period_s, plate is None or plate.kind == "peltier")
+        check_polarity(loop, file.content, e.period_s, known, plate is None or plate.kind == "peltier")
         if isinstance(policy, Follow):
             start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)
             policy.state = start.state

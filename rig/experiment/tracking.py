@@ -9,7 +9,6 @@ track      the target
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,16 +19,17 @@ from compensator.film import FilmModel
 from compensator.inverse import Inverse
 from compensator.law import Law, LawName, LawSettings
 from compensator.plate import PlateModel
+from rig.bench import Bench
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
 from rig.experiment.extension import Extension
-from rig.experiment.policies import Follow, handed_over, warmed_up
+from rig.experiment.policies import Follow, Look, handed_over, warmed_up
 from rig.faults import fault
 from rig.files.configuration import Configuration
+from rig.files.model_file import Model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
-from rig.loop import Decision, Loop
-from sim.effects.effect import Switched
+from rig.loop import Loop
 
 HOT_DWELL_S = 3.0
 FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
@@ -63,10 +63,11 @@ def law_and_design(
     film: FilmModel,
     plate: PlateModel,
     extension: Extension | None = None,
+    fastest_K_per_s: float = math.inf,
 ) -> tuple[Law, Design]:
-    """A law with its gains, designed to the configured Ms with the bench's dead time.
+    """A law with its gains, designed to the configured Ms with the bench's dead time, and compiled.
 
-    extension: the model's effects, for the laws that gain from them.
+    extension: the model's effects, for the laws that gain from them. fastest_K_per_s: of the reference.
     """
     if name not in COMPENSATED:
         extension = None
@@ -92,40 +93,59 @@ def law_and_design(
         band=control.band_dec if control.band_dec is not None else DEFAULT_BAND_DEC,
         disturbance_time_s=control.disturbance_time_s or design.closed_loop_time_s,
         rate_share=control.rate_share,
+        fastest_K_per_s=fastest_K_per_s,
     )
-    law = warmed_up(Law(settings, plate, film))
-    return law if extension is None else ExtendedLaw(settings, plate, film, extension), design
+    law = Law(settings, plate, film) if extension is None else ExtendedLaw(settings, plate, film, extension)
+    return warmed_up(law), design
 
 
-def track(
-    loop: Loop,
-    configuration: Configuration,
-    target: Target,
-    film: FilmModel,
-    plate: PlateModel,
-    name: LawName,
-    effects: Sequence[Switched] = (),
-) -> tuple[Score, Design]:
-    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards.
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a tracking run needs, made before anything is switched on.
 
-    effects: of the model, beyond film and plate.
+    law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
+    resistance. inverse: of the film.
     """
-    e = configuration.experiment
+
+    name: LawName
+    law: Law
+    design: Design
+    mover: Law
+    inverse: Inverse
+    target: Target
+    own: Target
+    setpoints: bool
+
+
+def plan_tracking(
+    bench: Bench, configuration: Configuration, target: Target, model: Model, name: LawName, fastest_K_per_s: float
+) -> Plan:
+    """Laws designed and compiled, for one run; fastest_K_per_s: of the reference."""
+    film, plate, effects, e = model.film, model.plate, model.switched(), configuration.experiment
+    assert film is not None
+    assert plate is not None
     extension = None
     if effects and name in COMPENSATED:
-        meter = loop.bench.meter
+        meter = bench.meter
         extension = Extension(effects, plate, film, e.period_s, lambda: meter.test_current_A if meter else math.nan)
-    law, design = law_and_design(name, configuration, film, plate, extension)
+    law, design = law_and_design(name, configuration, film, plate, extension, fastest_K_per_s)
     setpoints = name == "instrument_pid"
-    mover, _ = law_and_design("temperature", configuration, film, plate, extension)
+    mover, _ = law_and_design("temperature", configuration, film, plate, extension, fastest_K_per_s)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
         mover = Law(replace(mover.settings, observer_gain=1.0), plate, film)
-    hot = calibration_range(configuration)[1]
-    state = to_temperature(loop, mover, None, hot, HOT_DWELL_S, "condition", setpoints)
-    inverse = Inverse(film, *configuration.limits.temperature_degC)
-    assert state.state is not None
     own = own_target(target, film, effects if extension is not None else ())
-    first = inverse.solve(float(own.values[0]), state.state.memory)
+    inverse = Inverse(film, *configuration.limits.temperature_degC)
+    inverse.solve(float(own.values[0]), film.initial_memory(calibration_range(configuration)[1], "heated"))
+    return Plan(name, law, design, mover, inverse, target, own, setpoints)
+
+
+def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
+    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
+    e, target, setpoints = configuration.experiment, plan.target, plan.setpoints
+    hot = calibration_range(configuration)[1]
+    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints)
+    assert state.state is not None
+    first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
     if not first.reachable:
         low, high = first.interval or (math.nan, math.nan)
         raise fault(
@@ -134,15 +154,15 @@ def track(
             f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
             f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
         )
-    approach = to_temperature(loop, mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
+    approach = to_temperature(loop, plan.mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     assert approach.state is not None
-    follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
-    follow.state = handed_over(approach.state, law)
+    follow = Follow(plan.law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
+    follow.state = handed_over(approach.state, plan.law)
     if e.settle_s > 0.0:
         loop.phase("settle", follow, e.settle_s, e.period_s)
     follow.target = target
     loop.phase("track", follow, target.duration_s, e.period_s)
-    return score(loop.folder, name, target.duration_s, configuration.limits.current_A), design
+    return score(loop.folder, plan.name, target.duration_s, configuration.limits.current_A)
 
 
 def to_temperature(
@@ -151,7 +171,7 @@ def to_temperature(
     """Ramp to a temperature as fast as the plate can, and dwell there."""
     period = law.settings.period_s
     if before is None:
-        probe = _Look()
+        probe = Look()
         loop.phase(name, probe, 2 * period, period)
         start, state = probe.temperature_degC, None
         memory = law.film.initial_memory(start) if law.film is not None else None
@@ -162,24 +182,13 @@ def to_temperature(
     rates = [law.plate.rate_range_K_per_s(t, limit) for t in (start, temperature_degC)]
     up = temperature_degC > start
     rate = law.settings.rate_share * min(heat if up else -cool for cool, heat in rates)
+    rate = min(rate, law.settings.fastest_K_per_s)
     ramp_s = abs(temperature_degC - start) / max(rate, 0.01) + period
     times = np.array([0.0, ramp_s, ramp_s + max(dwell_s, period)])
     target = Target("temperature", times, np.array([start, temperature_degC, temperature_degC]))
     follow = Follow(law, target, memory, state, setpoints)
     loop.phase(name, follow, target.duration_s, period)
     return follow
-
-
-class _Look:
-    """Nothing is sent: to see where the temperature is."""
-
-    def __init__(self) -> None:
-        self.temperature_degC = math.nan
-
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
-        if not math.isnan(temperature_degC):
-            self.temperature_degC = temperature_degC
-        return Decision(0.0, wait=True)
 
 
 def score(folder: RunFolder, law: str, duration_s: float, limit_A: float) -> Score:

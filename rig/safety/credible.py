@@ -4,7 +4,8 @@ frozen   the same number, to the last bit, again and again. An instrument whose 
          noise turns them round) is frozen after `ENOUGH` alike. One that steps coarsely, or has no noise, is frozen
          when meanwhile something else says that the quantity has moved: more current has flowed than at their
          beginning, by so much that it would have moved by several steps, or the other instrument's reading has moved.
-jumping  a temperature that moved faster than any plate: nothing is believed until it is again where the plate can be.
+jumping  a temperature that moved by more than the current that was sent explains and any plate adds to it: nothing is
+         believed until it is again where the plate can be, so that a step that lasts becomes a stale thermometer.
          A resistance that moved by half a decade at once: the film may do so, so it is believed when it comes thrice.
 
 What no instrument can read (nan, a negative resistance, an open sensor) its driver has marked already.
@@ -15,7 +16,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from compensator.functions import KELVIN
 from rig.reading import Quality, Reading
+from rig.safety.first_plate import KnownPlate
 
 ENOUGH = 10  # readings alike
 LONGEST_ALIKE = 4  # of an instrument that is never still: what it has shown
@@ -28,6 +31,8 @@ LEAST_JUMP_DEC, LEAST_JUMP_DEC_PER_S = 0.5, 5.0
 AGREEING_DEC = 0.3
 THRICE = 3
 OTHER_DEC, OTHER_K = 0.1, 3.0  # that the other instrument has to have moved by
+ANY_PLATE_K_PER_S = 3.0  # beyond what the current that was sent explains; a lasting step of 10 K is never within it
+SLOWEST_K_PER_S = 1.5  # at the current limit, as long as no plate is known: it may be ten times slower
 STEEPEST_DEC_PER_K = 2.0  # of a film: for less, a coarse thermometer need not have moved
 
 
@@ -86,20 +91,32 @@ class Sameness:
 
 
 class ThermometerTrust:
-    """Judges temperatures (degC).
+    """Judges temperatures (degC). rate_K_per_s: limits.rate_K_per_s. limit_A: of the current."""
 
-    rate_K_per_s: faster than any plate. gain_K_per_A_s: how fast a current moves the plate, at least about.
-    """
-
-    def __init__(self, rate_K_per_s: float, gain_K_per_A_s: float) -> None:
-        self.rate_K_per_s, self.gain_K_per_A_s = rate_K_per_s, gain_K_per_A_s
+    def __init__(self, rate_K_per_s: float, limit_A: float) -> None:
+        self._rate_K_per_s = min(rate_K_per_s, ANY_PLATE_K_PER_S)
+        self._gain_K_per_A_s = SLOWEST_K_PER_S / limit_A
         self._same = Sameness()
         self._good: Reading | None = None
+        self._off_K = math.nan
 
-    def judge(self, reading: Reading, current_A: float, log_resistance: float) -> tuple[Reading, str]:
+    def know(self, known: KnownPlate, low_degC: float) -> None:
+        """How fast a current moves this plate, at least about: at the cold end."""
+        plate = known.plate
+        gain = plate.seebeck_over_capacity_per_A_s * (low_degC + KELVIN) + plate.drive_over_capacity_K_per_s
+        self._gain_K_per_A_s = gain / (1.0 + known.behind_s)
+
+    def forget(self) -> None:
+        """Nobody has looked for a while: where the temperature was says nothing."""
+        self._good = None
+
+    def judge(
+        self, reading: Reading, current_A: float, log_resistance: float, expected_degC: float = math.nan
+    ) -> tuple[Reading, str]:
         """The reading, with its quality lowered where it is none, and why.
 
         current_A: sent since the reading before, nan where it is not known. log_resistance: log10 of the film's, now.
+        expected_degC: what the thermometer should show now, nan where that is not known.
         """
         if not reading.is_number:
             return reading, f"it is {reading.quality}"
@@ -107,17 +124,19 @@ class ThermometerTrust:
         alike, charge, moved_dec = self._same.take(value, now, current_A, log_resistance)
         step = self._same.step if math.isfinite(self._same.step) else 0.0
         if alike >= ENOUGH:
-            should_have = abs(charge) * self.gain_K_per_A_s > STEPS * step + LEAST_K
+            should_have = abs(charge) * self._gain_K_per_A_s > STEPS * step + LEAST_K
             told = moved_dec > max(OTHER_DEC, STEEPEST_DEC_PER_K * STEPS * step)
             self._same.frozen |= self._same.never_still or should_have or told
             if self._same.frozen:
                 return replace(reading, quality=Quality.STALE), f"frozen at {value!r} degC, {alike} times alike"
         if self._good is not None:
-            room = max(LEAST_JUMP_K, STEPS * step) + self.rate_K_per_s * (now - self._good.time_s)
-            if abs(value - self._good.value) > room:
+            room = max(LEAST_JUMP_K, STEPS * step) + self._rate_K_per_s * (now - self._good.time_s)
+            off_K = value - expected_degC
+            moved_K = value - self._good.value if math.isnan(off_K) or math.isnan(self._off_K) else off_K - self._off_K
+            if abs(moved_K) > room:
                 why = f"{value:.3f} degC is a jump from {self._good.value:.3f} degC"
                 return replace(reading, quality=Quality.INVALID), why
-        self._good = reading
+        self._good, self._off_K = reading, value - expected_degC
         return reading, ""
 
 

@@ -272,7 +272,7 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
     found: list[TemperatureFit] = []
     for kind in kinds:
         for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
-            s, r, g, q, h = (float(v) for v in rough)
+            s, r, g, q, h = (float(v) for v in rough[:5])
             ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)
             base = (
                 [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
