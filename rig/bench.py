@@ -31,7 +31,10 @@ _numbers = itertools.count(1)
 
 @dataclass(frozen=True)
 class Bench:
-    """A controller, a meter where there is one, and the clock that both live by."""
+    """A controller, a meter where there is one, and the clock that both live by.
+
+    watched_after: somebody goes on reading the instruments when a run on it has ended.
+    """
 
     controller: TemperatureController
     meter: ResistanceMeter | None
@@ -39,6 +42,7 @@ class Bench:
     virtual: bool
     identities: dict[str, Identity]
     guard: Guard = UNGUARDED
+    watched_after: bool = False
 
 
 @contextmanager

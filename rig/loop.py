@@ -100,7 +100,7 @@ Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds i
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick as it was: time of the run (s), readings with their quality, and what was sent (nan: nothing of it)."""
+    """One tick as it was: time of the run (s), readings with their quality, what was sent (nan: nothing of it), watch."""
 
     time_s: float
     phase: str
@@ -108,6 +108,7 @@ class Tick:
     resistance: Reading | None
     current_A: float
     decision: Decision
+    watch: BenchWatch
 
 
 class Loop:
@@ -140,6 +141,11 @@ class Loop:
         self.sent = OFF
         self._measured_s = -math.inf
         self._read_s: float | None = None  # the last reading with a current on
+
+    @property
+    def last_A(self) -> float:
+        """The current that was on last, A; nan where it is not known, 0 where nothing was."""
+        return self.sent.current_A if self.sent.armed else 0.0
 
     def elapsed_s(self) -> float:
         """Time of the run, s."""
@@ -254,7 +260,8 @@ class Loop:
         self.ticks.done += 1
         self.bench.guard.alive()
         if self._on_tick is not None:
-            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, self.sent.current_A, decision))
+            current_A = self.sent.current_A
+            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
         return decision.done
 
     def _count_gap(self, now: float) -> None:

@@ -38,6 +38,7 @@ class JobRun(Watcher):
             clock=clock,
             controller=desk.gate.controller_for_jobs(bench.controller),
             meter=desk.gate.meter_for_jobs(bench.meter) if bench.meter is not None else None,
+            watched_after=True,
         )
         self._conditioned = False
 

@@ -24,7 +24,7 @@ from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
 from compensator.temperature_path import temperature_path
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
-from rig.experiment.policies import CurrentProfile, Follow, Look, warmed_up
+from rig.experiment.policies import CurrentProfile, Follow, temperature_now, warmed_up
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
@@ -79,9 +79,8 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
         loop.know_plate(known)
         law = warmed_up(_temperature_law(configuration, known, c.period_s))
         rate = min(c.rate_K_per_s, _fastest(known, configuration, low, high))
-    start = Look()
-    loop.phase("look", start, 2 * c.period_s, c.period_s)
-    condition = _temperature_target([start.temperature_degC, high], rate, c.dwell_s, hold_first=False)
+    now = temperature_now(loop, "look", c.period_s)
+    condition = _temperature_target([now, high], rate, c.dwell_s, hold_first=False)
     follow = Follow(law, condition)
     loop.phase("condition", follow, condition.duration_s, c.period_s)
     major = _temperature_target([high, low, high, low], rate, c.dwell_s)

@@ -29,7 +29,7 @@ CLEARLY_K, STEPS, SIGMAS = 0.4, 3.0, 6.0
 CURVED_PER_S = 0.015  # a drift's own change of rate, over the drift: a plate's time constant is a minute or more
 CHARGE_A_S, CHARGE_S = 10.0, 5.0  # put in unseen: 15 K into 10 J/K; for small modules, so long at their limit
 DOUBLED_S = 10.0  # a pulse that has decided nothing by then goes on with twice the current
-QUIET_S, LONGEST_QUIET_S, QUIET_SHARE = 2.0, 60.0, 0.4  # since the last advance; that share of the quiet so far
+RATE_S, QUIET_SHARE, LONGEST_QUIET_S = 2.0, 0.3, 60.0  # quiet where it goes that way at a share of its fastest
 NEAR_LIMIT_K = 5.0
 TRIALS = 3
 LATER_S, LATER_SHARE = 1.0, 0.5  # than the model says, for the pulse's own lag to be believed instead
@@ -53,7 +53,7 @@ class PolarityPulse:
         self._values: list[float] = []
         self._drift: tuple[float, float, float] | None = None
         self._quiet_since_s = math.nan
-        self._furthest_K, self._advanced_s = -math.inf, 0.0
+        self._fastest_K_per_s = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -69,7 +69,7 @@ class PolarityPulse:
             return Decision(0.0)
         if self._drift is None:
             self._drift = self._fit()
-        if known and self._advance() and math.isnan(self._quiet_since_s):
+        if known and self._clearly() and math.isnan(self._quiet_since_s):
             self._quiet_since_s = time_s
         if math.isnan(self._quiet_since_s):
             if self._put_in_A_s < self._charge_A_s:
@@ -78,8 +78,7 @@ class PolarityPulse:
                 return Decision(current_A)
             self._quiet_since_s = time_s
         quiet_s = time_s - self._quiet_since_s
-        still_s = time_s - max(self._advanced_s, self._quiet_since_s)
-        settled = not math.isnan(self.left_K) and still_s >= QUIET_S + QUIET_SHARE * quiet_s
+        settled = not math.isnan(self.left_K) and quiet_s >= RATE_S + self._period_s and self._is_quiet()
         return Decision(0.0, done=settled or quiet_s >= LONGEST_QUIET_S)
 
     def _fit(self) -> tuple[float, float, float]:
@@ -88,23 +87,32 @@ class PolarityPulse:
         slope, value = np.polyfit(times, values, 1)
         return float(value), float(slope), float(np.std(values - (value + slope * times)))
 
-    def _advance(self) -> bool:
-        """Take note of how far it has gone; whether it has left its drift clearly."""
+    def _clearly(self) -> bool:
+        """Whether it has left its drift clearly, now or before."""
         assert self._drift is not None
         value, slope, scatter_K = self._drift
+        if not math.isnan(self.left_K):
+            return True
         age_s = self._times[-1] - self.rest_s
-        left_K = float(np.mean(self._values[-3:])) - (value + slope * age_s)
+        left_K = self._values[-1] - (value + slope * age_s)
         steps = np.abs(np.diff(self._values))
         step_K = float(np.min(steps[steps > 0.0], initial=math.inf))
         coarse_K = STEPS * step_K if math.isfinite(step_K) else 0.0
-        if abs(left_K) > self._furthest_K + max(0.02, scatter_K, 0.5 * min(coarse_K, 1.0)):
-            self._furthest_K, self._advanced_s = abs(left_K), self._times[-1]
-        clearly = max(CLEARLY_K, coarse_K, SIGMAS * scatter_K) + CURVED_PER_S * abs(slope) * age_s**2
-        if math.isnan(self.left_K) and abs(left_K) < clearly:
+        if abs(left_K) < max(CLEARLY_K, coarse_K, SIGMAS * scatter_K) + CURVED_PER_S * abs(slope) * age_s**2:
             return False
-        if math.isnan(self.left_K):
-            self.left_K = math.copysign(1.0, self.current_A) * left_K
+        self.left_K = math.copysign(1.0, self.current_A) * left_K
         return True
+
+    def _is_quiet(self) -> bool:
+        """Whether it has nearly stopped going the way that it left, beyond its drift at rest."""
+        assert self._drift is not None
+        lately = [k for k, when in enumerate(self._times) if when >= self._times[-1] - RATE_S]
+        first = min(lately[0], len(self._times) - FEWEST)
+        times, values = np.array(self._times[first:]), np.array(self._values[first:])
+        way = math.copysign(1.0, self.current_A * self.left_K)
+        rate = way * (float(np.polyfit(times - times[0], values, 1)[0]) - self._drift[1])
+        self._fastest_K_per_s = max(self._fastest_K_per_s, rate)
+        return rate <= QUIET_SHARE * self._fastest_K_per_s
 
 
 def check_polarity(

@@ -11,7 +11,7 @@ import numpy as np
 from compensator.film import Memory
 from compensator.law import Law, LawState
 from rig.files.target import Target
-from rig.loop import Decision
+from rig.loop import Decision, Loop
 
 
 class CurrentProfile:
@@ -86,9 +86,15 @@ class Look:
         self.temperature_degC = math.nan
 
     def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
-        if not math.isnan(temperature_degC):
-            self.temperature_degC = temperature_degC
-        return Decision(0.0, wait=True)
+        self.temperature_degC = temperature_degC
+        return Decision(wait=True, done=not math.isnan(temperature_degC))
+
+
+def temperature_now(loop: Loop, name: str, period_s: float) -> float:
+    """The next credible temperature (degC), as a short phase. Raises Tripped where there is none for too long."""
+    look = Look()
+    loop.phase(name, look, 2.0 * loop.limits.stale_s + period_s, period_s)
+    return look.temperature_degC
 
 
 def handed_over(state: LawState, law: Law) -> LawState:

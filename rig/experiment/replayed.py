@@ -50,6 +50,7 @@ class RecordedLoop:
         self._meter = SimpleNamespace(test_current_A=math.nan)
         self.bench = SimpleNamespace(meter=self._meter)
         self.folder = self
+        self.limits = SimpleNamespace(stale_s=math.inf)
 
     def column(self, name: str) -> Any:
         """A column of the record, as of a run folder."""
@@ -65,7 +66,7 @@ class RecordedLoop:
         end = self.phases[0]["time_s"] if self.phases else math.inf
         time = self.record["time_s"]
         for row in np.flatnonzero((time >= begin) & (time < end)):
-            tick = self._tick(row, float(time[row] - begin), period_s)
+            tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
             self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan

@@ -19,6 +19,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
 from rig.loop import Loop, Progress, Tick, columns_of
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.safety.after_off import contradiction
 from rig.safety.interlock import Limits
 from rig.safety.output_off import OutputOff
 from rig.safety.signals import SignalStop
@@ -60,16 +61,35 @@ def recorded(
     try:
         with output:
             yield loop, folder
+        _look_after_off(bench, loop, output)
         folder.stop("done", **_ending(loop, output))
     except BaseException as error:
         if isinstance(error, Tripped):
             loop.tripped = error
+        try:
+            if not isinstance(error, NotConfirmedOff):
+                _look_after_off(bench, loop, output, error)
+        except NotConfirmedOff as withdrawn:
+            error = withdrawn
         for step in (folder.flush, partial(_write_reason, folder, loop, output, error), folder.abandon):
             try:
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
                 error.add_note(f"{folder.part} is not whole: {problem}")
-        raise
+        raise error
+
+
+def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseException | None = None) -> None:
+    """Withdraw a confirmation that the temperature contradicts. Raises NotConfirmedOff.
+
+    Where somebody goes on reading when this run has ended, that is for them.
+    """
+    if not output.confirmed or bench.watched_after:
+        return
+    text = contradiction(loop.watch.plate, loop.last_A, bench.controller, bench.clock)
+    if text is not None:
+        output.confirmed = False
+        raise NotConfirmedOff(text) from error
 
 
 def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:
@@ -98,6 +118,7 @@ def trip_text(loop: Loop, trip: Tripped) -> str:
             "cause": trip.cause,
             "text": str(trip),
             "time_s": loop.elapsed_s(),
+            "controller": loop.status_at_trip,
             "limits": asdict(loop.limits),
             "columns": loop.folder.columns,
             "rows": [row for row in rows if row[0] >= since_s],

@@ -23,7 +23,7 @@ from rig.bench import Bench
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
 from rig.experiment.extension import Extension
-from rig.experiment.policies import Follow, Look, handed_over, warmed_up
+from rig.experiment.policies import Follow, handed_over, temperature_now, warmed_up
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
@@ -171,9 +171,7 @@ def to_temperature(
     """Ramp to a temperature as fast as the plate can, and dwell there."""
     period = law.settings.period_s
     if before is None:
-        probe = Look()
-        loop.phase(name, probe, 2 * period, period)
-        start, state = probe.temperature_degC, None
+        start, state = temperature_now(loop, name, period), None
         memory = law.film.initial_memory(start) if law.film is not None else None
     else:
         assert before.state is not None

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from copy import deepcopy
 from typing import Final
 
 from rig.outcome import Tripped
@@ -121,6 +122,30 @@ class PlateWatch:
         if math.isnan(temperature_degC):
             return
         self._correct(self.known, self._seen, temperature_degC, now_s)
+
+    def copy(self) -> PlateWatch:
+        """The same, to be run on by itself."""
+        return deepcopy(self)
+
+    def run_on(self, now_s: float, current_A: float) -> float:
+        """Simulate on to a time with a current, without a reading: what the thermometer should show then (degC)."""
+        assert self.known is not None
+        assert self._seen is not None
+        self._advance(self.known, self._seen, now_s, current_A)
+        return self._seen.shown_degC
+
+    def tells_within(self, seconds: float, current_A: float, apart_K: float) -> bool:
+        """Whether a current would show by so much, after so long: plate and thermometer are known well enough."""
+        if self.known is None or self._seen is None or not math.isfinite(current_A) or not current_A:
+            return False
+        trial, without = self.copy(), self.copy()
+        end_s = self._at_s + seconds
+        return abs(trial.run_on(end_s, current_A) - without.run_on(end_s, 0.0)) > apart_K
+
+    @property
+    def step_K(self) -> float:
+        """The smallest step that the thermometer was seen to make, 0 where it is not known."""
+        return self._seen.step_K if self._seen is not None and math.isfinite(self._seen.step_K) else 0.0
 
     def check_cooling(self, now_s: float, temperature_degC: float, current_A: float) -> None:
         """Raises Tripped where a current lies beyond that of largest cooling, where more of it cools less."""

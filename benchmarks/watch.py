@@ -1,0 +1,269 @@
+"""A heated plate is watched: faults that begin in the middle of a run, and experiments with nothing wrong.
+
+    ./peltier benchmark watch [--seeds N] [--only faults|quiet] [--workers N]
+
+Faults: an independent plate (`_watched_plant`) behind the emulated instruments, on the virtual clock; each of eleven
+faults begins after the polarity pulse, at least 10 K below the limit, with a model and without one, while the plate is
+heated and while it is held. Counted is whether the run trips, and how hot the plate became, at the bench's end.
+A fault that leaves plate and reading where they are (a sensor that stands still in a hold, a fan that nothing needs) is
+none until one of them departs: it counts once the plate is `DEPARTED_K` from what is shown, or from where it is wanted.
+
+Quiet: simulated experiments (calibrate, then run with what came out) with each effect of the catalogue at several of
+the sizes that are met, thermometers that lag by up to 30 s included: none may trip.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import itertools
+import json
+import math
+import random
+import shutil
+import sys
+import tempfile
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks._watched_plant import FAULTS, WatchedPlant, drawn
+
+LIMIT_DEGC, BELOW_K, BY_K, ABOVE_LIMIT_K = 95.0, 10.0, 15.0, 2.0
+DEPARTED_K = 2.0
+CAPACITIES, CURRENTS = (10.0, 20.0, 30.0, 60.0), (2.0, 2.5, 3.0, 4.0)
+PLAIN = ("falls at once", "30 % contact", "falls within 20 s")
+
+CONFIGURATION = """
+[bench]
+time = "virtual"
+[bench.controller]
+driver = "meerstetter"
+port = "sim://"
+[bench.meter]
+driver = "keithley2000"
+port = "sim://"
+[limits]
+temperature_degC = [5, {limit_degC}]
+current_A = {limit_A}
+[experiment]
+{experiment}
+period_s = 0.2
+[calibration]
+temperature_degC = [{low}, {high}]
+rate_K_per_s = 1.5
+dwell_s = 4.0
+minor_loops = 4
+"""
+
+PLATE = """
+[plate]
+kind = "peltier"
+seebeck_over_capacity_per_A_s = {s}
+resistance_over_capacity_K_per_A2_s = {r}
+conductance_over_capacity_per_s = {g}
+ambient_degC = {a}
+"""
+
+
+def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
+    """One run with a fault: what it ended with, and how hot the plate became."""
+    import rig.bench
+    from rig.__main__ import main
+
+    fault, with_model, holding, seed = case
+    chance = random.Random(repr(case))
+    rig_ = drawn(seed, CAPACITIES[seed % 4], CURRENTS[(seed // 4) % 4])
+    room = rig_.ambient_degC
+    high = min(80.0, _hottest_degC(rig_) - 5.0)
+    low = max(30.0, room + 5.0)
+    wanted = chance.uniform(max(low + 5.0, 40.0), high)
+    model_s = rig_.seebeck / rig_.capacity
+    if with_model:
+        more = f'kind = "hold"\nmodel = "model.toml"\ntarget = ["start {wanted:.2f} degC", "hold 900 s"]'
+        if not holding:
+            points = [f"start {low:.1f} degC", "hold 5 s"]
+            for _ in range(6):
+                points += [f"ramp to {high:.1f} degC at 1.5 K/s", f"ramp to {low:.1f} degC at 1.5 K/s"]
+            more = 'kind = "temperature_profile"\nmodel = "model.toml"\ntarget = ' + json.dumps(points)
+    elif holding:
+        held_A = _holding_A(rig_, wanted)
+        more = f'kind = "current_profile"\ntarget = ["start {held_A:.4f} A", "hold 900 s"]'
+    else:
+        more = 'kind = "hold"\nlaw = "instrument_pid"\ntarget = ["start 50 degC", "hold 10 s"]'
+    begin_s = chance.uniform(3.0, 60.0)
+    plants: list[WatchedPlant] = []
+
+    def breaks(plant: WatchedPlant) -> bool:
+        if plant.plate_degC > LIMIT_DEGC - BELOW_K or not phase_s:
+            return False
+        if holding and abs(plant.plate_degC - (wanted if with_model else _settled(plant))) > 1.5:
+            phase_s[0] = plant.time_s
+            return False
+        return plant.time_s - phase_s[0] > begin_s
+
+    phase_s: list[float] = []
+    folder = Path(tempfile.mkdtemp(prefix="watch-"))
+    (folder / "model.toml").write_text(
+        PLATE.format(
+            s=model_s * chance.uniform(0.97, 1.03),
+            r=rig_.resistance / rig_.capacity * chance.uniform(0.95, 1.05),
+            g=rig_.conductance / rig_.capacity * chance.uniform(0.9, 1.1),
+            a=room + chance.uniform(-2.0, 2.0),
+        )
+    )
+    path = folder / "config.toml"
+    path.write_text(
+        CONFIGURATION.format(limit_degC=LIMIT_DEGC, limit_A=rig_.limit_A, experiment=more, low=low, high=high)
+    )
+
+    def world(_: Any, start_s: float) -> WatchedPlant:
+        plants.append(WatchedPlant(rig_, seed, start_s, fault or None, breaks))
+        return plants[-1]
+
+    before = rig.bench.SimulatedPlant
+    note = _noting_phases(phase_s, lambda: plants[-1].time_s)
+    rig.bench.SimulatedPlant = world  # type: ignore[assignment,misc]
+    try:
+        verb = "run" if with_model or holding else "calibrate"
+        err = io.StringIO()
+        with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), note:
+            try:
+                status = main([verb, str(path), "--out", str(folder / "run")])
+            except SystemExit as ended:
+                status = int(ended.code or 0)
+    finally:
+        rig.bench.SimulatedPlant = before  # type: ignore[misc]
+    plant = plants[-1] if plants else None
+    cause = ""
+    document = folder / "run.part" / "run.json"
+    if document.is_file():
+        cause = json.loads(document.read_text())["stop"]["reason"]
+    shutil.rmtree(folder, ignore_errors=True)
+    broke = plant is not None and plant.broken_s is not None
+    return {
+        "case": case,
+        "status": status,
+        "cause": cause,
+        "broke": broke,
+        "rose_K": plant.hottest_degC - plant.broken_degC if plant is not None and broke else math.nan,
+        "hottest_degC": plant.hottest_degC if plant is not None and broke else math.nan,
+        "after_s": plant.time_s - plant.broken_s if plant is not None and plant.broken_s is not None else math.nan,
+        "departed_K": plant.departed_K if plant is not None else math.nan,
+        "text": err.getvalue()[-300:],
+    }
+
+
+def _settled(plant: WatchedPlant) -> float:
+    """Where a plate is that no longer moves: its own temperature, half a minute old."""
+    while plant.history and plant.history[0][0] < plant.time_s - 30.0:
+        plant.history.popleft()
+    return plant.history[0][1] if plant.history and plant.time_s - plant.history[0][0] > 29.0 else math.inf
+
+
+@contextlib.contextmanager
+def _noting_phases(phase_s: list[float], now: Any) -> Any:
+    """When the first phase after the polarity pulse begins."""
+    from rig.loop import Loop
+
+    whole = Loop._phase
+
+    def noting(self: Loop, name: str, *rest: Any) -> None:
+        if name not in ("polarity",) and not phase_s:
+            phase_s.append(now())
+        whole(self, name, *rest)
+
+    Loop._phase = noting  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        Loop._phase = whole  # type: ignore[method-assign]
+
+
+def _rate(rig_: Any, degC: float, current: float) -> float:
+    joule = 0.5 * rig_.resistance * current**2
+    return float(rig_.seebeck * current * (degC + 273.15) + joule - rig_.conductance * (degC - rig_.ambient_degC + 5.0))
+
+
+def _holding_A(rig_: Any, degC: float) -> float:
+    """About the current that keeps a temperature."""
+    low, high = 0.0, rig_.limit_A
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _rate(rig_, degC, middle) < 0.0 else (low, middle)
+    return high
+
+
+def _hottest_degC(rig_: Any) -> float:
+    degC = 30.0
+    while degC < 95.0 and _rate(rig_, degC, 0.85 * rig_.limit_A) > 0.2 * rig_.limit_A * 0.03 * 330 / rig_.capacity:
+        degC += 1.0
+    return degC
+
+
+def counted(result: dict[str, Any]) -> bool:
+    """Whether there was anything to be caught."""
+    if not result["broke"]:
+        return False
+    return result["status"] != 0 or not math.isfinite(result["departed_K"]) or result["departed_K"] > DEPARTED_K
+
+
+def caught(result: dict[str, Any]) -> bool:
+    return (
+        result["status"] == 10
+        and result["rose_K"] <= BY_K
+        and result["hottest_degC"] <= LIMIT_DEGC + ABOVE_LIMIT_K
+    )
+
+
+def faults(seeds: int, workers: int) -> bool:
+    """The table of faults; whether all were caught."""
+    cases = [
+        (fault, model, holding, seed)
+        for fault, model, holding in itertools.product(FAULTS, (True, False), (False, True))
+        for seed in range(seeds)
+        if model or fault != "drifts by -0.5 K/s"
+    ]
+    with ProcessPoolExecutor(workers) as pool:
+        found = list(pool.map(broken_run, cases, chunksize=4))
+    print(f"{'fault':22s} {'model':6s} {'':8s} caught of counted   most above   latest   causes")
+    good = True
+    for (fault, model, holding), group in itertools.groupby(found, key=lambda r: r["case"][:3]):
+        results = list(group)
+        some = [r for r in results if counted(r)]
+        ok = [r for r in some if caught(r)]
+        good &= len(ok) == len(some)
+        rose = max((r["rose_K"] for r in some), default=math.nan)
+        late = max((r["after_s"] for r in some), default=math.nan)
+        causes = Counter(r["cause"] or f"exit {r['status']}" for r in some)
+        words = f"{fault:22s} {'with' if model else 'none':6s} {'holding' if holding else 'heating':8s}"
+        print(f"{words} {len(ok):3d} of {len(some):3d} ({len(results)} run)  {rose:7.1f} K {late:7.1f} s   {dict(causes)}")
+        for r in some:
+            if not caught(r):
+                print(f"      missed: {r['case']} rose {r['rose_K']:.1f} K to {r['hottest_degC']:.1f} degC, {r['text'][-160:]!r}")
+    return good
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20, help="rigs for each fault")
+    parser.add_argument("--quiet-cases", type=int, default=200)
+    parser.add_argument("--only", choices=("faults", "quiet"))
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    good = True
+    if options.only != "quiet":
+        good &= faults(options.seeds, options.workers)
+    if options.only != "faults":
+        from benchmarks._quiet_runs import quiet
+
+        good &= quiet(options.quiet_cases, options.workers)
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""Whether the temperature agrees that the output is off.
+
+A controller may say "off, 0 A" while a current flows. So the temperature is looked at for some time more, and held
+against two courses, from where plate and thermometer were: without a current, and with the last one still flowing.
+Where the two have parted, the reading is on one side or on the other.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rig.clock import Clock
+from rig.drivers.controller import TemperatureController
+from rig.errors import InstrumentError
+from rig.safety.plate_watch import PlateWatch
+
+LOOK_S, EVERY_S = 8.0, 0.25
+APART_K, STEPS = 1.0, 3.0  # that the courses have to be, before the reading can choose
+OFF_SHARE, ON_SHARE, THRICE = 0.4, 0.6, 3  # of the way from one course to the other; so many readings alike
+
+
+class AfterOff:
+    """Readings (degC) after the output went off. current_A: the last one that was sent; off_s: when it went off.
+
+    agrees: None until the reading has chosen; text: what it says against "off".
+    """
+
+    def __init__(self, watch: PlateWatch, current_A: float, off_s: float) -> None:
+        self.agrees: bool | None = None
+        self.text = ""
+        self._step_K, self._current_A, self._off_s = watch.step_K, current_A, off_s
+        self._off, self._on = watch.copy(), watch.copy()
+        self._against = 0
+
+    def take(self, now_s: float, temperature_degC: float) -> None:
+        """A reading; nan: none."""
+        if self.agrees is not None:
+            return
+        without_degC, with_degC = self._off.run_on(now_s, 0.0), self._on.run_on(now_s, self._current_A)
+        apart_K = with_degC - without_degC
+        if math.isnan(temperature_degC) or abs(apart_K) < APART_K + STEPS * self._step_K:
+            return
+        share = (temperature_degC - without_degC) / apart_K
+        self._against = self._against + 1 if share > ON_SHARE else 0
+        if share < OFF_SHARE:
+            self.agrees = True
+        elif self._against >= THRICE:
+            self.agrees = False
+            self.text = (
+                f"{now_s - self._off_s:.1f} s after the controller confirmed that its output is off the thermometer "
+                f"shows {temperature_degC:.2f} degC, where the plate would be at {without_degC:.2f} degC without a "
+                f"current and at {with_degC:.2f} degC with the last one ({self._current_A:+.3g} A)"
+            )
+
+
+def after_off(watch: PlateWatch, current_A: float, off_s: float, within_s: float = LOOK_S) -> AfterOff | None:
+    """The look after an output went off; None where no reading could choose within that time."""
+    return AfterOff(watch, current_A, off_s) if watch.tells_within(within_s, current_A, APART_K) else None
+
+
+def contradiction(watch: PlateWatch, current_A: float, controller: TemperatureController, clock: Clock) -> str | None:
+    """What the temperature says against "off", in words; None where it agrees, or cannot tell within `LOOK_S`."""
+    begin_s = clock.now_s()
+    look = after_off(watch, current_A, begin_s)
+    while look is not None and look.agrees is None and clock.now_s() - begin_s < LOOK_S:
+        clock.sleep_until_s(clock.now_s() + EVERY_S)
+        try:
+            reading = controller.read_temperature()
+        except InstrumentError:
+            continue
+        look.take(clock.now_s(), reading.value if reading.is_number else math.nan)
+    return look.text or None if look is not None else None
