@@ -31,8 +31,10 @@ METERS = {
 }
 
 # what a driver of the user's own has to have
+OPTIONAL = {"transport", "confirms_off_by", "dead_man_s", "clear_error"}
 CONTROLLER_MEMBERS = {name for name in vars(TemperatureController) if not name.startswith("_")}
-CONTROLLER_MEMBERS |= {name for name in TemperatureController.__annotations__ if name != "transport"}
+CONTROLLER_MEMBERS |= set(TemperatureController.__annotations__)
+CONTROLLER_MEMBERS -= OPTIONAL
 METER_MEMBERS = {name for name in vars(Meter) if not name.startswith("_")} | {"LINE"}
 
 
