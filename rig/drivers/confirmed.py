@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 
 from rig.clock import Clock
@@ -38,10 +39,8 @@ def confirmed_off(
                 if command_and_look():
                     return True
             except Exception as error:  # whatever it was, the next attempt matters more
-                try:
+                with contextlib.suppress(Exception):  # a port that is gone stays gone: the next attempt tells
                     recover(error)
-                except Exception:  # a port that is gone stays gone: the next attempt tells
-                    pass
             if clock.now_s() + LOOK_S >= begin_s + until_s:
                 break
             clock.sleep_until_s(clock.now_s() + LOOK_S)

@@ -87,6 +87,11 @@ def driver_class(drivers: dict[str, tuple[str, str]], role: str, name: str) -> A
     return getattr(import_module(f"rig.drivers.{module}"), kind)
 
 
+def controller_class(name: str) -> Any:
+    """The class of a controller's driver. ValueError where there is none."""
+    return driver_class(CONTROLLERS, "controller", name)
+
+
 def _own_class(role: str, name: str) -> Any:
     file, _, kind = name.rpartition(":")
     path = Path(file)

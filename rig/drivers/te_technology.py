@@ -277,7 +277,9 @@ class TeTechnologyController(SetpointOnly):
             return Status(text, False, on == 1)
         troubles = [name for name in names if code & 1 << ALARMS.index(name)]
         what_to_do = [REMEDIES[name] for name in troubles if name in REMEDIES]
-        clears = "`peltier check CONFIG --clear` resets what latched" if self._model.reset_latches else "switch it off and on"
+        clears = "`peltier check CONFIG --clear` resets what latched"
+        if not self._model.reset_latches:
+            clears = "what latched is cleared by switching its supply off and on"
         meaning = f"alarm: {', '.join(troubles)}"
         return Status(text, True, on == 1, code, meaning, "; ".join([*what_to_do, clears]))
 

@@ -130,6 +130,6 @@ def test_simulated_ports_need_no_guard(tmp_path: Path) -> None:
 
 
 def test_what_stood_in_the_way_is_told() -> None:
-    confirmed, problem = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
-    assert not confirmed
-    assert "/dev/ttyNOPE7" in problem
+    verdict = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
+    assert not verdict.confirmed
+    assert "/dev/ttyNOPE7" in verdict.text
