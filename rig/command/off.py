@@ -101,8 +101,8 @@ def _switched_off(held: Held, target: str | None) -> int:
         if verdict.confirmed and not doubted:
             report(target, {"off": True, "confirmed": True, "took_s": took_s})
             how = f": {verdict.text}" if verdict.text else ""
-            text = f"{held.port}: {off_confirmed(controller)} in {1e3 * took_s:.0f} ms{how}"
-            print(text, file=teller(target), flush=True)
+            text = off_confirmed(controller, f" in {1e3 * took_s:.0f} ms")
+            print(f"{held.port}: {text}{how}", file=teller(target), flush=True)
             return 0
         problem = f"{held.port}: {verdict.text}"
         if verdict.confirmed:

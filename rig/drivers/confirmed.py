@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from rig.clock import Clock
 
-OFF_S = 0.65  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
+OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
 STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
 STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
 LOOK_S = 0.02  # between two looks at a status
@@ -35,13 +35,15 @@ def confirmed_off(
     begin_s = clock.now_s()
     for command_and_look, until_s in ways:
         while True:
+            trial_s = clock.now_s()
             try:
                 if command_and_look():
                     return True
             except Exception as error:  # whatever it was, the next attempt matters more
                 with contextlib.suppress(Exception):  # a port that is gone stays gone: the next attempt tells
                     recover(error)
-            if clock.now_s() + LOOK_S >= begin_s + until_s:
+            now_s = clock.now_s()
+            if now_s + max(LOOK_S, 0.5 * (now_s - trial_s)) >= begin_s + until_s:  # no room for another like it
                 break
             clock.sleep_until_s(clock.now_s() + LOOK_S)
     return False

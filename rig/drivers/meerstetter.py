@@ -28,7 +28,7 @@ STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootlo
 READY, RUNNING, IN_ERROR = 1, 2, 3
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
-ZERO_S = 0.45  # until when 0 A is tried, before the emergency stop: a late answer (0.4 s) is no disobedience
+ZERO_S = 0.52  # until when 0 A is tried, before the emergency stop: a late answer (0.4 s) is no disobedience
 RESET_S = 0.25  # from the acknowledgement of a reset (200 ms) until it is worth asking again
 RESTARTED_S = 5.0  # until a device that was reset answers
 COOL_DEGC = 50.0  # a device below that is not too hot, whatever error it shows
@@ -208,9 +208,12 @@ class MeerstetterController:
         return self._off_and_zero()
 
     def _reads_off(self) -> bool:
+        """Told to be off and not running; or in an error, such as that of an emergency stop. And no current flows."""
+        told = self.link.read_int(2010, trials=1) == 0
+        state = self.link.read_int(104, trials=1)
         return (
-            self.link.read_int(2010, trials=1) == 0
-            and self.link.read_int(104, trials=1) != RUNNING
+            state != RUNNING
+            and (told or state == IN_ERROR)
             and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
         )
 

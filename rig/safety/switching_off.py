@@ -46,9 +46,9 @@ def confirmed_by(controller: Any) -> str:
     return str(getattr(controller, "confirms_off_by", "what its driver reads back"))
 
 
-def off_confirmed(controller: Any) -> str:
-    """The sentence that says so, of a controller or a driver class."""
-    return f"output off, confirmed by the controller ({confirmed_by(controller)})"
+def off_confirmed(controller: Any, when: str = "") -> str:
+    """The sentence that says so, of a controller or a driver class. when: after how long, in words."""
+    return f"output off, confirmed by the controller{when} ({confirmed_by(controller)})"
 
 
 def switch_off(
