@@ -15,7 +15,7 @@ import signal
 import sys
 import time
 
-from rig.guard.takeover import Held, opened, prepare
+from rig.guard.takeover import Held, driver_of, opened
 from rig.ports.open import STILL_TRYING, is_still_trying
 from rig.safety.signals import CAUGHT
 from rig.safety.switching_off import MARGIN_S
@@ -67,8 +67,9 @@ def _detach() -> None:
 
 
 def _try_until(held: Held, until_s: float) -> None:
-    prepare(held)
-    pause_s = max(BETWEEN_TRIALS_S, held.dead_man_s + MARGIN_S)
+    pause_s = BETWEEN_TRIALS_S
+    if driver_of(held).has_dead_man:
+        pause_s = max(pause_s, held.dead_man_s + MARGIN_S)
     controller = None
     while time.monotonic() < until_s:
         try:
