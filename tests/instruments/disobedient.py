@@ -31,7 +31,7 @@ class Disobedient:
         self.instrument, self.fault = instrument, fault
         self._late_s = late_s
         self.wrong = False
-        self._heal: list[Callable[[], None]] = []
+        self._heal: list[Callable[[], object]] = []
 
     def begin(self) -> None:
         """From now on it does not obey."""
@@ -137,9 +137,6 @@ class Disobedient:
 
     def _measure(self, parameter: int, value: Callable[[], float]) -> None:
         emulator = self.instrument
-        before = emulator._measured.get(parameter)
+        before = dict(emulator._measured)
         emulator._measured[parameter] = value
-        emulator._reads.clear()
-        self._heal.append(
-            lambda: emulator._measured.pop(parameter) if before is None else emulator._measured.update({parameter: before})
-        )
+        self._heal.append(lambda: (emulator._measured.clear(), emulator._measured.update(before)))

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from itertools import pairwise
 from typing import Any
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "instruments"))
-
-from disobedient import Disobedient
-from still_plant import StillPlant
 
 from rig.clock import VirtualClock
 from rig.drivers.registry import open_controller
 from rig.ports import registry
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, look_after_silence, off_confirmed, switch_off
 from sim.instruments.registry import emulated_controller
+from tests.instruments.disobedient import Disobedient
+from tests.instruments.still_plant import StillPlant
 
 DEAD_MAN_S = 3.0
 OFF_S = 0.75  # as long as `off` may take against a device that does not answer, about
@@ -73,7 +69,7 @@ def test_a_confirmation_by_its_dead_man_is_told_as_that(armed: Bench) -> None:
 
 
 def test_the_emergency_stop_counts_where_it_is_obeyed(armed: Bench) -> None:
-    controller, wrapped, plant, clock = armed("meerstetter", "deaf")
+    controller, _, plant, clock = armed("meerstetter", "deaf")
     begin_s = clock.now_s()
     assert controller.off()
     assert clock.now_s() - begin_s < OFF_S
@@ -123,7 +119,7 @@ def test_what_is_sent_in_the_silence(armed: Bench) -> None:
     assert max(talk) < OFF_S
     assert min(looks) > max(talk) + DEAD_MAN_S
     assert all(b"?VR" in data for time_s, data in sent if time_s - begin_s > OFF_S)
-    assert max(b - a for a, b in zip(ticks, ticks[1:], strict=False)) < 1.0  # the guard hears that somebody is there
+    assert max(b - a for a, b in pairwise(ticks)) < 1.0  # the guard hears that somebody is there
 
 
 def test_the_plain_off_is_the_first_thing_said(armed: Bench) -> None:
@@ -153,7 +149,7 @@ def test_what_confirmed_rests_on_is_said() -> None:
 
 
 def test_a_status_that_comes_a_step_later_is_waited_for(armed: Bench) -> None:
-    controller, wrapped, plant, _ = armed("meerstetter", "late status")
+    controller, _, plant, _ = armed("meerstetter", "late status")
     assert controller.off()
     assert not controller.status().is_error  # no emergency stop was needed
     controller.arm_current()
