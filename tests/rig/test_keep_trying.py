@@ -1,4 +1,4 @@
-"""A controller without a dead man that is deaf to "off": told at once, and tried on by a process that holds the port."""
+"""A controller without a dead man, deaf to "off": told at once, and tried on by a process that holds the port."""
 
 from __future__ import annotations
 
