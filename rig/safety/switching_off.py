@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from rig.drivers.controller import TemperatureController
+from rig.errors import Disconnected
 
 MARGIN_S: Final = 0.3  # beyond the dead man's time: its clock is not ours, and it acts at its next control step
 STEP_S: Final = 0.5  # of the silence, so that who waits for a sign of life has one
@@ -80,12 +81,21 @@ def look_after_silence(
         with contextlib.suppress(Exception):  # whoever does not hear it has no say in this
             alive()
     try:
-        looks_off, what = _look(controller)
+        looks_off, what = _look_where_it_is(controller)
     except Exception as error:
         looks_off, what = False, str(error)
     if looks_off:
         return Verdict(True, BY_ITS_DEAD_MAN, said_s)
     return Verdict(False, f"{NOT_CONFIRMED}, nor after {dead_man_s:g} s of silence for its dead man: {what}", said_s)
+
+
+def _look_where_it_is(controller: TemperatureController) -> tuple[bool, str]:
+    """As `_look`; a port that was gone may be back."""
+    try:
+        return _look(controller)
+    except Disconnected:
+        controller.transport.reopen()
+        return _look(controller)
 
 
 def _look(controller: TemperatureController) -> tuple[bool, str]:

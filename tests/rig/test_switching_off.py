@@ -155,3 +155,14 @@ def test_a_status_that_comes_a_step_later_is_waited_for(armed: Bench) -> None:
     controller.arm_current()
     controller.set_current_A(1.0)
     assert plant.current_A == 1.0
+
+
+def test_an_adapter_that_comes_back_in_the_silence(armed: Bench) -> None:
+    """Unplugged, the dead man acts, and the look finds the port again."""
+    controller, wrapped, plant, clock = armed("meerstetter", "deaf to all")
+    registry.unregister("disobedient")
+    verdict = switch_off(
+        controller, alive=lambda: registry.look_up("disobedient") or registry.register("disobedient", wrapped, clock)
+    )
+    assert verdict.confirmed
+    assert plant.current_A == 0.0
