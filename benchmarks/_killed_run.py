@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,13 +99,17 @@ def memory_kB(pid: int) -> tuple[int, int]:
 
 
 class KilledRuns:
-    """The instruments of a driver on pseudo-terminals; context. Each `kill` is a run of its own."""
+    """The instruments of a driver on pseudo-terminals; context. Each `kill` is a run of its own.
 
-    def __init__(self, folder: Path, driver: str) -> None:
+    wrapped: makes another controller of the emulated one, such as one that does not obey.
+    """
+
+    def __init__(self, folder: Path, driver: str, wrapped: Callable[[Any], Any] | None = None) -> None:
         self._folder, self._driver = folder, driver
         self._write("/dev/null", "/dev/null")
         instruments = {role: i for role, _, i in emulated_instruments(read_configuration(self.path), 0.0)}
-        self.witness = Witness(instruments["controller"], driver)
+        controller = instruments["controller"] if wrapped is None else wrapped(instruments["controller"])
+        self.witness = Witness(controller, driver)
         instruments["controller"] = self.witness
         self.terminals = PseudoTerminals(instruments)
         self.guard_kB = (0, 0)

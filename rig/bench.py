@@ -18,6 +18,7 @@ from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTab
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
+from rig.safety.switching_off import off_confirmed, switch_off
 from rig.serial_numbers import strangers
 from rig.simulation import simulated_world
 from sim.instruments.instrument import Instrument
@@ -25,7 +26,6 @@ from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, e
 from sim.plant import SimulatedPlant
 
 T = TypeVar("T")
-OFF_CONFIRMED = "output off, confirmed by the controller"
 _numbers = itertools.count(1)
 
 
@@ -85,25 +85,34 @@ def open_bench(
 def _output_off(controller: TemperatureController, port: str, guard: Guard) -> Iterator[None]:
     """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
 
-    The guard stops answering for the output only where it is. Raises NotConfirmedOff, which outranks all others.
+    The guard stops answering for the output only where it is off, or where everything has been tried and that is told.
+    Raises NotConfirmedOff, which outranks all others; after it nothing is sent any more, which would only feed the
+    controller's dead man.
     """
-    text = f"{port}: the controller did not confirm that its output is off"
-    if not controller.off():
-        raise NotConfirmedOff(text)
+    _see_it_off(controller, port, guard, None)
     try:
         yield
     except NotConfirmedOff:
-        controller.off()
+        guard.given_up()
         raise
     except BaseException as error:
-        if not controller.off():
-            raise NotConfirmedOff(f"{text} (after: {error})") from error
+        _see_it_off(controller, port, guard, error)
         guard.let_go()
-        error.add_note(OFF_CONFIRMED)
+        error.add_note(off_confirmed(controller))
         raise
-    if not controller.off():
-        raise NotConfirmedOff(text)
+    _see_it_off(controller, port, guard, None)
     guard.let_go()
+
+
+def _see_it_off(controller: TemperatureController, port: str, guard: Guard, error: BaseException | None) -> None:
+    """Switch off. Raises NotConfirmedOff."""
+    verdict = switch_off(controller, alive=guard.alive)
+    if not verdict.confirmed:
+        guard.given_up()
+        reason = f" (after: {error})" if error is not None else ""
+        raise NotConfirmedOff(f"{port}: {verdict.text}{reason}") from error
+    if verdict.text and error is not None:
+        error.add_note(verdict.text)
 
 
 def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:
@@ -125,7 +134,8 @@ def _opened(
     options: dict[str, Any] = dict(table.options)
     if table.baud is not None:
         options["baud"] = table.baud
-    guard.holds(role, table.driver, port, options)
+    dead_man_s = getattr(table, "dead_man_s", 0.0)  # a meter has none
+    guard.holds(role, table.driver, port, options, dead_man_s)
     try:
         return opener(table.driver, port, clock, **options)
     except ValueError as error:

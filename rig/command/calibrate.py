@@ -7,12 +7,13 @@ from pathlib import Path
 
 from rig.daemon.handover import handed_over
 from rig.guard.line import Guard
-from rig.guard.needed import guarded_where_needed
+from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and calibration (TOML)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_calibration_ID")
+    add_unguarded_argument(parser)
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
@@ -31,9 +32,12 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
 
     voice = Voice(options.json)
     file = read_configuration(options.config)
+    require_who_switches_off(file, guard, options.unguarded)
     from rig.bench import open_bench
+    from rig.drivers.registry import controller_class
     from rig.experiment.session import Session, calibrate, calibration_summary
     from rig.safety.signals import SignalStop
+    from rig.safety.switching_off import off_confirmed
 
     path = options.out if options.out is not None else default_folder("calibration")
     with (
@@ -43,7 +47,7 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         open_bench(file, guard) as bench,
     ):
         result = calibrate(Session(bench, file, signals, voice.say, progress), path)
-    voice.say("output off, confirmed by the controller")
+    voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
     voice.say(f"model: {result.model_path}")
     voice.say(f"report: {path / 'report.html'}")
     voice.report(calibration_summary(result))

@@ -3,12 +3,16 @@
 The output is commanded off first and last; no current flows. Limits and dead man are set and read back; the middle of
 several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
 configured.
+
+An error that the controller reports is told with what it means and what clears it. On a terminal you are asked whether
+to clear it; --clear does so without asking.
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +24,12 @@ if TYPE_CHECKING:
     from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
+MOST_RANGES = 8  # of a meter
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)
+    parser.add_argument("--clear", action="store_true", help="clear an error that the controller reports")
     add_json_argument(parser)
 
 
@@ -34,6 +40,7 @@ def main(options: argparse.Namespace) -> int:
     file = read_configuration(options.config)
     from rig.bench import open_bench
     from rig.safety.signals import SignalStop
+    from rig.safety.switching_off import off_confirmed
 
     with SignalStop(), open_bench(file, whatever_serial_number=True) as bench:
         faults = _identities(file, bench, voice)
@@ -41,13 +48,14 @@ def main(options: argparse.Namespace) -> int:
             "format": "peltier-check/1",
             "instruments": {role: str(identity) for role, identity in bench.identities.items()},
             "temperature_degC": _temperature(bench, voice, faults),
+            "status": _status(bench, voice, faults, options.clear),
             **_limits(file, bench, voice, faults),
             **_film(bench, voice, faults),
             **_stop(bench, voice),
         }
     for line in faults:
         voice.say(f"NOT AS CONFIGURED: {line}")
-    voice.say("output off, confirmed by the controller")
+    voice.say(off_confirmed(bench.controller))
     voice.report({**result, "faults": faults})
     return 1 if faults else 0
 
@@ -64,13 +72,37 @@ def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str
 def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:
     temperature = bench.controller.read_temperature()
     voice.say(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
-    status = bench.controller.status()
-    voice.say(f"status: {status.text}")
     if not temperature.is_number:
         faults.append(f"the thermometer's reading is {temperature.quality}")
+    return temperature.value
+
+
+def _status(bench: Bench, voice: Voice, faults: list[str], clear: bool) -> dict[str, Any]:
+    """What the controller says of itself; an error is cleared where the user wants that."""
+    from rig.errors import InstrumentError
+
+    status = bench.controller.status()
+    voice.say(f"status: {status.text}")
+    if status.is_error and status.remedy:
+        voice.say(f"what to do: {status.remedy}")
+    if status.is_error and (clear or _wanted()):
+        try:
+            bench.controller.clear_error()
+            status = bench.controller.status()
+            voice.say(f"cleared; status: {status.text}")
+        except InstrumentError as error:
+            voice.say(f"not cleared: {error}")
     if status.is_error:
         faults.append(f"the controller reports: {status.text}")
-    return temperature.value
+    return {"text": status.text, "is_error": status.is_error, "code": status.code, "remedy": status.remedy}
+
+
+def _wanted() -> bool:
+    """Ask on a terminal; elsewhere nobody is there to be asked."""
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return False
+    print("Clear the error? [y/N] ", end="", file=sys.stderr, flush=True)
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
@@ -95,12 +127,13 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
 
 
 def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    from rig.drivers.meter import column_of
-    from rig.reading import Quality
+    from rig.drivers.meter import column_of, reading_in_words
 
     if bench.meter is None:
         return {"resistance_ohm": None}
-    bench.meter.read()  # the first one settles the range
+    for _ in range(MOST_RANGES):  # until it has found its range, or that none is high enough
+        if bench.meter.read().is_number:
+            break
     reading = bench.meter.read()
     column = column_of(bench.meter.output)
     name, _, unit = column.partition("_")
@@ -108,8 +141,8 @@ def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
         f"{name}: {reading.value:.6g} {unit} ({reading.quality}), range {bench.meter.full_scale:g}, "
         f"test current {bench.meter.test_current_A:g} A"
     )
-    if not (reading.is_number or reading.quality is Quality.OVERRANGE):
-        faults.append(f"the meter's reading is {reading.quality}")
+    if wrong := reading_in_words(reading, bench.meter):
+        faults.append(wrong)
     return {
         column: reading.value if reading.is_number else None,
         "quality": str(reading.quality),

@@ -2,6 +2,7 @@
 
 Where a daemon runs it is told to stop (of CONFIG's ports, or every one). Where none does, the controller that CONFIG
 names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process holds the port.
+A process that still tries to switch the output off, after that was not confirmed, is ended, and this one tries instead.
 """
 
 from __future__ import annotations
@@ -10,13 +11,19 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rig.command.stop import NOT_CONFIRMED, stopped
 from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
 from rig.faults import fault
 
-PATIENCE_S = 5.0
+if TYPE_CHECKING:
+    from rig.drivers.controller import TemperatureController
+    from rig.guard.takeover import Held
+
+PATIENCE_S = 5.0  # for a port that cannot be opened
+DEAD_MAN_S = 5.0  # where the configuration does not say (rig.files.configuration)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,22 +37,24 @@ def main(options: argparse.Namespace) -> int:
         if not clients:
             raise fault("peltier off", "", f"{NONE_RUNS}; expected CONFIG, to switch its controller off")
         return max(stopped(client, "peltier off", options.json) for client in clients)
-    driver, port, driver_options = _controller(options.config)
-    holders = [client for client in clients if _holds(client, port)]
+    held = _controller(options.config)
+    holders = [client for client in clients if _holds(client, held.port)]
     for client in clients:
         if client not in holders:
             client.close()
     if holders:
         return max(stopped(client, "peltier off", options.json) for client in holders)
-    if port.startswith("sim://"):
-        print(f"{port}: simulated, and no daemon holds it: nothing is on", file=teller(options.json))
+    if held.port.startswith("sim://"):
+        print(f"{held.port}: simulated, and no daemon holds it: nothing is on", file=teller(options.json))
         return 0
-    return _switched_off(driver, port, driver_options, options.json)
+    return _switched_off(held, options.json)
 
 
-def _controller(path: Path) -> tuple[str, str, dict[str, object]]:
-    """Driver, port and options, without the schema, which takes longer to load than the rest."""
+def _controller(path: Path) -> Held:
+    """What opens the controller, without the schema, which takes longer to load than the rest."""
     import tomllib
+
+    from rig.guard.takeover import Held
 
     try:
         with path.open("rb") as file:
@@ -62,7 +71,8 @@ def _controller(path: Path) -> tuple[str, str, dict[str, object]]:
     more = dict(table.get("options", {}))
     if "baud" in table:
         more["baud"] = table["baud"]
-    return driver, port, more
+    dead_man_s = table.get("dead_man_s", DEAD_MAN_S)
+    return Held("controller", driver, port, more, float(dead_man_s) if isinstance(dead_man_s, int | float) else 0.0)
 
 
 def _holds(client: Client, port: str) -> bool:
@@ -73,38 +83,62 @@ def _holds(client: Client, port: str) -> bool:
     return any(port == held or os.path.realpath(port) == os.path.realpath(held) for held in ports)
 
 
-def _switched_off(driver: str, port: str, options: dict[str, object], target: str | None) -> int:
+def _switched_off(held: Held, target: str | None) -> int:
     """Open the port and command the output off. Raises Faults, PortHeld."""
+    import time
+
+    from rig.guard.keep_trying import keep_trying
+    from rig.safety.switching_off import off_confirmed, switch_off
+
+    begin = time.monotonic()
+    controller, problem, doubted = _opened(held)
+    if controller is not None:
+        try:
+            verdict = switch_off(controller, held.dead_man_s)
+        finally:
+            controller.close()
+        took_s = time.monotonic() - begin
+        if verdict.confirmed and not doubted:
+            report(target, {"off": True, "confirmed": True, "took_s": took_s})
+            how = f": {verdict.text}" if verdict.text else ""
+            text = off_confirmed(controller, f" in {1e3 * took_s:.0f} ms")
+            print(f"{held.port}: {text}{how}", file=teller(target), flush=True)
+            return 0
+        problem = f"{held.port}: {verdict.text}"
+        if verdict.confirmed:
+            problem = f"{held.port}: the controller says now that its output is off, but before it did not confirm that"
+    report(target, {"off": False, "confirmed": False, "took_s": time.monotonic() - begin})
+    print(f"peltier off: OUTPUT NOT CONFIRMED OFF: {problem}. Switch the controller off by hand.", file=sys.stderr)
+    if controller is not None and not verdict.confirmed:
+        keep_trying(held)
+    return NOT_CONFIRMED
+
+
+def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
+    """The controller on its port, or None and what stood in the way; and whether another process had to give up on it.
+
+    Raises Faults, PortHeld.
+    """
     import time
 
     from rig.clock import RealClock
     from rig.drivers.registry import CONTROLLERS, open_controller
     from rig.errors import PortHeld, RigError
+    from rig.guard.keep_trying import ended
 
-    if driver not in CONTROLLERS:
-        raise fault("bench.controller.driver", repr(driver), f"expected one of {', '.join(CONTROLLERS)}")
-    begin, problem = time.monotonic(), ""
+    if held.driver not in CONTROLLERS:
+        raise fault("bench.controller.driver", repr(held.driver), f"expected one of {', '.join(CONTROLLERS)}")
+    begin, problem, doubted = time.monotonic(), "", False
     while time.monotonic() - begin < PATIENCE_S:
         try:
-            controller = open_controller(driver, port, RealClock(), **options)
-        except PortHeld:
-            raise
+            return open_controller(held.driver, held.port, RealClock(), **held.options), "", doubted
+        except PortHeld as error:
+            if not (ended(error.pid) or doubted):
+                raise
+            doubted, problem = True, str(error)
         except ValueError as error:
             raise fault("bench.controller.options", "", str(error)) from None
         except RigError as error:
             problem = str(error)
-        else:
-            try:
-                if controller.off():
-                    took_s = time.monotonic() - begin
-                    report(target, {"off": True, "confirmed": True, "took_s": took_s})
-                    text = f"{port}: output off, confirmed by the controller in {1e3 * took_s:.0f} ms"
-                    print(text, file=teller(target), flush=True)
-                    return 0
-                problem = f"{port}: the controller does not confirm it"
-            finally:
-                controller.close()
-        time.sleep(0.05)
-    report(target, {"off": False, "confirmed": False, "took_s": time.monotonic() - begin})
-    print(f"peltier off: OUTPUT NOT CONFIRMED OFF: {problem}. Switch the controller off by hand.", file=sys.stderr)
-    return NOT_CONFIRMED
+        time.sleep(0.02)
+    return None, problem, doubted

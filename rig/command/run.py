@@ -7,12 +7,13 @@ from pathlib import Path
 
 from rig.daemon.handover import handed_over
 from rig.guard.line import Guard
-from rig.guard.needed import guarded_where_needed
+from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and experiment (TOML)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_NAME_ID")
+    add_unguarded_argument(parser)
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
@@ -30,14 +31,17 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
 
     voice = Voice(options.json)
     file = read_configuration(options.config)
+    require_who_switches_off(file, guard, options.unguarded)
+    from rig.drivers.registry import controller_class
     from rig.experiment.session import run, summary
+    from rig.safety.switching_off import off_confirmed
 
     with voice.progress(file.content.virtual_time) as progress:
         result = run(file, options.out, voice.say, progress, guard)
     calibration = result.calibration
     if calibration is not None:
         voice.say(f"model: {calibration.model_path}")
-    voice.say("output off, confirmed by the controller")
+    voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
     voice.say(f"report: {result.folder / 'report.html'}")
     voice.report(summary(result))
     return 0

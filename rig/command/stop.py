@@ -46,6 +46,7 @@ def stopped(client: Client, by: str, target: str | None) -> int:
             file=sys.stderr,
         )
         return NOT_CONFIRMED
-    text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms; the queue is held"
-    print(text, file=teller(target), flush=True)
+    rests_on = f" ({answer['confirmed_by']})" if answer.get("confirmed_by") else ""
+    text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms{rests_on}"
+    print(f"{text}; the queue is held", file=teller(target), flush=True)
     return 0

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Sequence
+
+from rig.clock import Clock
+
+OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
+STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
+STARTED_S = 0.5  # the same when the output is switched on: until a status says "running"
+LOOK_S = 0.02  # between two looks at a status
 
 
 def confirmed(try_once: Callable[[int], bool], attempts: int, doubt: Callable[[], None]) -> bool:
@@ -14,3 +22,38 @@ def confirmed(try_once: Callable[[int], bool], attempts: int, doubt: Callable[[]
         except Exception:  # whatever it was, the next attempt matters more
             doubt()
     return False
+
+
+def confirmed_off(
+    clock: Clock, ways: Sequence[tuple[Callable[[], bool], float]], recover: Callable[[Exception], None]
+) -> bool:
+    """Whether the output is off by one of several ways, each stronger than the one before. Never raises.
+
+    ways: what commands off and looks whether it is, and until when that is repeated (s from now; once at least).
+    recover: called with whatever went wrong.
+    """
+    begin_s = clock.now_s()
+    for command_and_look, until_s in ways:
+        while True:
+            trial_s = clock.now_s()
+            try:
+                if command_and_look():
+                    return True
+            except Exception as error:  # whatever it was, the next attempt matters more
+                with contextlib.suppress(Exception):  # a port that is gone stays gone: the next attempt tells
+                    recover(error)
+            now_s = clock.now_s()
+            if now_s + max(LOOK_S, 0.5 * (now_s - trial_s)) >= begin_s + until_s:  # no room for another like it
+                break
+            clock.sleep_until_s(clock.now_s() + LOOK_S)
+    return False
+
+
+def waited_for(clock: Clock, true: Callable[[], bool], longest_s: float) -> bool:
+    """Whether it becomes true in time; asked at once, and every `LOOK_S`. Raises what `true` raises."""
+    until_s = clock.now_s() + longest_s
+    while not true():
+        if clock.now_s() >= until_s:
+            return False
+        clock.sleep_until_s(clock.now_s() + LOOK_S)
+    return True

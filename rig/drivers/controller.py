@@ -14,12 +14,18 @@ from rig.reading import Reading
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What a controller says about itself. code: its own number of the error, 0 where there is none."""
+    """What a controller says about itself.
+
+    code: its own number of the error, 0 where there is none. meaning: the error in words; remedy: what to do about it,
+    and what clears it; both empty where there is none.
+    """
 
     text: str
     is_error: bool
     output_is_on: bool
     code: int = 0
+    meaning: str = ""
+    remedy: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +61,21 @@ class TemperatureController(Protocol):
 
     commands_current: whether it can be told a current (otherwise setpoints only). has_dead_man: whether it
     turns its output off by itself when the host falls silent. has_ramp: whether its own regulation can be told a rate.
+    confirms_off_by: what a True of `off` rests on, in words. dead_man_s: what `configure` has set, 0 before that and
+    where there is none.
+
     All methods but `off` raise
     `rig.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
+    A driver of one's own may lack confirms_off_by, dead_man_s and clear_error.
     """
 
     LINE: ClassVar[LineSettings]
     commands_current: ClassVar[bool]
     has_dead_man: ClassVar[bool]
     has_ramp: ClassVar[bool]
+    confirms_off_by: ClassVar[str]
     transport: Transport
+    dead_man_s: float
 
     def identify(self) -> Identity:
         """Who it is; Refused where it is no instrument of this driver's family."""
@@ -100,8 +112,15 @@ class TemperatureController(Protocol):
     def status(self) -> Status:
         """What it says about itself."""
 
+    def clear_error(self) -> None:
+        """Clear what it reports, limits and dead man as configured; Refused where the error stays or it cannot."""
+
     def off(self) -> bool:
-        """Output off; True only if the instrument has read back that it is. Never raises."""
+        """Output off; True only if the instrument reads back that it is, and that no current flows where it can.
+
+        First a plain "off", at once; then everything stronger that it knows. Over within `OFF_S` of
+        `rig.drivers.confirmed`, or one time-out more, against a device that does not answer. Never raises.
+        """
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is. Never raises."""

@@ -10,9 +10,11 @@ frames cost time but never a value.
 
 from __future__ import annotations
 
+import contextlib
 import random
 import struct
 from binascii import crc_hqx, unhexlify
+from collections.abc import Iterator
 from math import isfinite
 
 from rig.errors import Corrupt, Refused, TimedOut
@@ -20,6 +22,7 @@ from rig.ports.transport import Transport
 
 TRIALS = 3
 TRIAL_S = 0.1  # beyond the time on the wire
+PATIENT_S = 0.6  # the same while nothing is controlled yet: an adapter may hand over half an answer 0.4 s late
 LONGEST_FRAME = 40
 MEANINGS = {
     1: "command unknown",
@@ -60,6 +63,25 @@ class MecomLink:
         self._byte_s = 10.0 / baudrate
         self._read_payloads: dict[int, bytes] = {}
         self.sent_s = 0.0
+
+    @contextlib.contextmanager
+    def patiently(self) -> Iterator[None]:
+        """Wait longer for each answer, inside this context: for a start, and never while something is controlled."""
+        before, self._trial_s = self._trial_s, self._trial_s + PATIENT_S - TRIAL_S
+        try:
+            yield
+        finally:
+            self._trial_s = before
+
+    def shout(self, payload: bytes) -> None:
+        """Send a command at once; nobody waits for its acknowledgement."""
+        self._sequence = (self._sequence + 1) & 0xFFFF
+        body = b"#%b%04X%b" % (self._address, self._sequence, payload)
+        self.transport.send(body + b"%04X\r" % crc_hqx(body, 0))
+
+    def shout_int(self, parameter: int, value: int) -> None:
+        """Set an INT32 parameter; nobody waits."""
+        self.shout(b"VS%04X%b%08X" % (parameter, self._instance, value & 0xFFFFFFFF))
 
     def query(self, payload: bytes, trials: int = TRIALS) -> bytes:
         """The data that answer `payload`. TimedOut, Corrupt (all trials garbled), Refused, Disconnected."""

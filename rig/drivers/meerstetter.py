@@ -14,31 +14,24 @@ import struct
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.confirmed import confirmed
+from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
-from rig.errors import Refused
+from rig.drivers.meerstetter_errors import TOO_HOT, WATCHDOG, meaning_of
+from rig.errors import Disconnected, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
-RUNNING, IN_ERROR = 2, 3
+READY, RUNNING, IN_ERROR = 1, 2, 3
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
-OFF_ATTEMPTS = 5
-DEVICE_ERRORS = {
-    11: "emergency stop",
-    30: "supply voltage too low",
-    31: "supply voltage too high",
-    60: "device too hot",
-    133: "object sensor out of range (open)",
-    134: "object sensor out of range (short)",
-    137: "object temperature below its error limit",
-    138: "object temperature above its error limit",
-    139: "object temperature changes too fast",
-}
+ZERO_S = 0.52  # until when 0 A is tried, before the emergency stop: a late answer (0.4 s) is no disobedience
+RESET_S = 0.25  # from the acknowledgement of a reset (200 ms) until it is worth asking again
+RESTARTED_S = 5.0  # until a device that was reset answers
+COOL_DEGC = 50.0  # a device below that is not too hot, whatever error it shows
 
 _float32 = struct.Struct(">f")
 
@@ -54,6 +47,7 @@ class MeerstetterController:
     commands_current: ClassVar[bool] = True
     has_dead_man: ClassVar[bool] = True
     has_ramp: ClassVar[bool] = True
+    confirms_off_by: ClassVar[str] = "its status, and the current that it measures"
 
     def __init__(
         self,
@@ -74,18 +68,18 @@ class MeerstetterController:
         )
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
+        self.dead_man_s = 0.0
         self._heating_sign = 1.0
         self._armed_source: int | None = None
 
     def identify(self) -> Identity:
         """Device type, serial number and firmware (100, 102, 103). Refused where it is no TEC controller."""
-        firmware_text = self.link.query(b"?IF").decode("latin-1").strip()
-        device_type = self.link.read_int(100)
+        with self.link.patiently():
+            firmware_text = self.link.query(b"?IF").decode("latin-1").strip()
+            device_type, number, firmware = (self.link.read_int(parameter) for parameter in (100, 102, 103))
         if not 1089 <= device_type <= 1161:
             raise Refused(None, f"device type {device_type} is no TEC controller of the 1089 to 1161 family")
-        number = self.link.read_int(102)
-        firmware = self.link.read_int(103) / 100.0
-        return Identity("Meerstetter", f"TEC-{device_type}", str(number), f"{firmware:.2f} ({firmware_text})")
+        return Identity("Meerstetter", f"TEC-{device_type}", str(number), f"{firmware / 100.0:.2f} ({firmware_text})")
 
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
@@ -99,16 +93,18 @@ class MeerstetterController:
         if not (dead_man_s == 0.0 or 0.1 <= dead_man_s <= 600.0):
             raise ValueError(f"dead man {dead_man_s} s: 0 (none) or 0.1 to 600 s is expected")
         self._armed_source = None
-        self._set_int(108, 1)
-        self._set_int(2010, 0)
-        self._set_int(50000, 0)
-        self._set_float(2030, current_limit_A)
-        self._set_float(4010, low_degC)
-        self._set_float(4011, high_degC)
-        self._set_float(2060, dead_man_s)
-        self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
+        with self.link.patiently():
+            self._set_int(108, 1)
+            self._set_int(2010, 0)
+            self._set_int(50000, 0)
+            self._set_float(2030, current_limit_A)
+            self._set_float(4010, low_degC)
+            self._set_float(4011, high_degC)
+            self._set_float(2060, dead_man_s)
+            self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
+        self.dead_man_s = dead_man_s
 
     def own_limits(self) -> OwnLimits:
         """2030, 4010, 4011, 2060 and 3003."""
@@ -122,7 +118,7 @@ class MeerstetterController:
 
     def arm_current(self) -> None:
         """Live source (2000 = 1) at 0 A with the voltage limit as its voltage, enabled by 50000."""
-        self._require_configured()
+        self._make_ready()
         self._set_float(50001, 0.0)
         self._set_float(50002, self.link.read_float(2031))
         self._enable(LIVE_SOURCE)
@@ -137,7 +133,7 @@ class MeerstetterController:
 
     def arm_setpoint(self) -> None:
         """The device's own regulation (2000 = 2), target (3000) at the object's temperature of now."""
-        self._require_configured()
+        self._make_ready()
         now = self.read_temperature()
         low_degC, high_degC = self.temperature_limits_degC
         if not (now.is_number and low_degC <= now.value <= high_degC):
@@ -171,23 +167,59 @@ class MeerstetterController:
         if state != IN_ERROR:
             return Status(STATES.get(state, f"state {state}"), state > IN_ERROR, state == RUNNING)
         code = self.link.read_int(105)
-        return Status(f"error {code}: {DEVICE_ERRORS.get(code, 'see the manual')}", True, False, code)
+        meaning, remedy = meaning_of(code)
+        return Status(f"error {code}: {meaning}", True, False, code, meaning, remedy)
+
+    def clear_error(self) -> None:
+        """Reset (RS), wait until it answers without an error, and configure it anew: a reset forgets the settings."""
+        self._armed_source = None
+        clock = self.transport.clock
+        with self.link.patiently():
+            self.link.command(b"RS")
+        clock.sleep_until_s(clock.now_s() + RESET_S)
+        if not waited_for(clock, self._is_ready, RESTARTED_S):
+            status = self.status()
+            raise Refused(status.code or None, f"a reset did not clear it: {status.text}")
+        if isfinite(self.current_limit_A):
+            self.configure(self.current_limit_A, self.temperature_limits_degC, self.dead_man_s)
 
     def off(self) -> bool:
-        """2010 = 0 and 50000 = 0; True if 2010, status and current say so. Never raises."""
-        self._armed_source = None
-        return confirmed(self._off_once, OFF_ATTEMPTS, lambda: None)
+        """2010 = 0 and 50000 = 0; then 0 A (50001, by the live source); then the emergency stop (ES). Never raises.
 
-    def _off_once(self, attempt: int) -> bool:
-        if attempt >= 2:
-            self.transport.reopen()
+        True if 2010, the status and the current say so.
+        """
+        self._armed_source = None
+        ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, ZERO_S), (self._emergency_stop, OFF_S))
+        return confirmed_off(self.transport.clock, ways, self._recover)
+
+    def _plainly_off(self) -> bool:
         self.link.write_int(2010, 0, trials=1)
         self.link.write_int(50000, 0, trials=1)
+        return self._reads_off()
+
+    def _off_and_zero(self) -> bool:
+        """Nobody waits for acknowledgements: it may hear, and its answers be lost."""
+        for parameter, value in ((2010, 0), (50000, 0), (50001, 0), (2000, LIVE_SOURCE)):  # 0 is 0.0 A as well
+            self.link.shout_int(parameter, value)
+        return self._reads_off()
+
+    def _emergency_stop(self) -> bool:
+        self.link.shout(b"ES")
+        return self._off_and_zero()
+
+    def _reads_off(self) -> bool:
+        """Told to be off and not running; or in an error, such as that of an emergency stop. And no current flows."""
+        told = self.link.read_int(2010, trials=1) == 0
+        state = self.link.read_int(104, trials=1)
         return (
-            self.link.read_int(2010, trials=1) == 0
-            and self.link.read_int(104, trials=1) != RUNNING
+            state != RUNNING
+            and (told or state == IN_ERROR)
             and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
         )
+
+    def _recover(self, error: Exception) -> None:
+        if isinstance(error, Disconnected):
+            self.transport.reopen()
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""
@@ -198,14 +230,39 @@ class MeerstetterController:
         self._set_int(2000, source)
         self._set_int(50000, 1)
         self._set_int(2010, 2)
-        status = self.status()
+        found: list[Status] = []
+
+        def runs_or_never_will() -> bool:
+            found[:] = [self.status()]
+            return found[0].is_error or found[0].output_is_on
+
+        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
+        status = found[0]
         if status.is_error or not status.output_is_on:
-            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+            remedy = f" ({status.remedy})" if status.remedy else ""
+            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
         self._armed_source = source
 
-    def _require_configured(self) -> None:
+    def _make_ready(self) -> None:
+        """Configured, and without the error that the device's own dead man leaves: this program fell silent itself."""
         if not isfinite(self.current_limit_A):
             raise Refused(None, "limits are not configured yet")
+        self._armed_source = None
+        status = self.status()
+        if status.is_error and self._is_the_dead_mans(status.code):
+            self.clear_error()
+
+    def _is_the_dead_mans(self, code: int) -> bool:
+        """183 says so. Some firmware shows 60, which means too hot as well: then the device's temperature decides."""
+        if code == WATCHDOG:
+            return True
+        return code == TOO_HOT and self.dead_man_s > 0.0 and self.link.read_float(1063) < COOL_DEGC
+
+    def _is_ready(self) -> bool:
+        try:
+            return self.link.read_int(104, trials=1) in (READY, RUNNING)
+        except InstrumentError:
+            return False
 
     def _set_int(self, parameter: int, value: int) -> None:
         self.link.write_int(parameter, value)

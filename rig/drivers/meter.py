@@ -82,11 +82,25 @@ def film_output(output: str, reading: Reading | None) -> float:
     return -log10(reading.value) if reading.value > 0.0 else nan
 
 
+def reading_in_words(reading: Reading, meter: Meter) -> str:
+    """What is wrong with a meter's reading, for people; empty where it is a number.
+
+    What is beyond the highest range of an ohmmeter is told as what it is: a film that is open or not connected.
+    """
+    if reading.is_number:
+        return ""
+    if reading.quality is not Quality.OVERRANGE:
+        return f"the meter's reading is {reading.quality}"
+    if meter.output != LOG_RESISTANCE:
+        return f"beyond the meter's range of {meter.full_scale:g} V"
+    if getattr(meter, "in_highest_range", True):
+        return f"the film is open or not connected: beyond the highest range, {meter.full_scale:g} ohm"
+    return f"beyond the range of {meter.full_scale:g} ohm; the next one is tried"
+
+
 def resistance_reading(value_ohm: float, time_s: float, largest_ohm: float) -> Reading:
     """A resistance from a meter: as `voltage_reading`, and nothing or less is `INVALID`."""
     reading = voltage_reading(value_ohm, time_s, largest_ohm)
-    if reading.quality is Quality.OVERRANGE and value_ohm < 0.0:
-        return Reading(nan, time_s, Quality.INVALID)
     return Reading(value_ohm, time_s, Quality.INVALID) if reading.is_number and value_ohm <= 0.0 else reading
 
 

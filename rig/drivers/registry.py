@@ -31,8 +31,10 @@ METERS = {
 }
 
 # what a driver of the user's own has to have
+OPTIONAL = {"transport", "confirms_off_by", "dead_man_s", "clear_error"}
 CONTROLLER_MEMBERS = {name for name in vars(TemperatureController) if not name.startswith("_")}
-CONTROLLER_MEMBERS |= {name for name in TemperatureController.__annotations__ if name != "transport"}
+CONTROLLER_MEMBERS |= set(TemperatureController.__annotations__)
+CONTROLLER_MEMBERS -= OPTIONAL
 METER_MEMBERS = {name for name in vars(Meter) if not name.startswith("_")} | {"LINE"}
 
 
@@ -83,6 +85,11 @@ def driver_class(drivers: dict[str, tuple[str, str]], role: str, name: str) -> A
         raise ValueError(f"{role} {name!r} is not known; there are {', '.join(sorted(drivers))}")
     module, kind = drivers[name]
     return getattr(import_module(f"rig.drivers.{module}"), kind)
+
+
+def controller_class(name: str) -> Any:
+    """The class of a controller's driver. ValueError where there is none."""
+    return driver_class(CONTROLLERS, "controller", name)
 
 
 def _own_class(role: str, name: str) -> Any:

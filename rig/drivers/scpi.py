@@ -75,14 +75,17 @@ class ScpiLink:
         """Something was wrong with an answer: resynchronise before the next question."""
         self._in_doubt = True
 
-    def start(self, message: str, answer_s: float | None = None) -> None:
-        """Send a message with a question; `finish` brings the answer within `answer_s` from now."""
+    def start(self, message: str, answer_s: float | None = None, trials: int = RESYNCHRONISATIONS) -> None:
+        """Send a message with a question; `finish` brings the answer within `answer_s` from now.
+
+        trials: to bring the line in step first, where it is in doubt.
+        """
         if self._pending:
             self._pending = False
             self._in_doubt = True
             raise OutOfStep("a question is asked while another waits for its answer")
         if self._in_doubt or self._uncalled():
-            self.resynchronise()
+            self.resynchronise(trials)
         extra_s = LONGEST_ANSWER * self._byte_s
         self._send(message, self._answer_s if answer_s is None else answer_s + extra_s)
 
@@ -157,21 +160,21 @@ class ScpiLink:
         self._deadline_s = self.arrived_s + answer_s
         self._pending = True
 
-    def resynchronise(self) -> None:
+    def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Abort, discard, and wait for a fresh token; then empty the error queue into `errors`. OutOfStep."""
         try:
-            self._resynchronise()
+            self._resynchronise(trials)
         except BaseException:
             self._in_doubt = True  # perhaps in step, but nobody knows what the instrument is set to
             raise
 
-    def _resynchronise(self) -> None:
+    def _resynchronise(self, trials: int) -> None:
         self._pending = False
         self._in_doubt = True
         problem: InstrumentError | None = None
-        for attempt in range(RESYNCHRONISATIONS):
+        for attempt in range(trials):
             try:
-                if attempt == RESYNCHRONISATIONS - 1:
+                if attempt and attempt == trials - 1:
                     self.transport.reopen()
                 self._await_token(attempt)
                 break

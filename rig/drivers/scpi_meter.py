@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, ClassVar
 
+from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, resistance_reading, voltage_reading
@@ -30,6 +31,7 @@ LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz
 COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
 OFF_ATTEMPTS = 3
+BEYOND = re.compile(r"[+-]?9\.9\d*[Ee]\+?37")  # 9.9E37 and 9.91E37 with as many digits as an instrument likes
 
 
 class ScpiMeter:
@@ -131,8 +133,8 @@ class ScpiMeter:
         return f"{full_scale:.0f}" if full_scale >= 1.0 else f"{full_scale:g}"
 
     def _value(self, text: str) -> float:
-        """The number in a reading's text. Corrupt where it is none."""
-        if self.NUMBER.fullmatch(text) is None:
+        """The number in a reading's text. Corrupt where it is none; beyond the range is one, however it is written."""
+        if self.NUMBER.fullmatch(text) is None and BEYOND.fullmatch(text) is None:
             raise Corrupt(f"{text!r} is no reading")
         return float(text)
 
@@ -155,6 +157,12 @@ class ScpiMeter:
         """Full scale of that range, ohm or V."""
         return self._ranges[self._index] if self._ranges else nan
 
+    @property
+    def in_highest_range(self) -> bool:
+        """Whether that is the highest range that may be used, so that what is beyond it is beyond all of them."""
+        return self._index == len(self._ranges) - 1
+
+    @asked_again
     def identify(self) -> Identity:
         """`*IDN?`; Refused where it is another instrument."""
         maker, model, serial_number, firmware = (
@@ -164,6 +172,7 @@ class ScpiMeter:
             raise Refused(None, f"{maker!r} {model!r} is no {self.NAME}")
         return Identity(self.NAME.split()[0], model.removeprefix("MODEL").strip(), serial_number, firmware)
 
+    @asked_again
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
         """Function, integration time, ranges whose test current is allowed; Refused if it reads back else."""
         self._check_nplc(nplc)
@@ -174,6 +183,7 @@ class ScpiMeter:
         nearest = min(allowed, key=lambda ohm: abs(ohm - self._first_range_ohm))
         self._configure(self._function_for(four_wire), four_wire, nplc, allowed, nearest)
 
+    @asked_again
     def configure_voltage(self, nplc: float, range_V: float, four_wire: bool = False) -> None:
         """DC volts in the lowest range that has `range_V`, which is kept; no test current. ValueError, Refused."""
         self._check_nplc(nplc)

@@ -18,6 +18,8 @@ class SetpointOnly:
     commands_current: ClassVar[bool] = False
     has_dead_man: ClassVar[bool] = False
     has_ramp: ClassVar[bool] = False
+    confirms_off_by: ClassVar[str] = "what its driver reads back; it shows no current"
+    dead_man_s: float = 0.0
     transport: Transport
 
     def own_limits(self) -> OwnLimits:
@@ -35,6 +37,10 @@ class SetpointOnly:
     def set_current_A(self, current_A: float) -> None:
         """Refused."""
         raise Refused(None, f"{self.NAME} cannot be told a current; use setpoints")
+
+    def clear_error(self) -> None:
+        """Refused."""
+        raise Refused(None, f"{self.NAME} cannot be told to forget an error; clear it at the instrument")
 
     def read_current(self) -> Reading:
         """Not known; nothing is asked."""

@@ -20,11 +20,12 @@ import re
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.confirmed import confirmed
+from rig.drivers.asked_again import asked_again
+from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
-from rig.drivers.srs_line import SrsLink
-from rig.errors import Corrupt, InstrumentError, Refused
+from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
+from rig.errors import Corrupt, Disconnected, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
@@ -34,7 +35,8 @@ WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}
 LARGEST_CURRENT_A = 4.5
 RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
 NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
-TRIALS, OFF_ATTEMPTS = 3, 3
+TRIALS = 3
+OFF_ANSWER_S = 0.1  # until an answer to "off" begins, beyond the time on the wire
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,9})?([eE][+-]?\d{1,2})?")
 
 
@@ -49,6 +51,8 @@ class SrsLdc500Controller:
     commands_current: ClassVar[bool] = True
     has_dead_man: ClassVar[bool] = False
     has_ramp: ClassVar[bool] = False
+    confirms_off_by: ClassVar[str] = "its switch read back twice, and the current that it measures"
+    dead_man_s = 0.0
 
     def __init__(
         self,
@@ -69,6 +73,7 @@ class SrsLdc500Controller:
         self._heating_sign = heating_sign
         self._armed_mode: int | None = None
 
+    @asked_again
     def identify(self) -> Identity:
         """`*IDN?`. Refused where it is no LDC501 (or 500, 502, which have the same temperature controller)."""
         maker, model, number, firmware = (
@@ -78,6 +83,7 @@ class SrsLdc500Controller:
             raise Refused(None, f"{maker!r} {model!r} is no LDC500 series controller")
         return Identity("SRS", model, number.removeprefix("s/n"), firmware.removeprefix("ver"))
 
+    @asked_again
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
@@ -166,22 +172,49 @@ class SrsLdc500Controller:
             raise Corrupt(f"{execution!r} and {command!r} are no error numbers")
         codes = [code for code in (int(execution), int(command)) if code]
         words = f"{'on' if on else 'off'}, {'own regulation' if mode == TEMPERATURE_MODE else 'current'}"
-        if codes:
-            words += f", error {codes[0]}"
-        return Status(words, bool(codes), on == 1, codes[0] if codes else 0)
+        if not codes:
+            return Status(words, False, on == 1)
+        meaning = COMMAND_ERRORS.get(int(command), "command error") if int(command) else "execution error"
+        remedy = "it was forgotten as it was read; where it comes again, another program speaks on the line"
+        return Status(f"{words}, error {codes[0]}: {meaning}", True, on == 1, codes[0], meaning, remedy)
+
+    def clear_error(self) -> None:
+        """It forgets an error when it is read (LEXE, LCME). Refused where there is a new one."""
+        self.status()
+        status = self.status()
+        if status.is_error:
+            raise Refused(status.code, f"reading it did not clear it: {status.meaning}")
 
     def off(self) -> bool:
-        """TEON 0, at once and then proven; True if TEON and the current that flows say so. Never raises."""
-        self._armed_mode = None
-        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+        """TEON 0; then TEON 0 and 0 A (TMOD CC, TCUR 0). True if TEON and the current that flows say so. Never raises.
 
-    def _off_once(self, _: int) -> bool:
+        The manual knows no emergency stop.
+        """
+        self._armed_mode = None
+        ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, OFF_S))
+        return confirmed_off(self.transport.clock, ways, self._recover)
+
+    def _plainly_off(self) -> bool:
         if self.link.in_doubt:
             with contextlib.suppress(InstrumentError):
                 self.link.shout("TEON 0")
-        self.link.start("TEON 0;TEON?;TEON?;TIRD?")
+        return self._reads_off()
+
+    def _off_and_zero(self) -> bool:
+        with contextlib.suppress(InstrumentError):
+            self.link.shout("TEON 0;TMOD 0;TCUR 0")
+            self.link.shout("TERM 3")  # it may have been set to end its answers otherwise
+        return self._reads_off()
+
+    def _reads_off(self) -> bool:
+        self.link.start("TEON 0;TEON?;TEON?;TIRD?", OFF_ANSWER_S, trials=1)
         on, again, current_A = self.link.finish().split(";")
         return on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A
+
+    def _recover(self, error: Exception) -> None:
+        self.link.doubt()
+        if isinstance(error, Disconnected):
+            self.transport.reopen()
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""
@@ -189,7 +222,14 @@ class SrsLdc500Controller:
 
     def _enable(self, mode: int) -> None:
         self._set("TEON", 1)
-        status = self.status()
+        found: list[Status] = []
+
+        def runs() -> bool:
+            found[:] = [self.status()]
+            return found[0].output_is_on
+
+        waited_for(self.transport.clock, runs, STARTED_S)
+        status = found[0]
         if not status.output_is_on:
             raise Refused(status.code or None, f"the output does not come on: {status.text}")
         self._armed_mode = mode

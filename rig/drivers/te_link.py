@@ -135,6 +135,16 @@ class TeLink:
             self.transport.send(frame)
             clock.sleep_until_s(clock.now_s() + max(len(frame) * self._byte_s, SHOUT_S))
 
+    def answers(self) -> bool:
+        """Whether anything comes within the time of an answer, after `shout`; it stays unread."""
+        clock = self.transport.clock
+        give_up_s = clock.now_s() + self._patience_s
+        while not self.transport.has_more:
+            if clock.now_s() >= give_up_s:
+                return False
+            clock.sleep_until_s(clock.now_s() + SHOUT_S)
+        return True
+
     def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
         """Listen until the line is silent, then send fences until one comes back."""
         self._in_doubt = True

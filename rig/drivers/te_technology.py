@@ -29,19 +29,27 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.drivers.confirmed import confirmed
+from rig.drivers.asked_again import asked_again
+from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.setpoint_only import SetpointOnly
 from rig.drivers.te_link import Dialect, Request, TeLink
-from rig.errors import Corrupt, Refused
+from rig.errors import Corrupt, Disconnected, Refused, TimedOut
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
 
-TRIALS, OFF_ATTEMPTS = 3, 3
+TRIALS = 3
 MODEL_CODE = 9613
 ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
+REMEDIES = {
+    "high": "wait until the plate is below the high alarm",
+    "low": "wait until the plate is above the low alarm",
+    "over-current": "check the element and its cables for a short",
+    "input 1 open": "check the thermometer and its cable",
+    "driver supply low": "check the supply's voltage",
+}
 MAKES_TROUBLE = 0b1011111  # an open second input does not
 CONTROL_SENSOR: Request = (b"01", None)
 SAME_K = 0.02  # two readings that are the same but for noise
@@ -63,6 +71,7 @@ class Model:
     settings: tuple[tuple[bytes, bytes, int], ...] = ()  # write, read, value, at configuration
     limits: tuple[tuple[bytes, bytes], ...] = ()  # write and read of low and high alarm
     alarm_type: tuple[bytes, bytes] = (b"", b"")
+    reset_latches: bytes = b""
     drain_s: float = 0.3
 
 
@@ -79,6 +88,7 @@ MODELS = {
         settings=((b"34", b"4c", 0), (b"29", b"42", 0), (b"2b", b"44", 1), (b"2e", b"47", 1)),
         limits=((b"24", b"58"), (b"23", b"57")),
         alarm_type=(b"28", b"41"),
+        reset_latches=b"33",
     ),
     "tc-48-20": Model(
         "TC-48-20",
@@ -102,6 +112,7 @@ class TeTechnologyController(SetpointOnly):
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
+    confirms_off_by: ClassVar[str] = "its power switch read back; it shows no current"
 
     def __init__(
         self,
@@ -148,6 +159,7 @@ class TeTechnologyController(SetpointOnly):
         """Line settings of the model that the options name. ValueError where there is none."""
         return _model(options.get("model", "tc-36-25")).line
 
+    @asked_again
     def identify(self) -> Identity:
         """The TC-36-25 has no identification: its sensor type (43) has to be 0 to 5. Refused."""
         if self._model.dialect.fence_read:
@@ -160,6 +172,7 @@ class TeTechnologyController(SetpointOnly):
             raise Refused(None, f"what answers reads {number}, and is no {self._model.name}")
         return Identity("TE Technology", self._model.name, "", "")
 
+    @asked_again
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:
@@ -203,9 +216,17 @@ class TeTechnologyController(SetpointOnly):
             raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
         self._set(b"1c", b"50", self._fixed(now.value))
         self._set(self._model.power_write, self._power_read, 1)
-        status = self.status()
+        found: list[Status] = []
+
+        def runs_or_never_will() -> bool:
+            found[:] = [self.status()]
+            return found[0].is_error or found[0].output_is_on
+
+        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
+        status = found[0]
         if status.is_error or not status.output_is_on:
-            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+            remedy = f" ({status.remedy})" if status.remedy else ""
+            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
         self._armed = True
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
@@ -251,20 +272,58 @@ class TeTechnologyController(SetpointOnly):
         alarms, on = self._exchange((self._model.alarms, None), (self._power_read, None))
         names = [name for bit, name in enumerate(ALARMS) if alarms >> bit & 1]
         text = ("on" if on == 1 else "off") + "".join(f", alarm: {name}" for name in names)
-        return Status(text, bool(alarms & MAKES_TROUBLE), on == 1, alarms & MAKES_TROUBLE)
+        code = alarms & MAKES_TROUBLE
+        if not code:
+            return Status(text, False, on == 1)
+        troubles = [name for name in names if code & 1 << ALARMS.index(name)]
+        what_to_do = [REMEDIES[name] for name in troubles if name in REMEDIES]
+        clears = "`peltier check CONFIG --clear` resets what latched"
+        if not self._model.reset_latches:
+            clears = "what latched is cleared by switching its supply off and on"
+        meaning = f"alarm: {', '.join(troubles)}"
+        return Status(text, True, on == 1, code, meaning, "; ".join([*what_to_do, clears]))
+
+    def clear_error(self) -> None:
+        """Reset the latches (33). Refused where an alarm stays, or where no code for it is known (TC-48-20)."""
+        if not self._model.reset_latches:
+            super().clear_error()
+        self._exchange((self._model.reset_latches, 1))
+        found: list[Status] = []
+
+        def is_clear() -> bool:
+            found[:] = [self.status()]
+            return not found[0].is_error
+
+        if not waited_for(self.transport.clock, is_clear, STARTED_S):
+            raise Refused(found[0].code, f"resetting the latches did not clear it: {found[0].meaning}")
 
     def off(self) -> bool:
-        """Power off, at once and then proven; True if it reads back so twice (46). Never raises."""
-        self._armed = False
-        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+        """Power off; then again and again, without waiting for acknowledgements. True if it reads back so twice (46).
 
-    def _off_once(self, attempt: int) -> bool:
+        It takes no current, and the manual knows no emergency stop. A line in doubt has to be drained before an answer
+        proves anything: then it takes `drain_s` longer where the instrument answers. Never raises.
+        """
+        self._armed = False
+        ways = ((self._off_once, STATUS_S), (self._shout_off, OFF_S))
+        return confirmed_off(self.transport.clock, ways, self._recover)
+
+    def _off_once(self) -> bool:
+        if self.link.in_doubt:
+            return self._shout_off()
         off, read = (self._model.power_write, 0), (self._power_read, None)
-        if attempt:
+        return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
+
+    def _shout_off(self) -> bool:
+        self.link.shout(self._model.power_write, 0)
+        if not self.link.answers():
+            raise TimedOut("no answer")
+        off, read = (self._model.power_write, 0), (self._power_read, None)
+        return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
+
+    def _recover(self, error: Exception) -> None:
+        self.link.doubt()
+        if isinstance(error, Disconnected):
             self.transport.reopen()
-        if attempt or self.link.in_doubt:
-            self.link.shout(*off)
-        return self.link.sequence(off, read, read, trials=2)[1:] == [0, 0]
 
     def _exchange(self, *requests: Request) -> list[int]:
         replies, arrivals_s = self.link.sequence(*requests), self.link.arrivals_s

@@ -1,14 +1,16 @@
 """What the working process tells its guard, a line of JSON at a time through a pipe.
 
     begun     the working process holds its `LastBreath`
-    holds     before a port is opened: role, driver, port, options; from now on the guard answers for it
+    holds     before a port is opened: role, driver, port, options, dead_man_s; from now on the guard answers for it
+    given_up  the output is not confirmed off, everything has been tried, and that is told: nothing more is sent at once
     let_go    the output is off, confirmed, and the port is closed; or it was never ours
     busy      the output is armed: `alive` has to come from now on
     idle      the output is off, confirmed; nothing has to come
     .         alive: a tick of the loop was completed
 
 A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
-way out. On Linux the kernel sends SIGTERM at that moment besides, so that nobody has to wait for a tick.
+way out. On Linux the kernel sends SIGTERM at that moment besides, so that nobody has to wait for a tick. A guard that
+is suspended (SIGSTOP) watches nothing: there `rig.guard.suspended` sends the SIGTERM.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import os
 from typing import Any, Final, Protocol
 
 from rig.guard.last_breath import LastBreath
+from rig.guard.suspended import SuspendedWatch
 from rig.outcome import Outcome
 
 ALIVE: Final = b".\n"
@@ -33,11 +36,17 @@ class Guard(Protocol):
 
     guarding: bool
 
-    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
-        """A port is about to be opened, by `rig.drivers.registry.open_controller` or `open_meter` with these."""
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any], dead_man_s: float = 0.0) -> None:
+        """A port is about to be opened, by `rig.drivers.registry.open_controller` or `open_meter` with these.
+
+        dead_man_s: what a controller's dead man will be configured to.
+        """
 
     def let_go(self) -> None:
         """No port is ours any more, and the output that was is off, confirmed."""
+
+    def given_up(self) -> None:
+        """The output is not confirmed off, and nothing is left to be tried at once; the user is told so."""
 
     def busy(self) -> None:
         """The output may come on: ticks have to be completed from now on."""
@@ -46,7 +55,7 @@ class Guard(Protocol):
         """The output is off, confirmed."""
 
     def alive(self) -> None:
-        """A tick was completed. Raises GuardGone where the guard has died."""
+        """A tick was completed. Raises GuardGone where the guard has died, or is suspended."""
 
 
 class _Unguarded:
@@ -54,10 +63,13 @@ class _Unguarded:
 
     guarding = False
 
-    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any], dead_man_s: float = 0.0) -> None:
         pass
 
     def let_go(self) -> None:
+        pass
+
+    def given_up(self) -> None:
         pass
 
     def busy(self) -> None:
@@ -89,12 +101,17 @@ class GuardLine:
         if last_breath is not None:
             last_breath.hold()
             self._tell(event="begun")
+        self._suspended = SuspendedWatch(guard_pid)
+        self._suspended.start()
 
-    def holds(self, role: str, driver: str, port: str, options: dict[str, Any]) -> None:
-        self._tell(event="holds", role=role, driver=driver, port=port, options=options)
+    def holds(self, role: str, driver: str, port: str, options: dict[str, Any], dead_man_s: float = 0.0) -> None:
+        self._tell(event="holds", role=role, driver=driver, port=port, options=options, dead_man_s=dead_man_s)
 
     def let_go(self) -> None:
         self._tell(event="let_go")
+
+    def given_up(self) -> None:
+        self._tell(event="given_up")
 
     def busy(self) -> None:
         self._tell(event="busy")
@@ -103,6 +120,8 @@ class GuardLine:
         self._tell(event="idle")
 
     def alive(self) -> None:
+        if self._suspended.found:
+            raise GuardGone(f"the guard process {self._guard_pid} is suspended")
         try:
             os.write(self._writer, ALIVE)
         except BlockingIOError:  # the guard is behind: what it has not read yet says the same

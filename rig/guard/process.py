@@ -3,6 +3,8 @@
 The guard forwards INT, TERM, HUP and QUIT, and passes the child's exit status on. When the child ends, of whatever,
 without having said that it let go of the output with the output confirmed off, the guard opens the controller's port
 itself and commands it off: exit status 11 where that is not confirmed, else 128 + n for a child that died of signal n.
+A child that has told itself that the output is not confirmed off (status 11) is not contradicted. Either way, where the
+output had been armed, a detached process keeps trying (`rig.guard.keep_trying`).
 A child that has armed the output and completes no tick for `silence_s`, or is suspended, is ended: the dead man of
 instruments that have none of their own. Ctrl-Z is ignored, an armed output cannot be put to sleep.
 """
@@ -20,15 +22,16 @@ import threading
 import time
 from collections.abc import Callable
 
+from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
 from rig.guard.line import UNGUARDED, Guard, GuardLine
-from rig.guard.takeover import Held, prepare, switch_off
+from rig.guard.takeover import Held, look_once_more, off_at_once, prepare, sentence, switch_off
 from rig.safety.signals import CAUGHT
+from rig.safety.switching_off import Verdict
 
 NOT_CONFIRMED = 11
-FAILED = 1
 SILENCE_S = 30.0
-PATIENCE_S = 10.0
+PATIENCE_S = 3.0  # for an adapter that comes back
 GRACE_S = 3.0  # from SIGTERM to SIGKILL for a child that hangs
 PR_SET_PDEATHSIG = 1
 
@@ -38,7 +41,7 @@ def guarded(work: Callable[[Guard], int], *, silence_s: float = SILENCE_S, patie
 
     Call it from the main thread, before threads and large imports. It returns in the guard, and in the child as well,
     with what `work` returned (or raises what it raised): nothing but the way out may follow. silence_s: an armed loop
-    that completes no tick for so long is ended. patience_s: for how long off is commanded until it is confirmed.
+    that completes no tick for so long is ended. patience_s: for how long a port that cannot be opened is tried again.
     Where there is no fork `work` is done without a guard, and that is told.
     """
     if not hasattr(os, "fork") or threading.current_thread() is not threading.main_thread():
@@ -116,10 +119,11 @@ class _Watch:
         self._silence_s, self._patience_s = silence_s, patience_s
         self._held: dict[str, Held] = {}
         self._busy = False
+        self._given_up = False
         self._heard_s = time.monotonic()
         self._end_s: float | None = None  # when a child that hangs is killed
         self._text = b""
-        self._switched: tuple[bool, str] | None = None
+        self._at_once: Verdict | None = None
 
     def until_it_ends(self) -> int:
         """Wait for the child's end; what it left on is switched off then."""
@@ -145,7 +149,7 @@ class _Watch:
 
     def _wait_s(self) -> float | None:
         due = [self._end_s] if self._end_s is not None else []
-        if self._busy and self._end_s is None:
+        if self._busy and not self._given_up and self._end_s is None:
             due.append(self._heard_s + self._silence_s)
         return max(min(due) - time.monotonic(), 0.0) if due else None
 
@@ -158,13 +162,9 @@ class _Watch:
                         os.kill(self._child, number)
                 elif number == 0:
                     self._listen()
-                    self._switch_off(0.0)
-
-    def _switch_off(self, patience_s: float) -> None:
-        """Once the child is dead: the output that it did not let go of goes off."""
-        controller = self._held.get("controller")
-        if controller is not None and not (self._switched and self._switched[0]):
-            self._switched = switch_off(controller, patience_s, locked=patience_s > 0.0)
+                    controller = self._held.get("controller")
+                    if controller is not None and not self._given_up:
+                        self._at_once = off_at_once(controller)
 
     def _listen(self) -> bool:
         """Take in what the child has told; False at the end of the pipe."""
@@ -188,10 +188,13 @@ class _Watch:
         elif event == "holds":
             held = Held(**message)  # type: ignore[arg-type]
             self._held[held.role] = held
+            self._given_up = False
             with contextlib.suppress(Exception):  # tried again, and told, when it is needed
                 prepare(held)
         elif event == "let_go":
-            self._held, self._busy = {}, False
+            self._held, self._busy, self._given_up = {}, False, False
+        elif event == "given_up":
+            self._given_up = True
         else:
             self._busy = event == "busy"
             self._heard_s = time.monotonic()
@@ -202,7 +205,7 @@ class _Watch:
             if now >= self._end_s:
                 os.kill(self._child, signal.SIGKILL)
                 self._end_s = now + GRACE_S
-        elif self._busy and now - self._heard_s >= self._silence_s:
+        elif self._busy and not self._given_up and now - self._heard_s >= self._silence_s:
             _tell(f"process {self._child}: no tick for {self._silence_s:g} s with the output armed: ending it")
             os.kill(self._child, signal.SIGTERM)
             self._end_s = now + GRACE_S
@@ -219,17 +222,34 @@ class _Watch:
         controller, meter = self._held.get("controller"), self._held.get("meter")
         if controller is None:
             return status
-        self._switch_off(self._patience_s)
-        confirmed, problem = self._switched or (False, "")
+        if self._given_up or status == NOT_CONFIRMED:  # it has said so: nobody says otherwise any more
+            if not self._given_up:
+                switch_off(controller, self._patience_s)
+            return self._not_confirmed(controller)
+        verdict = self._verdict(controller)
         how = f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
-        if not confirmed:
-            text = f"process {self._child} {how}, and {problem}. Switch the controller off by hand."
+        if not verdict.confirmed:
+            text = f"process {self._child} {how}, and {verdict.text}. Switch the controller off by hand."
             _tell(f"OUTPUT NOT CONFIRMED OFF: {text}")
-            return NOT_CONFIRMED
-        _tell(f"process {self._child} {how}; output off, confirmed by the controller")
+            return self._not_confirmed(controller)
+        _tell(f"process {self._child} {how}; {sentence(controller, verdict)}")
         if meter is not None:
             switch_off(meter, 0.0)
-        return FAILED if status == NOT_CONFIRMED else status
+        return status
+
+    def _verdict(self, controller: Held) -> Verdict:
+        """What was found at once, or else after silence; or all of it, where the port could not be opened at once."""
+        if self._at_once is None:
+            return switch_off(controller, self._patience_s)
+        if self._at_once.confirmed:
+            return self._at_once
+        return look_once_more(controller, self._at_once, self._patience_s)
+
+    def _not_confirmed(self, controller: Held) -> int:
+        """Where the output may be on by this program's doing, somebody goes on trying."""
+        if self._busy:
+            keep_trying(controller)
+        return NOT_CONFIRMED
 
 
 def _tell(text: str) -> None:

@@ -1,8 +1,9 @@
 """Switching the output off at a port whose owner has died: open it, command off, and see it confirmed.
 
 The dead process's lock goes with it; before that the port is opened without. A frame that it left half-written is
-closed by the driver's own way of bringing a line in step; what does not answer is asked again, with the port opened
-anew, until the patience is over.
+closed by the driver's own way of bringing a line in step. A port that cannot be opened (an adapter that comes back just
+now) is tried again until the patience is over; a controller that does not confirm is not asked again and again, because
+that would feed its dead man: `rig.safety.switching_off`.
 """
 
 from __future__ import annotations
@@ -16,54 +17,112 @@ from typing import Any
 
 import serial
 
+from rig.safety.switching_off import Verdict, look_after_silence, off_confirmed
+from rig.safety.switching_off import switch_off as switch_off_and_look
+
 WRITE_TIMEOUT_S = 1.0
 BETWEEN_TRIALS_S = 0.02
 
 
 @dataclass(frozen=True)
 class Held:
-    """An instrument that the working process holds: role "controller" or "meter", and what opens it."""
+    """An instrument that the working process holds: role "controller" or "meter", and what opens it.
+
+    dead_man_s: what a controller's dead man is configured to.
+    """
 
     role: str
     driver: str
     port: str
     options: dict[str, Any] = field(default_factory=dict)
+    dead_man_s: float = 0.0
 
 
 def prepare(held: Held) -> None:
     """Import what `switch_off` needs, so that nothing has to be read from a disk (it may be full, or gone) then."""
     from rig.clock import RealClock  # noqa: F401
-    from rig.drivers.registry import CONTROLLERS, METERS, driver_class
 
-    driver_class(CONTROLLERS if held.role == "controller" else METERS, held.role, held.driver)
+    driver_of(held)
 
 
-def switch_off(held: Held, patience_s: float, locked: bool = True) -> tuple[bool, str]:
-    """Command the output (a meter's test current) off: whether it is confirmed, and what stood in the way.
+def driver_of(held: Held) -> Any:
+    """The class of its driver."""
+    from rig.drivers.registry import METERS, controller_class, driver_class
 
-    locked: whether the port's lock is asked for; a process that is about to be gone may still have it.
-    """
+    return controller_class(held.driver) if held.role == "controller" else driver_class(METERS, "meter", held.driver)
+
+
+def opened(held: Held, locked: bool = True) -> Any:
+    """Its driver, on its port. locked: whether the port's lock is asked for; a process about to be gone may have it."""
     from rig.clock import RealClock
     from rig.drivers import registry
 
+    opener = registry.open_controller if held.role == "controller" else registry.open_meter
+    with contextlib.nullcontext() if locked else _unlocked(registry):
+        return opener(held.driver, held.port, RealClock(), **held.options)
+
+
+def off_at_once(held: Held) -> Verdict | None:
+    """Off, without the port's lock, and without silence; None where the port cannot be opened."""
+    try:
+        controller = opened(held, locked=False)
+    except Exception:  # tried again with the lock
+        return None
+    try:
+        return switch_off_and_look(controller, 0.0)
+    finally:
+        controller.close()
+
+
+def switch_off(held: Held, patience_s: float) -> Verdict:
+    """Command the output (a meter's test current) off, and where it is not confirmed, be silent and look."""
+    instrument = _opened_in_time(held, patience_s)
+    if isinstance(instrument, str):
+        return Verdict(False, instrument)
+    try:
+        if held.role == "meter":
+            return Verdict(bool(instrument.off()))
+        return _named(held, switch_off_and_look(instrument, held.dead_man_s))
+    except Exception as error:  # a driver of the user's own may do anything
+        return Verdict(False, f"{held.port}: {error}")
+    finally:
+        instrument.close()
+
+
+def look_once_more(held: Held, before: Verdict, patience_s: float) -> Verdict:
+    """After `off_at_once` was not confirmed: hold the port in silence for the dead man's time, and look."""
+    controller = _opened_in_time(held, patience_s)
+    if isinstance(controller, str):
+        return Verdict(False, controller)
+    try:
+        if not (controller.has_dead_man and held.dead_man_s > 0.0):
+            return _named(held, before)
+        return _named(held, look_after_silence(controller, held.dead_man_s, before.said_s))
+    finally:
+        controller.close()
+
+
+def sentence(held: Held, verdict: Verdict) -> str:
+    """What a confirmation rests on, and how it came about."""
+    return off_confirmed(driver_of(held)) + (f": {verdict.text}" if verdict.text else "")
+
+
+def _opened_in_time(held: Held, patience_s: float) -> Any | str:
+    """Its driver, or what stood in the way until the patience was over."""
     give_up_s = time.monotonic() + patience_s
-    problem = ""
     while True:
         try:
-            opener = registry.open_controller if held.role == "controller" else registry.open_meter
-            with contextlib.nullcontext() if locked else _unlocked(registry):
-                instrument = opener(held.driver, held.port, RealClock(), **held.options)
-            try:
-                if instrument.off():
-                    return True, ""
-                problem = f"{held.port}: the {held.role} does not confirm it"
-            finally:
-                instrument.close()
+            return opened(held)
         except Exception as error:  # whatever it is, the output has to go off
             problem = str(error)
         if time.monotonic() >= give_up_s:
-            return False, problem
+            return problem
         time.sleep(BETWEEN_TRIALS_S)
+
+
+def _named(held: Held, verdict: Verdict) -> Verdict:
+    """With the port's name in front of what is wrong."""
+    return verdict if verdict.confirmed else Verdict(False, f"{held.port}: {verdict.text}", verdict.said_s)
 
 
 @contextlib.contextmanager

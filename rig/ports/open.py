@@ -15,6 +15,7 @@ from rig.errors import Disconnected, PortHeld
 from rig.ports.transport import GONE
 
 WRITE_TIMEOUT_S = 1.0
+STILL_TRYING = "still-off-trial"  # name of a process that goes on after an output was not confirmed off (15 characters)
 LOCKED = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY}
 
 
@@ -101,7 +102,16 @@ def holder(port: str) -> tuple[int | None, str]:
     return (others[0], _command(str(others[0]))) if others else (None, "")
 
 
+def is_still_trying(process: int) -> bool:
+    """Whether a process is one that still tries to switch an output off (`rig.guard.keep_trying`)."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/comm").read_text().strip() == STILL_TRYING
+    return False
+
+
 def _command(process: str) -> str:
+    if is_still_trying(int(process)):
+        return "still trying to switch the output off; `peltier off CONFIG` takes over"
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
     return ""

@@ -6,6 +6,7 @@ from rig.drivers.controller import TemperatureController
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff
 from rig.safety.signals import SignalStop
+from rig.safety.switching_off import switch_off
 
 
 class OutputOff:
@@ -22,10 +23,14 @@ class OutputOff:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._signals.shield()
-        self.confirmed = self._controller.off()
-        if not self.confirmed:
+        verdict = switch_off(self._controller, alive=self._guard.alive)
+        self.confirmed = verdict.confirmed
+        if not verdict.confirmed:
+            self._guard.given_up()
             reason = f" (after: {error})" if error is not None else ""
-            raise NotConfirmedOff(f"the controller did not confirm that its output is off{reason}") from error
+            raise NotConfirmedOff(f"{verdict.text}{reason}") from error
         self._guard.idle()
         if error is None:
             self._signals.expose()
+        elif verdict.text:
+            error.add_note(verdict.text)

@@ -7,7 +7,7 @@ A request takes effect when its last character has arrived; its reply reaches th
 time and its own length on the wire. Not specified by the maker, and assumed here:
 
 * the watchdog (2060) sets 2010 and 50000 to 0, so that renewed traffic does not turn the output on again;
-  every valid frame for this device feeds it; it raises no device error;
+  every valid frame for this device feeds it; it raises no device error, unless `watchdog_error` says which;
 * an error (104 = 3) latches until a reset (`RS`); limits and sensor are judged on conversions of the own 10
   Hz tick, and trip after `TRIP_AFTER` of them in a row, so that one outlier does not;
 * while it restarts, the device is silent;
@@ -30,7 +30,7 @@ from sim.instruments.serial_line import SerialLine
 INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)
 TICK_S = 0.1
 TRIP_AFTER = 3
-EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 133, 137, 138, 139
+EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 134, 137, 138, 139
 MOVES_OUTPUT = frozenset({2000, 2010, 2020, 2021, 2030, 2031, 3034, 50000, 50001, 50002})
 READ, SET = b"?VR", b"VS"
 
@@ -41,7 +41,8 @@ class MeerstetterTec(SerialLine):
     address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the
     line, 1/s; inf takes no time. heating_sign: +1 if positive output current heats as it is wired, else -1
     (parameter 3034 only says what the firmware believes). load_ohm: of the Peltier element, for 1021 and
-    the voltage limits. stable_within_K, stable_for_s: when 1200 reads 2.
+    the voltage limits. stable_within_K, stable_for_s: when 1200 reads 2. watchdog_error: device error that the
+    watchdog raises, which stays until a reset (183 by the manual's table); 0 for none.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class MeerstetterTec(SerialLine):
         load_ohm: float = 2.0,
         stable_within_K: float = 0.1,
         stable_for_s: float = 10.0,
+        watchdog_error: int = 0,
         start_s: float = 0.0,
     ) -> None:
         super().__init__(plant)
@@ -73,6 +75,7 @@ class MeerstetterTec(SerialLine):
         self._heating_sign = heating_sign
         self._load_ohm = load_ohm
         self._stable_within_K, self._stable_for_s = stable_within_K, stable_for_s
+        self._watchdog_error = watchdog_error
         self.hardware_enable = False
         self._measured: dict[int, Callable[[], float]] = {
             104: lambda: self.status,
@@ -344,6 +347,8 @@ class MeerstetterTec(SerialLine):
         if time_s - self._fed_s >= self._values[2060] - 1e-9:
             self._values[2010] = self._values[50000] = 0
             self._move_output()
+            if self._watchdog_error:
+                self.trip(self._watchdog_error)
             self._look_s = nan  # the next valid frame starts it again
         else:
             self._watch()

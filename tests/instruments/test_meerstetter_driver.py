@@ -222,7 +222,18 @@ def test_off_is_not_confirmed_by_a_status_that_still_runs(armed: MeerstetterCont
 
 def test_off_is_not_confirmed_by_an_enable_that_reads_on(armed: MeerstetterController, tec: MeerstetterTec) -> None:
     tec._measured[2010] = lambda: 2
+    tec._emergency_stop = lambda: None  # type: ignore[method-assign]
     assert armed.off() is False
+
+
+def test_an_enable_that_reads_on_does_not_matter_after_an_emergency_stop(
+    armed: MeerstetterController, plant: StillPlant, tec: MeerstetterTec
+) -> None:
+    armed.set_current_A(1.0)
+    tec._measured[2010] = lambda: 2
+    assert armed.off() is True
+    assert plant.current_A == 0.0
+    assert armed.status().code == 11
 
 
 def test_off_is_not_confirmed_by_nan(armed: MeerstetterController, tec: MeerstetterTec) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from benchmarks._killed_run import KilledRuns
 from rig.guard.needed import has_real_ports
+from rig.guard.suspended import is_suspended
 from rig.guard.takeover import Held, switch_off
 from rig.ports.open import holder
 from tests.rig.small import write_bench
@@ -77,9 +78,43 @@ def test_the_guard_dies(runs: KilledRuns) -> None:
     process.communicate()
 
 
+def test_a_guard_that_is_suspended_ends_the_run_with_the_output_off(runs: KilledRuns) -> None:
+    process = runs.start()
+    process.send_signal(signal.SIGSTOP)
+    try:
+        until_s = time.monotonic() + 60.0
+        while (runs.witness.on or holder(runs.port)[0] is not None) and time.monotonic() < until_s:
+            time.sleep(0.01)
+        assert not runs.witness.on
+        assert is_suspended(process.pid)  # it had no part in it
+    finally:
+        process.send_signal(signal.SIGCONT)
+    _, err = process.communicate(timeout=60.0)
+    assert process.returncode == 128 + signal.SIGTERM
+    assert f"the guard process {process.pid} is suspended" in err
+    assert "output off, confirmed by the controller" in err
+
+
+def test_a_busy_guard_is_not_suspended() -> None:
+    """Running and sleeping processes are not, whatever their name is."""
+    assert not is_suspended(os.getpid())
+    assert not is_suspended(2**22 + 1)
+    sleeper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    try:
+        assert not is_suspended(sleeper.pid)
+        sleeper.send_signal(signal.SIGSTOP)
+        os.waitpid(sleeper.pid, os.WUNTRACED)
+        assert is_suspended(sleeper.pid)
+    finally:
+        sleeper.kill()
+        sleeper.wait()
+
+
 CHILD = """
 import os, sys, time
+import rig.guard.process
 from rig.guard import guarded
+rig.guard.process.keep_trying = lambda held: print("goes on at", held.port, held.dead_man_s, file=sys.stderr)
 def work(guard):
     {work}
 sys.exit(guarded(work, silence_s=0.3, patience_s=0.2))
@@ -102,6 +137,21 @@ def test_a_port_that_does_not_answer_is_not_confirmed() -> None:
     assert "OUTPUT NOT CONFIRMED OFF" in done.stderr
     assert "/dev/ttyNOPE7" in done.stderr
     assert in_a_guarded_process(held + "guard.let_go()\nreturn 0").returncode == 0
+
+
+def test_what_the_process_has_given_up_is_not_confirmed_by_anybody_else() -> None:
+    """It has told that the controller has to be switched off by hand: the guard says nothing, and somebody goes on."""
+    held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {}, 4.0)\n"
+    done = in_a_guarded_process(held + "guard.busy()\nguard.given_up()\nreturn 11")
+    assert done.returncode == 11
+    assert done.stderr == "goes on at /dev/ttyNOPE7 4.0\n"
+    done = in_a_guarded_process(held + "guard.given_up()\nreturn 11")  # nothing of ours was on
+    assert (done.returncode, done.stderr) == (11, "")
+
+
+def test_a_silence_for_the_dead_man_is_no_hanging_loop() -> None:
+    done = in_a_guarded_process("guard.busy()\nfor _ in range(8):\n    time.sleep(0.1)\n    guard.alive()\nreturn 3")
+    assert done.returncode == 3
 
 
 def test_a_loop_that_hangs_is_ended() -> None:
@@ -130,6 +180,6 @@ def test_simulated_ports_need_no_guard(tmp_path: Path) -> None:
 
 
 def test_what_stood_in_the_way_is_told() -> None:
-    confirmed, problem = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
-    assert not confirmed
-    assert "/dev/ttyNOPE7" in problem
+    verdict = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
+    assert not verdict.confirmed
+    assert "/dev/ttyNOPE7" in verdict.text

@@ -17,6 +17,7 @@ from rig.files.run_folder import RunFolder
 from rig.loop import Loop
 from rig.outcome import Stopped, Tripped
 from sim.plant import SimulatedPlant
+from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -335,3 +336,95 @@ def test_a_controller_without_a_dead_man_is_told(peltier: Peltier, tmp_path: Pat
     assert status == 0
     assert "srs_ldc500: has no dead man of its own" in out
     assert json.loads((tmp_path / "run" / "run.json").read_text())["start"]["dead_man"] is False
+
+
+# ---- a controller that does not obey -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def disobeys(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[Disobedient]]:
+    """The controller of the simulated bench does not obey any more from the hundredth row on, where a test trips."""
+
+    def make(fault: str) -> list[Disobedient]:
+        wrapped: list[Disobedient] = []
+        whole = rig.bench.emulated_instruments
+
+        def emulated(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+            (role, driver, controller), *others = whole(file, start_s)
+            wrapped.append(Disobedient(controller, fault))
+            return [(role, driver, wrapped[0]), *others]
+
+        def trip() -> None:
+            wrapped[0].begin()
+            raise Tripped("test", "a test trips", 0.0)
+
+        monkeypatch.setattr(rig.bench, "emulated_instruments", emulated)
+        at_row(monkeypatch, 100, trip)
+        return wrapped
+
+    return make
+
+
+@pytest.mark.parametrize("fault", ["silent", "replies lost"])
+def test_what_is_not_confirmed_ends_with_11_and_nobody_says_confirmed(
+    peltier: Peltier, tmp_path: Path, disobeys: Callable[[str], list[Disobedient]], fault: str
+) -> None:
+    wrapped = disobeys(fault)
+    status, out, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in err
+    assert "Switch the controller off by hand" in err
+    assert "a test trips" in err
+    assert "confirmed by the controller" not in out + err
+    assert wrapped[0].output_A == 0.0  # its dead man, or the off that it heard
+    document = json.loads((tmp_path / "run.part" / "run.json").read_text())
+    assert document["stop"]["output_off_confirmed"] is False
+
+
+def test_a_controller_that_is_deaf_is_off_by_its_dead_man_and_that_is_told(
+    peltier: Peltier, tmp_path: Path, disobeys: Callable[[str], list[Disobedient]]
+) -> None:
+    wrapped = disobeys("deaf to all")
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert wrapped[0].output_A == 0.0
+    assert status == 10
+    assert "its own dead man has switched it off" in err
+    assert "its status, and the current that it measures" in err
+
+
+@pytest.mark.parametrize("verb", ["run", "calibrate"])
+def test_nobody_would_switch_off(peltier: Peltier, tmp_path: Path, verb: str) -> None:
+    """Real ports, no guard (the verb is called from inside Python), and a controller without a dead man."""
+    path = write_bench(tmp_path, controller="/dev/ttyNOPE7", meter="/dev/ttyNOPE8", time="real")
+    refused = "nobody switches the output off when the program hangs"
+    assert refused not in peltier(verb, path, "--out", tmp_path / "run")[2]
+    path.write_text(path.read_text().replace('driver = "meerstetter"', 'driver = "srs_ldc500"'))
+    status, _, err = peltier(verb, path, "--out", tmp_path / "run")
+    assert status == 2
+    assert refused in err
+    assert len(err.splitlines()) == 1
+    status, _, err = peltier(verb, path, "--out", tmp_path / "run", "--unguarded")
+    assert refused not in err
+    assert "/dev/ttyNOPE7" in err
+
+
+def test_check_clears_an_error_where_it_is_told_to(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    whole = rig.bench.emulated_instruments
+
+    def tripped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+        instruments = whole(file, start_s)
+        instruments[0][2].trip(104)
+        return instruments
+
+    monkeypatch.setattr(rig.bench, "emulated_instruments", tripped)
+    path = write_bench(tmp_path)
+    status, out, _ = peltier("check", path)  # nobody is there to be asked
+    assert status == 1
+    assert "error 104: over-voltage at its output" in out
+    assert "what to do: check the element" in out
+    assert "cleared" not in out
+    status, out, _ = peltier("check", path, "--clear")
+    assert status == 0
+    assert "cleared; status: ready" in out
