@@ -22,6 +22,7 @@ from rig.ports.transport import Port, Transport
 CONTROLLERS = {
     "meerstetter": ("meerstetter", "MeerstetterController"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500Controller"),
+    "tclab": ("tclab", "TcLabController"),
     "te_technology": ("te_technology", "TeTechnologyController"),
 }
 METERS = {

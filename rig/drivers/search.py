@@ -22,6 +22,7 @@ TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("meter", "keithley2400", {}),
     ("meter", "hp34401a", {}),
     ("controller", "srs_ldc500", {}),
+    ("controller", "tclab", {}),
 )
 
 

@@ -12,6 +12,7 @@ from sim.instruments.instrument import Instrument, Plant
 CONTROLLERS = {
     "meerstetter": ("meerstetter", "MeerstetterTec"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500"),
+    "tclab": ("tclab", "TcLab"),
     "te_technology": ("te_technology", "TeTechnology"),
 }
 METERS = {
