@@ -20,6 +20,7 @@ from rig.ports.transport import Port, Transport
 
 # name -> module in rig.drivers, class
 CONTROLLERS = {
+    "lakeshore": ("lakeshore", "LakeShoreController"),
     "meerstetter": ("meerstetter", "MeerstetterController"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500Controller"),
     "tclab": ("tclab", "TcLabController"),

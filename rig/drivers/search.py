@@ -21,6 +21,7 @@ TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("meter", "keithley2000", {}),
     ("meter", "keithley2400", {}),
     ("meter", "hp34401a", {}),
+    ("controller", "lakeshore", {}),
     ("controller", "srs_ldc500", {}),
     ("controller", "tclab", {}),
 )

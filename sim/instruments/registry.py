@@ -10,6 +10,7 @@ from sim.instruments.instrument import Instrument, Plant
 
 # driver's name -> module in sim.instruments, class
 CONTROLLERS = {
+    "lakeshore": ("lakeshore", "LakeShore"),
     "meerstetter": ("meerstetter", "MeerstetterTec"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500"),
     "tclab": ("tclab", "TcLab"),

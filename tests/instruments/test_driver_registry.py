@@ -15,7 +15,7 @@ from sim.instruments import registry as emulators
 from sim.instruments.instrument import Instrument
 
 Attach = Callable[[Instrument], str]
-CONTROLLERS = ("meerstetter", "srs_ldc500", "tclab", "te_technology")
+CONTROLLERS = ("lakeshore", "meerstetter", "srs_ldc500", "tclab", "te_technology")
 WITH_ADDRESS = ("meerstetter", "te_technology")
 METERS = ("hp34401a", "keithley2000", "keithley2400")
 

@@ -200,9 +200,7 @@ def test_a_heater_takes_a_drive(controller: TcLabController, plant: StillPlant) 
 
 
 @pytest.mark.parametrize(("drive", "why"), [(-0.1, "cannot cool"), (0.9, "outside"), (float("nan"), "outside")])
-def test_a_drive_that_it_does_not_take(
-    controller: TcLabController, plant: StillPlant, drive: float, why: str
-) -> None:
+def test_a_drive_that_it_does_not_take(controller: TcLabController, plant: StillPlant, drive: float, why: str) -> None:
     controller.arm_current()
     with pytest.raises(ValueError, match=why):
         controller.set_current_A(drive)

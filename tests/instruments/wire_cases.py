@@ -81,6 +81,15 @@ CONTROLLERS = (
     Case("srs_ldc500", b"31.25\r\n", rate_K_per_s=0.1, resolution_K=1e-3),
     Case("srs_ldc500", b"31.25;31.25;999\r\n", rate_K_per_s=0.1, resolution_K=1e-3, emulator={"joined": True}),
     Case(
+        "lakeshore",
+        b"+031.250\r\n",
+        rate_K_per_s=0.1,
+        resolution_K=1e-3,
+        limit=1.0,
+        strong=0.75,
+        emulator={"full_drive_A": 4.0},
+    ),
+    Case(
         "tclab",
         b"31.25\r\n",
         rate_K_per_s=1.0,
