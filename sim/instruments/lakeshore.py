@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isnan
+from typing import ClassVar
 
 from sim.instruments.instrument import Plant
 from sim.instruments.lakeshore_commands import define_commands
@@ -53,7 +54,8 @@ class LakeShore(ScpiInstrument):
     input, output: the sensor and the heater that are on the plate. baudrate: of the line, 1/s; inf takes no time.
     """
 
-    ABORTS = ()
+    ABORTS: ClassVar[tuple[bytes, ...]] = ()
+    DROPS_REST: ClassVar[bool] = False  # its maker's package asks for the error in the same line
 
     def __init__(
         self,
