@@ -30,6 +30,7 @@ METERS = {
     "hp34401a": ("hp34401a", "Hp34401AMeter"),
     "keithley2000": ("keithley2000", "Keithley2000Meter"),
     "keithley2400": ("keithley2400", "Keithley2400Meter"),
+    "keithley2450": ("keithley2450", "Keithley2450Meter"),
 }
 
 # what a driver of the user's own has to have

@@ -20,6 +20,7 @@ TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("controller", "te_technology", {"model": "tc-48-20", "drain_s": 0.1}),
     ("meter", "keithley2000", {}),
     ("meter", "keithley2400", {}),
+    ("meter", "keithley2450", {}),
     ("meter", "hp34401a", {}),
     ("controller", "lakeshore", {}),
     ("controller", "srs_ldc500", {}),

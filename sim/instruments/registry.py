@@ -20,6 +20,7 @@ METERS = {
     "hp34401a": ("hp34401a", "Hp34401A"),
     "keithley2000": ("keithley2000", "Keithley2000"),
     "keithley2400": ("keithley2400", "Keithley2400"),
+    "keithley2450": ("keithley2450", "Keithley2450"),
 }
 
 

@@ -17,7 +17,7 @@ from sim.instruments.instrument import Instrument
 Attach = Callable[[Instrument], str]
 CONTROLLERS = ("lakeshore", "meerstetter", "srs_ldc500", "tclab", "te_technology")
 WITH_ADDRESS = ("meerstetter", "te_technology")
-METERS = ("hp34401a", "keithley2000", "keithley2400")
+METERS = ("hp34401a", "keithley2000", "keithley2400", "keithley2450")
 
 
 def opened(name: str, port: str, clock: VirtualClock, **options: Any) -> Any:
@@ -119,7 +119,7 @@ def test_address_goes_to_drivers_that_have_one(
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(ValueError, match="hp34401a, keithley2000, keithley2400"):
+    with pytest.raises(ValueError, match="hp34401a, keithley2000, keithley2400, keithley2450"):
         drivers.open_meter("fluke", "sim://x", VirtualClock())
     with pytest.raises(KeyError):
         emulators.emulated_meter("fluke", StillPlant())

@@ -106,6 +106,7 @@ METERS = (
     Case("hp34401a", b"+1.23456789E+03\r\n", meter=True),
     Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True),
     Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True, options={"output_between_readings": False}),
+    Case("keithley2450", b"1.0000000E-05, 1.2345678E+03\n", meter=True),
 )
 
 
