@@ -70,7 +70,8 @@ class Keithley2450Meter(Keithley2400Meter):
 
     def _settings_message(self) -> str:
         sense = f":SENS:{self._function}"
-        return f":SENS:FUNC?;{sense}:NPLC?;{sense}:RSEN?;{sense}:RANG:AUTO?;{sense}:RANG?;:FORM:ASC:PREC?;:SOUR:FUNC?;:OUTP?"
+        of_function = f"{sense}:NPLC?;{sense}:RSEN?;{sense}:RANG:AUTO?;{sense}:RANG?"
+        return f":SENS:FUNC?;{of_function};:FORM:ASC:PREC?;:SOUR:FUNC?;:OUTP?"
 
     def _as_configured(self, settings: list[str]) -> bool:
         if len(settings) != 8:

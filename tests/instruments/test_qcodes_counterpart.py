@@ -53,7 +53,7 @@ def test_qcodes_drivers(plant: StillPlant, tmp_path: Path) -> None:
         "on": False,
     }
     assert found["lakeshore336"] == {
-        "model": "MODEL336",
+        "model": "336",
         "kelvin": 334.85,
         "status": "OK",
         "units": "kelvin",
