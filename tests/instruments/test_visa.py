@@ -33,7 +33,6 @@ GPIB = "visa://GPIB0::24::INSTR"
 
 IDN = "KEITHLEY INSTRUMENTS INC.,MODEL 2000,1234567,A20"
 NONE = '0,"No error"'
-SETTINGS = ":SENS:FUNC?;:SENS:FRES:NPLC?;:SENS:FRES:RANG:AUTO?;:SENS:FRES:RANG?"
 DIALOGUE = [
     ("*ESE 8;*ESE?", "8"),
     (":SYST:ERR?;*ESE?;*ESE 9", NONE + ";8"),
@@ -42,19 +41,28 @@ DIALOGUE = [
     (":SYST:ERR?;*ESE?;*ESE 11", NONE + ";10"),
     (":READ?;:FETC?;*ESE?;*ESE 12", "+1.23456789E+03;+1.23456789E+03;11"),
 ]
+BUS = """\
+spec: '1.1'
+devices:
+  meter:
+    eom:
+      GPIB INSTR: {q: "\\n", r: "\\n"}
+    delimiter: '|'
+    error: ERROR
+    dialogues:
+DIALOGUES
+resources:
+  GPIB0::24::INSTR: {device: meter}
+"""
 
 
 @pytest.fixture
 def gpib(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A meter that says these lines, on PyVISA-sim's GPIB: its address."""
     pytest.importorskip("pyvisa_sim", reason="PyVISA-sim is not installed")
-    lines = "".join(f"      - q: '{question}'\n        r: '{answer}'\n" for question, answer in DIALOGUE)
+    said = "".join(f"      - q: '{question}'\n        r: '{answer}'\n" for question, answer in DIALOGUE)
     library = tmp_path / "bus.yaml"
-    library.write_text(
-        'spec: \'1.1\'\ndevices:\n  meter:\n    eom:\n      GPIB INSTR:\n        q: "\\n"\n        r: "\\n"\n'
-        f"    error: ERROR\n    dialogues:\n{lines}"
-        "resources:\n  GPIB0::24::INSTR:\n    device: meter\n"
-    )
+    library.write_text(BUS.replace("DIALOGUES\n", said))
     monkeypatch.setenv("PYVISA_LIBRARY", f"{library}@sim")
     return GPIB
 
