@@ -19,12 +19,15 @@ import numpy as np
 from compensator.design import design_temperature
 from compensator.film import FilmModel
 from compensator.functions import Array
+from compensator.identify_balance import Kind
 from compensator.identify_film import FilmFit, identify_film
 from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
 from compensator.plate import PlateModel
 from compensator.temperature_path import temperature_path
+from rig.drivers.heater_drive import cools
 from rig.experiment.policies import CurrentProfile, Follow, warmed_up
+from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
@@ -35,6 +38,7 @@ from rig.outcome import Tripped
 PULSE_SHARE = 0.5  # of the current limit
 PULSE_S = 8.0
 LEAST_RISE_K = 0.3  # that a heating pulse must give
+LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
 
@@ -95,7 +99,9 @@ def _pulse(loop: Loop, configuration: Configuration) -> PlateModel:
     low, high = configuration.limits.temperature_degC
     inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
     period = configuration.calibration.period_s
-    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, PULSE_S), (-current, PULSE_S), (0.0, PULSE_S)]
+    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, PULSE_S)]
+    kind: Kind = "peltier" if cools(loop.bench.controller) else "heater"
+    steps += [(-current if kind == "peltier" else 0.5 * current, PULSE_S), (0.0, PULSE_S)]
     for k, (value, length) in enumerate(steps):
         before = len(loop.folder.rows)
         profile = Target("current", np.array([0.0, length]), np.array([value, value]))
@@ -110,8 +116,8 @@ def _pulse(loop: Loop, configuration: Configuration) -> PlateModel:
                 )
                 raise Tripped("polarity", text, loop.elapsed_s())
     folder = loop.folder
-    fit = identify_plate(folder.column("time_s"), folder.column("temperature_degC"), folder.column("current_A"))
-    return fit.model
+    columns = (folder.column(name) for name in ("time_s", "temperature_degC", "current_A"))
+    return identify_plate(*columns, kind=kind).model
 
 
 def _temperature_law(configuration: Configuration, plate: PlateModel, period_s: float) -> Law:
@@ -130,6 +136,10 @@ def _fastest(plate: PlateModel, configuration: Configuration, low: float, high: 
     limit = configuration.limits.current_A
     rates = [plate.rate_range_K_per_s(t, limit) for t in (low, high)]
     share = configuration.control.rate_share
+    if plate.kind == "heater" and rates[0][0] > -LEAST_COOLING_K_PER_S:
+        text = f"by the first pulses the room has {plate.ambient_degC:.1f} degC, and a heater cools no faster than "
+        text += f"{max(-rates[0][0], 0.0):.3f} K/s at {low:g} degC; expected a higher cold end"
+        raise fault("calibration.temperature_degC", f"[{low:g}, {high:g}]", text)
     return max(0.01, share * min(min(-cool, heat) for cool, heat in rates))
 
 
@@ -201,14 +211,16 @@ def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> li
     return points
 
 
-def identify_calibration(folder: RunFolder, configuration: Configuration, model_path: Path) -> Calibration:
+def identify_calibration(
+    folder: RunFolder, configuration: Configuration, model_path: Path, kind: Kind = "peltier"
+) -> Calibration:
     """Fit film and plate to all phases but "check", predict "check" in a simulation over the whole record."""
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
     checked = folder.column("phase") == "check"
     fitted = ~checked
-    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted])
+    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind)
     read_s = folder.column("resistance_time_s")
     film_fit = identify_film(
         time[fitted],

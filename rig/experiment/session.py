@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from compensator.design import Design
+from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
+from rig.drivers.heater_drive import cools
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.extended_model import own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
@@ -95,10 +97,11 @@ def calibrate(session: Session, path: Path) -> Calibration:
     _needs_current(session)
     _tell_dead_man(session)
     with one_run(session, path, "calibration") as (loop, folder):
-        check_polarity(loop, file.content, file.content.calibration.period_s)
+        check_polarity(loop, file.content, file.content.calibration.period_s, cools(bench.controller))
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
-    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
+    kind: Kind = "peltier" if cools(bench.controller) else "heater"
+    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
     folder.result(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
     from rig.report.calibration import write_calibration_report
 
@@ -190,7 +193,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert model.film is not None
     assert model.plate is not None
     if e.law != "instrument_pid":
-        _needs_current(session)
+        _needs_current(session, model)
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
     folders: dict[str, RunFolder] = {}
     for name in names:
@@ -198,7 +201,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         with one_run(session, where, f"law {name}") as (loop, folder):
             loop.know_plate(model.plate)
             if name == names[0] and result.calibration is None:
-                check_polarity(loop, file.content, e.period_s, model.plate.kind == "peltier")
+                check_polarity(loop, file.content, e.period_s, cools(session.bench.controller))
             score, design = track(loop, file.content, target, model.film, model.plate, name, model.switched())
         folder.result(law=name, score=score.table(), design=design_table(design))
         _keep(folder, target, model)
@@ -227,7 +230,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     film = result.model.film if result.model is not None else None
     policy: CurrentProfile | Follow | Setpoints
     if e.law != "instrument_pid" or e.kind == "current_profile":
-        _needs_current(session)
+        _needs_current(session, result.model)
     if e.kind == "current_profile":
         policy = CurrentProfile(target)
     elif e.law == "instrument_pid":
@@ -242,7 +245,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     with one_run(session, path, e.kind) as (loop, folder):
         if plate is not None:
             loop.know_plate(plate)
-        check_polarity(loop, file.content, e.period_s, plate is None or plate.kind == "peltier")
+        check_polarity(loop, file.content, e.period_s, cools(session.bench.controller))
         if isinstance(policy, Follow):
             start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)
             policy.state = start.state
@@ -273,8 +276,13 @@ def _tell_dead_man(session: Session) -> None:
         session.say(f"{name}: has no dead man of its own; {rest}")
 
 
-def _needs_current(session: Session) -> None:
-    """Refuse where the controller cannot be told a current. Raises Faults."""
+def _needs_current(session: Session, model: Model | None = None) -> None:
+    """Refuse where the controller cannot be told a current, or the model's plate is of another kind. Raises Faults."""
+    kind = "peltier" if cools(session.bench.controller) else "heater"
+    if model is not None and model.plate is not None and model.plate.kind != kind:
+        name = session.file.content.bench.controller.driver
+        text = f"plate.kind {model.plate.kind!r}: expected {kind!r}, as {name!r} drives one"
+        raise fault(session.file.path, "experiment.model", text)
     if not session.bench.controller.commands_current:
         table = session.file.content.bench.controller
         raise fault(
