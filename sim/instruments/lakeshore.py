@@ -11,7 +11,7 @@ that of its "high" range, a tenth and a hundredth are the others'.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isnan
+from math import inf, isnan, nan
 from typing import ClassVar
 
 from sim.instruments.instrument import Plant
@@ -51,7 +51,8 @@ class Output:
 class LakeShore(ScpiInstrument):
     """One controller. model: "335" or "336". full_drive_A: what the plant gets at full power.
 
-    input, output: the sensor and the heater that are on the plate. baudrate: of the line, 1/s; inf takes no time.
+    input, output: the sensor and the heater that are on the plate. update_s: how long a reading stays. baudrate: of the
+    line, 1/s; inf takes no time.
     """
 
     ABORTS: ClassVar[tuple[bytes, ...]] = ()
@@ -66,6 +67,7 @@ class LakeShore(ScpiInstrument):
         input: str = "A",
         output: int = 1,
         full_drive_A: float = 1.0,
+        update_s: float = TICK_S,
         baudrate: float = 57600.0,
         command_s: float = 0.002,
         start_s: float = 0.0,
@@ -77,6 +79,8 @@ class LakeShore(ScpiInstrument):
         setup = [0.0, 1.0, 0.0, 1.0, 1.0] if model == "335" else [1.0, 0.0, 1.0, 1.0]
         self.outputs = {number: Output(list(setup)) for number in ((1, 2) if model == "335" else (1, 2, 3, 4))}
         self.limits_K = dict.fromkeys(self.inputs, 0.0)
+        self._update_s = update_s
+        self._readings: dict[str, tuple[float, float]] = {}  # until when, K
         self.input_types = {name: [2, 0, 1, 0, KELVIN_UNITS] for name in self.inputs}
         self.event_enable, self.event_status = 0, POWER_ON
         self._ticks, self._start_s = 0, start_s
@@ -93,10 +97,14 @@ class LakeShore(ScpiInstrument):
     # ---- sensors --------------------------------------------------------------------------------
 
     def reading_K(self, name: str) -> float:
-        """What an input shows, K; nan where its sensor is open."""
-        plant = self._plant
-        on_plate = name == self._plate_input
-        return (plant.read_temperature_degC() if on_plate else plant.sink_temperature_degC()) + KELVIN
+        """What an input shows, K, until its next reading; nan where its sensor is open."""
+        until_s, shown_K = self._readings.get(name, (-inf, nan))
+        if self._now_s >= until_s:
+            plant = self._plant
+            on_plate = name == self._plate_input
+            shown_K = (plant.read_temperature_degC() if on_plate else plant.sink_temperature_degC()) + KELVIN
+            self._readings[name] = self._now_s + self._update_s, shown_K
+        return shown_K
 
     def reading_status(self, name: str) -> int:
         """Bits of RDGST."""
@@ -126,6 +134,7 @@ class LakeShore(ScpiInstrument):
 
     def _tick(self, time_s: float) -> None:
         self._ticks += 1
+        self._now_s = time_s
         self._plant.schedule(self._start_s + (self._ticks + 1) * TICK_S, self._tick)
         readings_K = {name: self.reading_K(name) for name in self.inputs}
         if any(limit_K and readings_K[name] > limit_K for name, limit_K in self.limits_K.items()):

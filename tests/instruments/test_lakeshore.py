@@ -29,7 +29,7 @@ Attach = Callable[[Instrument], str]
 
 @pytest.fixture
 def instrument(plant: StillPlant) -> LakeShore:
-    return LakeShore(plant)
+    return LakeShore(plant, update_s=0.0)
 
 
 @pytest.fixture
@@ -116,6 +116,17 @@ def test_own_regulation_heats_and_does_not_cool(host: Host, plant: StillPlant) -
     plant.temperature_degC = 30.0
     host.say("*ESR?")
     assert plant.current_A == 0.0
+
+
+def test_a_reading_stays_for_a_tenth_of_a_second(plant: StillPlant) -> None:
+    instrument = LakeShore(plant)
+    instrument.receive(b"CRDG? A\n", 0.0)
+    assert instrument.transmit(0.05) == b"+025.000\r\n"
+    plant.temperature_degC = 26.0
+    instrument.receive(b"CRDG? A\n", 0.06)
+    assert instrument.transmit(0.08) == b"+025.000\r\n"
+    instrument.receive(b"CRDG? A\n", 0.2)
+    assert instrument.transmit(0.25) == b"+026.000\r\n"
 
 
 # ---- conversations ------------------------------------------------------------------------------
@@ -343,7 +354,7 @@ def makers_client(plant: StillPlant, monkeypatch: pytest.MonkeyPatch) -> Iterato
     pytest.importorskip("lakeshore", reason="lakeshore is not installed")
     from lakeshore import Model335, generic_instrument
 
-    with PseudoTerminals({"it": LakeShore(plant)}) as terminals:
+    with PseudoTerminals({"it": LakeShore(plant, update_s=0.0)}) as terminals:
         path = terminals.paths["it"]
         port = types.SimpleNamespace(device=path, vid=0x1FB9, pid=0x0300, serial_number="335A123")
         monkeypatch.setattr(generic_instrument, "comports", lambda: [port])

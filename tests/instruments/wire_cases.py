@@ -87,7 +87,7 @@ CONTROLLERS = (
         resolution_K=1e-3,
         limit=1.0,
         strong=0.75,
-        emulator={"full_drive_A": 4.0},
+        emulator={"full_drive_A": 4.0, "update_s": 0.0},
     ),
     Case(
         "tclab",
