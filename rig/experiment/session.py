@@ -15,7 +15,7 @@ from compensator.design import Design
 from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
-from rig.drivers.heater_drive import cools
+from rig.drivers.heater_drive import cools, drive_unit
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.extended_model import own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
@@ -269,11 +269,16 @@ def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
 
 
 def _tell_dead_man(session: Session) -> None:
-    """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard."""
+    """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard.
+
+    And what its current is, where that is no current.
+    """
     controller, name = session.bench.controller, session.file.content.bench.controller.driver
     if not controller.has_dead_man:
         rest = "the guard process stands in" if session.bench.guard.guarding else "nothing stands in for it"
         session.say(f"{name}: has no dead man of its own; {rest}")
+    if not cools(controller):
+        session.say(f"{name}: a heater, which cannot cool; current_A is its drive, 0 to 1 {drive_unit(controller)}")
 
 
 def _needs_current(session: Session, model: Model | None = None) -> None:

@@ -39,9 +39,12 @@ def test_a_heater_tracks(peltier: Peltier, tmp_path: Path, controller: str, larg
     status, out, err = peltier("run", path, "--out", tmp_path / "run", "--json", tmp_path / "result.json")
     assert (status, err) == (0, "")
     assert f"{controller}: has no dead man" in out
+    assert f"{controller}: a heater, which cannot cool; current_A is its drive, 0 to 1 of full drive" in out
     score = json.loads((tmp_path / "result.json").read_text())["scores"]["full"]
     assert score["rms_dec"] < largest_dec
     assert score["missing"] == 0
+    document = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert document["start"]["drive_unit"] == "of full drive"
     rows = (tmp_path / "run" / "record.csv").read_text().splitlines()
     drive = rows[0].split(",").index("current_A")
     drives = [float(row.split(",")[drive]) for row in rows[1:]]
