@@ -16,7 +16,7 @@ current limit in these units, and no dead man: when the host falls silent the ou
 
 There is no checksum: a reading is asked for twice in one line, a token between and one behind
 (`rig.drivers.lakeshore_line`), and counts if both are alike; settings are read back. At 57600 Bd a temperature takes
-18 ms; the instrument makes ten readings a second, so that one is up to 0.1 s older than its time says.
+21 ms; the instrument makes ten readings a second, so that one is up to 0.1 s older than its time says.
 """
 
 from __future__ import annotations

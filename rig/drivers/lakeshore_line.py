@@ -1,13 +1,14 @@
 """Lake Shore controllers over a serial line: the token of SCPI, in five bits, and errors in the event status register.
 
 Source: Model 335 user's manual, chapter 6 (interface commands; status system, section 6.2.5; `;` lists answered in one
-line), the same for the Model 336. Not verified on an instrument: that `*ESE?` answers while a question is at work.
+line), the same for the Model 336. Not verified on an instrument: that lines of 80 characters are taken.
 
-A line asks its questions and ends in `*ESE?;*ESE n`, as in `rig.drivers.scpi`. Of the event status enable register only
-the bits that the instrument uses (OPC, QYE, EXE, CME, PON) are sure to be kept, so that tokens count through 31 numbers
-instead of 255: a whole answer of somebody else's passes where its token is the right one, 1 time in 31. There is no
-error queue and no character that aborts; `*ESR?` tells what was not understood, and an end of line closes what may lie
-half-sent.
+A line asks its questions and ends in `*ESE?;*ESE m;*ESE?;*ESE n`, as in `rig.drivers.scpi` but with two tokens: what
+the line before has left, and one of its own. Of the event status enable register only the bits that the instrument
+uses (OPC, QYE, EXE, CME, PON) are sure to be kept, 31 numbers; the pair counts through 961: a whole answer of somebody
+else's passes where both are the right ones. A register that is not what was left is that of an instrument that has
+restarted. There is no error queue and no character that aborts; `*ESR?` tells what was not understood, and an end of
+line closes what may lie half-sent.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from itertools import product
 
 from rig.drivers.scpi import ScpiLink
-from rig.errors import Corrupt, Refused
+from rig.errors import Corrupt, OutOfStep, Refused
 from rig.ports.transport import Transport
 
 ANSWER_S = 0.3
@@ -46,6 +47,12 @@ class LakeShoreLink(ScpiLink):
             first_token=first_token,
             after_resynchronisation=after_resynchronisation,
         )
+        self._count = self._token
+        self._left = b""
+
+    def is_token(self, text: str) -> bool:
+        """Whether this is the token that the line before has left, where a question asks for it in between too."""
+        return _is_number(text.strip().encode("latin-1"), self._left)
 
     def command(self, message: str) -> None:
         """Send what has no answer, and see whether it was taken: Refused with the error."""
@@ -59,7 +66,20 @@ class LakeShoreLink(ScpiLink):
         self.transport.send(self._end + message.encode("ascii") + self._end)
 
     def _next_token(self) -> int:
-        return next((token for token in TOKENS if token > self._token), TOKENS[0])
+        self._count = (self._count + 1) % len(TOKENS) ** 2
+        return TOKENS[self._count % len(TOKENS)]
+
+    def _send(self, message: str, answer_s: float) -> None:
+        self._left = b"%d" % self._token
+        self._token = TOKENS[self._count // len(TOKENS) % len(TOKENS)]  # this line's own, which the answer ends with
+        super()._send(f"{message};*ESE?;*ESE {self._token}", answer_s)
+
+    def _receive_answer(self, deadline_s: float) -> bytes:
+        rest, _, own = super()._receive_answer(deadline_s).rpartition(b";")
+        answer, _, left = rest.rpartition(b";")
+        if not _is_number(left, self._left):
+            raise OutOfStep(f"token {left!r} where {self._left!r} was left")
+        return answer + b";" + own
 
     def _empty_error_queue(self) -> None:
         self._send("*ESR?", self._answer_s)
@@ -71,3 +91,8 @@ class LakeShoreLink(ScpiLink):
             self.doubt()
             raise Corrupt(f"{answer!r} is no event status register")
         self.errors = [(bit, name) for bit, name in ERRORS.items() if int(text) & bit]
+
+
+def _is_number(text: bytes, expected: bytes) -> bool:
+    """Whether they are the same number; the instrument writes three digits."""
+    return text.isascii() and text.isdigit() and int(text) == int(expected)

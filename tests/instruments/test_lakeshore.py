@@ -131,12 +131,15 @@ def test_a_reading_stays_for_a_tenth_of_a_second(plant: StillPlant) -> None:
 
 # ---- conversations ------------------------------------------------------------------------------
 
-IN_STEP = [(b"\n*ESE 5;*ESE?\n", b"005\r\n"), (b"*ESR?;*ESE?;*ESE 16\n", b"128;005\r\n")]
+IN_STEP = [(b"\n*ESE 20;*ESE?\n", b"020\r\n"), (b"*ESR?;*ESE?;*ESE 1;*ESE?;*ESE 21\n", b"128;020;001\r\n")]
 READING = (
-    b"CRDG? A;RDGST? A;*ESE?;CRDG? A;RDGST? A;*ESE?;*ESE 17\n",
-    b"+025.000;000;016;+025.000;000;016\r\n",
+    b"CRDG? A;RDGST? A;*ESE?;CRDG? A;RDGST? A;*ESE?;*ESE 1;*ESE?;*ESE 32\n",
+    b"+025.000;000;021;+025.000;000;021;001\r\n",
 )
-OFF = (b"RANGE 1,0;RANGE? 1;RANGE? 1;HTR? 1;*ESE?;*ESE 20\n", b"0;0;+000.0;017\r\n")
+OFF = (
+    b"RANGE 1,0;RANGE? 1;RANGE? 1;HTR? 1;*ESE?;*ESE 1;*ESE?;*ESE 33\n",
+    b"0;0;+000.0;032;001\r\n",
+)
 
 
 def scripted(
@@ -164,9 +167,11 @@ def test_the_emulator_holds_the_same_conversation(instrument: LakeShore) -> None
 @pytest.mark.parametrize(
     ("reply", "error"),
     [
-        (b"+025.000;000;016;+025.000;000;005\r\n", OutOfStep),
-        (b"+025.000;000;016;016\r\n", Corrupt),
-        (b"+025.000\r\n", Corrupt),
+        (b"+025.000;000;021;+025.000;000;020;001\r\n", OutOfStep),  # what another line has left
+        (b"+025.000;000;021;+025.000;000;021;004\r\n", OutOfStep),  # another line's own
+        (b"+025.000;000;021;+025.000;000;000;001\r\n", OutOfStep),  # it has restarted
+        (b"+025.000;000;021;021;001\r\n", Corrupt),
+        (b"+025.000\r\n", OutOfStep),
     ],
 )
 def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, error: type[InstrumentError]) -> None:
@@ -179,7 +184,7 @@ def test_what_is_no_answer(attach: Attach, clock: VirtualClock, reply: bytes, er
 
 def test_two_copies_that_differ_are_asked_for_again(attach: Attach, clock: VirtualClock) -> None:
     hurt = (READING[0], READING[1].replace(b"+025", b"+035", 1))
-    good = (READING[0].replace(b"17", b"20"), READING[1].replace(b"016", b"017"))
+    good = (READING[0].replace(b"32", b"33"), READING[1].replace(b"021", b"032"))
     controller, conversation = scripted(attach, clock, [*IN_STEP, hurt, good])
     assert controller.read_temperature().value == 25.0
     conversation.assert_over()
