@@ -301,7 +301,7 @@ def test_pseudo_terminal_speed() -> None:
 
 
 def test_the_far_end_of_a_terminal_does_not_hold_it() -> None:
-    """`peltier emulate` keeps the near end open; who asks there from another process finds it free, until it is held."""
+    """`peltier emulate` keeps the near end open; another process finds it free, until it is held."""
     ask = "import sys; from rig.ports.open import holder; print(holder(sys.argv[1])[0])"
 
     def asked(path: str) -> str:

@@ -53,7 +53,13 @@ class Case:
 
     def __str__(self) -> str:
         more = self.emulator or self.options
-        return " ".join([self.driver, *(more[name] if isinstance(more[name], str) else name for name in more)])
+        return " ".join(
+            [self.driver, *(self._word(name, value) for name, value in more.items() if not isinstance(value, float))]
+        )
+
+    @staticmethod
+    def _word(name: str, value: Any) -> str:
+        return name if isinstance(value, bool) else str(value)
 
     @property
     def tolerance_s(self) -> float:
