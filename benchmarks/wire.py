@@ -55,9 +55,12 @@ BARE = {  # a reading without any proof
     "te_technology": b"*00010000000041\r",
     "te_technology tc-48-20": b"*0161\r",
     "srs_ldc500": b"TTRD?\n",
+    "lakeshore": b"CRDG? A\n",
+    "tclab": b"T1\n",
     "keithley2000": b":READ?\r",
     "hp34401a": b"READ?\n",
     "keithley2400": b":READ?\r",
+    "keithley2450": b":READ?\n",
 }
 
 

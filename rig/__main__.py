@@ -32,6 +32,7 @@ VERBS = {
     "off": "output off, with a daemon or without",
     "reset": "clear a latched trip or stop, with a reason",
 }
+ON_A_CLOCK = ("run", "calibrate", "serve")
 
 
 def overview() -> str:
@@ -52,6 +53,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(__version__)
         return 0
     verb = words[0]
+    if verb in ON_A_CLOCK:  # threads of linear algebra wait for each other, which takes seconds on a busy computer
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if verb not in VERBS:
         import difflib
 

@@ -67,7 +67,10 @@ def open_bench(
         stack.enter_context(_output_off(controller, c.bench.controller.port, guard))
         identities = {"controller": controller.identify()}
         _require_ours(file, identities, whatever_serial_number)
-        controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
+        try:
+            controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
+        except ValueError as error:
+            raise fault(file.path, "limits, bench.controller", str(error)) from None
         meter = None
         if c.bench.meter is not None:
             meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)

@@ -25,9 +25,10 @@ from rig.errors import Disconnected, InstrumentError, RigError
 from rig.files.run_folder import RunFolder
 from rig.outcome import NotConfirmedOff, Tripped
 from rig.reading import Quality, Reading, missing
-from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_of
+from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, check_test_current
+from rig.safety.switching_off import switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
@@ -100,7 +101,7 @@ Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds i
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick as it was: time of the run (s), readings with their quality, what was sent (nan: nothing of it), watch."""
+    """One tick as it was: time of the run (s), readings with quality, what was sent (nan: nothing of it), the watch."""
 
     time_s: float
     phase: str
@@ -179,8 +180,9 @@ class Loop:
         if self.sent.armed:
             if not math.isnan(self.sent.current_A):
                 self.bench.controller.set_current_A(0.0)
-            if not self.bench.controller.off():
-                raise NotConfirmedOff("the controller did not confirm that its output is off")
+            verdict = switch_off(self.bench.controller, alive=self.bench.guard.alive)
+            if not verdict.confirmed:
+                raise NotConfirmedOff(verdict.text)
         self.sent, self._read_s = OFF, None
         self.bench.guard.idle()
         begin_s = self.elapsed_s()
@@ -325,7 +327,7 @@ class Loop:
         except Disconnected as error:
             self.status_at_trip = f"the controller is gone: {error}"
         else:
-            self.status_at_trip = "the controller does not answer" if status is None else status.text
+            self.status_at_trip = "the controller does not answer" if status is None else status_in_words(status)
         self.folder.event(self.elapsed_s(), "status", f"controller: {self.status_at_trip}")
 
     def _read_temperature(self) -> Reading:

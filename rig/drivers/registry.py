@@ -20,14 +20,17 @@ from rig.ports.transport import Port, Transport
 
 # name -> module in rig.drivers, class
 CONTROLLERS = {
+    "lakeshore": ("lakeshore", "LakeShoreController"),
     "meerstetter": ("meerstetter", "MeerstetterController"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500Controller"),
+    "tclab": ("tclab", "TcLabController"),
     "te_technology": ("te_technology", "TeTechnologyController"),
 }
 METERS = {
     "hp34401a": ("hp34401a", "Hp34401AMeter"),
     "keithley2000": ("keithley2000", "Keithley2000Meter"),
     "keithley2400": ("keithley2400", "Keithley2400Meter"),
+    "keithley2450": ("keithley2450", "Keithley2450Meter"),
 }
 
 # what a driver of the user's own has to have

@@ -27,7 +27,8 @@ from rig.ports.transport import Transport
 RESYNCHRONISATIONS = 3
 ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
-TOKEN = re.compile(rb"\s*\+?(\d{1,3})\s*")
+TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
+ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # some write semicolons into the text
 
 
 class ScpiLink:
@@ -139,6 +140,10 @@ class ScpiLink:
         """Whether this is the token of the last answer, where a question asks for it in between too."""
         return _is_token(text.strip().encode("latin-1"), self._expected)
 
+    def _next_token(self) -> int:
+        """What comes behind the last token, not 0: that is what an instrument that has restarted holds."""
+        return self._token % 255 + 1
+
     def _uncalled(self) -> bool:
         """Whether bytes are there that nobody has asked for."""
         return self.transport.has_more
@@ -151,7 +156,7 @@ class ScpiLink:
         # in doubt until the answer is here, whatever interrupts us
         self._in_doubt = True
         self._expected = b"%d" % self._token
-        self._token = self._token % 255 + 1
+        self._token = self._next_token()
         data = f"{message};*ESE?;*ESE {self._token}".encode("ascii") + self._end
         transport = self.transport
         transport.send(data)
@@ -196,7 +201,7 @@ class ScpiLink:
             self.errors.append((code, text))
 
     def _await_token(self, attempt: int) -> None:
-        token = self._token = self._token % 255 + 1
+        token = self._token = self._next_token()
         transport = self.transport
         transport.drain()
         if self._clear_s:
@@ -221,8 +226,7 @@ def _is_token(text: bytes, expected: bytes) -> bool:
 
 def _error(answer: str) -> tuple[int, str]:
     """An entry of the error queue, with or without quotes; (0, ...) where it is empty."""
-    code, _, text = answer.rpartition(";")[2].partition(",")
-    try:
-        return int(code), text.strip().strip('"')
-    except ValueError:
-        raise Corrupt(f"{answer!r} is no entry of an error queue") from None
+    found = ERROR.fullmatch(answer)
+    if found is None:
+        raise Corrupt(f"{answer!r} is no entry of an error queue")
+    return int(found[1]), (found[2] or found[3] or "").partition(";")[0].strip()

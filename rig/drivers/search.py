@@ -20,14 +20,21 @@ TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("controller", "te_technology", {"model": "tc-48-20", "drain_s": 0.1}),
     ("meter", "keithley2000", {}),
     ("meter", "keithley2400", {}),
+    ("meter", "keithley2450", {}),
     ("meter", "hp34401a", {}),
+    ("controller", "lakeshore", {}),
     ("controller", "srs_ldc500", {}),
+    ("controller", "tclab", {}),
 )
+# what speaks in lines that end in LF, as instruments on VISA's buses do
+ON_VISA = ("keithley2000", "keithley2400", "keithley2450", "hp34401a", "lakeshore", "srs_ldc500")
 
 
 def tries(port: str, clock: Clock) -> Iterator[tuple[str, Identity | None]]:
     """(driver, who answered or None), one after the other, until somebody answers. PortHeld, Disconnected."""
     for role, driver, options in TRIED:
+        if port.startswith("visa://") and driver not in ON_VISA:
+            continue
         opener = open_controller if role == "controller" else open_meter
         instrument = opener(driver, port, clock, **options)
         try:

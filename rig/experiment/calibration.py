@@ -19,12 +19,15 @@ import numpy as np
 from compensator.design import design_temperature
 from compensator.film import FilmModel
 from compensator.functions import Array
+from compensator.identify_balance import Kind
 from compensator.identify_film import FilmFit, identify_film
 from compensator.identify_plate import PlateFit, identify_plate
 from compensator.law import Law, LawSettings
 from compensator.temperature_path import temperature_path
+from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
 from rig.experiment.policies import CurrentProfile, Follow, temperature_now, warmed_up
+from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
@@ -40,6 +43,7 @@ PULSE_SHARE = 0.5  # of the current limit, at most
 PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat
 LONG_LAG_S = 5.0  # beyond it, pulses do not tell a thermometer's lag from the plate's own time constant
 LEAST_RISE_K = 0.3  # that a heating pulse must give
+LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
 
@@ -75,7 +79,7 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     low, high = calibration_range(configuration)
     _pulses(loop, configuration)
     with loop.resting("plate from the pulses, gains, compiled loops"):
-        known = _plate_of_pulses(loop.folder)
+        known = _plate_of_pulses(loop.folder, "peltier" if cools(loop.bench.controller) else "heater")
         loop.know_plate(known)
         law = warmed_up(_temperature_law(configuration, known, c.period_s))
         rate = min(c.rate_K_per_s, _fastest(known, configuration, low, high))
@@ -103,12 +107,13 @@ def _pulses(loop: Loop, configuration: Configuration) -> None:
     current = PULSE_SHARE * configuration.limits.current_A
     low, high = configuration.limits.temperature_degC
     if known is not None:
-        gain = known.plate.rate_range_K_per_s(0.5 * (low + high), current)[1] / current
-        current = min(current, PULSE_K / (PULSE_S * gain))
+        at_room = known.plate.ambient_degC  # where nothing is lost
+        current = min(current, current * PULSE_K / (PULSE_S * known.plate.rate_K_per_s(at_room, current)))
     inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
     period = configuration.calibration.period_s
     rest_s = PULSE_S + behind_s
-    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, rest_s), (-current, PULSE_S), (0.0, rest_s)]
+    other = -current if cools(loop.bench.controller) else 0.5 * current
+    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, rest_s), (other, PULSE_S), (0.0, rest_s)]
     before = len(loop.folder.rows)
     for k, (value, length) in enumerate(steps):
         profile = Target("current", np.array([0.0, length]), np.array([value, value]))
@@ -124,10 +129,10 @@ def _pulses(loop: Loop, configuration: Configuration) -> None:
                 raise Tripped("polarity", text, loop.elapsed_s())
 
 
-def _plate_of_pulses(folder: RunFolder) -> KnownPlate:
+def _plate_of_pulses(folder: RunFolder, kind: Kind) -> KnownPlate:
     """Plate and the thermometer's lag from all rows so far."""
     columns = [folder.column(name) for name in ("time_s", "temperature_degC", "current_A")]
-    fit = identify_plate(*columns, lag=True)
+    fit = identify_plate(*columns, kind=kind, lag=True)
     doubt = OF_PULSES if fit.lag_s < LONG_LAG_S else OF_A_PULSE
     return KnownPlate(fit.model, fit.lag_s, doubt=doubt)
 
@@ -157,6 +162,11 @@ def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: 
     limit = configuration.limits.current_A
     rates = [known.plate.rate_range_K_per_s(t, limit) for t in (low, high)]
     share = configuration.control.rate_share
+    slowest = rates[0][0]
+    if known.plate.kind == "heater" and slowest > -LEAST_COOLING_K_PER_S:
+        text = f"by the first pulses the room has {known.plate.ambient_degC:.1f} degC, and a heater cools no faster "
+        text += f"than {max(-slowest, 0.0):.3f} K/s at {low:g} degC; expected a higher cold end"
+        raise fault("calibration.temperature_degC", f"[{low:g}, {high:g}]", text)
     return max(0.01, min(share * min(min(-cool, heat) for cool, heat in rates), watchable_rate_K_per_s(known)))
 
 
@@ -237,14 +247,16 @@ def _plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array
     return course
 
 
-def identify_calibration(folder: RunFolder, configuration: Configuration, model_path: Path) -> Calibration:
+def identify_calibration(
+    folder: RunFolder, configuration: Configuration, model_path: Path, kind: Kind = "peltier"
+) -> Calibration:
     """Fit film and plate to all phases but "check", predict "check" in a simulation over the whole record."""
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
     checked = folder.column("phase") == "check"
     fitted = ~checked
-    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], lag=True)
+    plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind, lag=True)
     read_s = folder.column("resistance_time_s")
     plate_degC = _plate_course(time, temperature, plate_fit.lag_s)
     film_fit = identify_film(

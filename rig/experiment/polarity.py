@@ -18,10 +18,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from compensator.plate import PlateModel
+from rig.drivers.heater_drive import cools
 from rig.files.configuration import Configuration
 from rig.loop import Decision, Loop
 from rig.outcome import Tripped
+from rig.reading import Reading
+from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
+from rig.safety.interlock import Limits
 
 REST_S = 1.5
 FEWEST = 5  # readings at rest
@@ -115,21 +120,47 @@ class PolarityPulse:
         return rate <= QUIET_SHARE * self._fastest_K_per_s
 
 
+def rehearsed(limits: Limits, period_s: float) -> None:
+    """A pulse, its judgement and some ticks of the watch on a plate that is not there: what has to be imported and
+    compiled is, before anything is switched on."""
+    plate = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+    watch, pulse = BenchWatch(limits, 0.0, True), PolarityPulse(0.25 * limits.current_A, limits.current_A, period_s)
+    rows: list[tuple[float, float, float]] = []
+    time_s, degC, sent, done = 0.0, 25.0, OFF, False
+    while not done and time_s < pulse.duration_s:
+        watch.judge(time_s, sent, Reading(degC + 1e-3 * (len(rows) % 3), time_s), Reading(1e4, time_s))
+        decision = pulse.decide(time_s, degC + 1e-3 * (len(rows) % 3), -4.0)
+        sent, done = Sent(decision.current_A, armed=True), decision.done
+        watch.allow(time_s, degC, decision.current_A)
+        rows.append((time_s, degC, decision.current_A))
+        time_s, degC = time_s + period_s, plate.step(degC, decision.current_A, period_s)
+    time, temperature, current = np.array(rows).T
+    known = first_plate(time, temperature, current, limits.current_A)
+    if known is not None:
+        watch.know(known)
+    for _ in range(8):
+        time_s += period_s
+        watch.judge(time_s, sent, Reading(degC, time_s), Reading(1e4, time_s))
+
+
 def check_polarity(
-    loop: Loop, configuration: Configuration, period_s: float, model: KnownPlate | None = None, cools: bool = True
+    loop: Loop, configuration: Configuration, period_s: float, model: KnownPlate | None = None
 ) -> KnownPlate | None:
     """Pulse, judge, and let the loop know the plate: the model's, or where there is none the pulse's.
 
-    cools: whether the plate can. Returns what the loop knows now. Raises Tripped("polarity") or Tripped("no_response").
+    Returns what the loop knows now. Raises Tripped("polarity") or Tripped("no_response").
     """
     limits = configuration.limits
+    with loop.resting("rehearsal of the pulse"):
+        rehearsed(loop.limits, period_s)
     if limits.polarity_share == 0.0 or not loop.bench.controller.commands_current:
         loop.folder.event(loop.elapsed_s(), "polarity", "not checked")
         if model is not None:
             loop.know_plate(model)
         return model
+    can_cool = cools(loop.bench.controller)
     now = loop.bench.controller.read_temperature()
-    hot = cools and now.is_number and now.value > limits.temperature_degC[1] - NEAR_LIMIT_K
+    hot = can_cool and now.is_number and now.value > limits.temperature_degC[1] - NEAR_LIMIT_K
     current_A = (-1.0 if hot else 1.0) * limits.polarity_share * limits.current_A
     said = 0.0
     for _ in range(TRIALS):
@@ -140,7 +171,7 @@ def check_polarity(
             loop.folder.event(loop.elapsed_s(), "polarity", text, moved_K=pulse.left_K)
             return _known(loop, model, first, limits.current_A)
         said = pulse.left_K
-        if not cools or _pulsed(loop, -current_A, limits.current_A, period_s).left_K < 0.0:
+        if not can_cool or _pulsed(loop, -current_A, limits.current_A, period_s).left_K < 0.0:
             break  # either current moves it the wrong way; otherwise it drifts by itself, and has settled some more
     text = (
         f"{current_A:g} A should {'heat' if current_A > 0.0 else 'cool'}, and moved the temperature by "
@@ -167,7 +198,7 @@ def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> 
     with loop.resting("a first plate from the pulse"):
         folder = loop.folder
         time, degC, current = (folder.column(name)[first:] for name in ("time_s", "temperature_degC", "current_A"))
-        seen = first_plate(time, degC, current, limit_A)
+        seen = first_plate(time, degC, current, limit_A, "peltier" if cools(loop.bench.controller) else "heater")
         known = seen if model is None else model
         if model is not None and seen is not None:
             behind_s = seen.lag_s + seen.delay_s

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench import Bench
+from rig.drivers.heater_drive import drive_unit
 from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
@@ -53,6 +54,7 @@ def recorded(
         "settings": file.content.model_dump(mode="json"),
         "instruments": {name: asdict(identity) for name, identity in bench.identities.items()},
         "dead_man": bench.controller.has_dead_man,
+        "drive_unit": drive_unit(bench.controller),
         "guarded": bench.guard.guarding,
     }
     folder = make_folder(path, start, file.text, columns_of(bench))
@@ -89,6 +91,7 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
     text = contradiction(loop.watch.plate, loop.last_A, bench.controller, bench.clock)
     if text is not None:
         output.confirmed = False
+        bench.guard.given_up()
         raise NotConfirmedOff(text) from error
 
 

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any, cast
 
 from compensator.design import Design
+from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
+from rig.drivers.heater_drive import cools, drive_unit
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
@@ -99,7 +101,8 @@ def calibrate(session: Session, path: Path) -> Calibration:
         check_polarity(loop, file.content, file.content.calibration.period_s)
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
-    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml")
+    kind: Kind = "peltier" if cools(bench.controller) else "heater"
+    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
     folder.result(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
     from rig.report.calibration import write_calibration_report
 
@@ -191,7 +194,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert model.film is not None
     assert model.plate is not None
     if e.law != "instrument_pid":
-        _needs_current(session)
+        _needs_current(session, model)
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
     folders: dict[str, RunFolder] = {}
     for name in names:
@@ -200,7 +203,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
         with one_run(session, where, f"law {name}") as (loop, folder):
             if name == names[0] and result.calibration is None:
-                check_polarity(loop, file.content, e.period_s, known, model.plate.kind == "peltier")
+                check_polarity(loop, file.content, e.period_s, known)
             else:
                 loop.know_plate(known)
             score = track(loop, file.content, plan)
@@ -232,7 +235,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     known = known_plate(plate, result.model.switched()) if result.model is not None and plate is not None else None
     policy: CurrentProfile | Follow | Setpoints
     if e.law != "instrument_pid" or e.kind == "current_profile":
-        _needs_current(session)
+        _needs_current(session, result.model)
     if e.kind == "current_profile":
         policy = CurrentProfile(target)
     elif e.law == "instrument_pid":
@@ -246,7 +249,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
         )
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):
-        check_polarity(loop, file.content, e.period_s, known, plate is None or plate.kind == "peltier")
+        check_polarity(loop, file.content, e.period_s, known)
         if isinstance(policy, Follow):
             start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)
             policy.state = start.state
@@ -270,15 +273,25 @@ def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
 
 
 def _tell_dead_man(session: Session) -> None:
-    """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard."""
+    """Say who switches the output off when this program hangs: the controller itself, or nobody but the guard.
+
+    And what its current is, where that is no current.
+    """
     controller, name = session.bench.controller, session.file.content.bench.controller.driver
     if not controller.has_dead_man:
         rest = "the guard process stands in" if session.bench.guard.guarding else "nothing stands in for it"
         session.say(f"{name}: has no dead man of its own; {rest}")
+    if not cools(controller):
+        session.say(f"{name}: a heater, which cannot cool; current_A is its drive, 0 to 1 {drive_unit(controller)}")
 
 
-def _needs_current(session: Session) -> None:
-    """Refuse where the controller cannot be told a current. Raises Faults."""
+def _needs_current(session: Session, model: Model | None = None) -> None:
+    """Refuse where the controller cannot be told a current, or the model's plate is of another kind. Raises Faults."""
+    kind = "peltier" if cools(session.bench.controller) else "heater"
+    if model is not None and model.plate is not None and model.plate.kind != kind:
+        name = session.file.content.bench.controller.driver
+        text = f"plate.kind {model.plate.kind!r}: expected {kind!r}, as {name!r} drives one"
+        raise fault(session.file.path, "experiment.model", text)
     if not session.bench.controller.commands_current:
         table = session.file.content.bench.controller
         raise fault(

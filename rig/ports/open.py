@@ -80,7 +80,8 @@ def holder(port: str) -> tuple[int | None, str]:
     """Process number and command line of who has `port` locked; (None, "") where that cannot be found out.
 
     Linux only: /proc tells who has the device open, and which of those descriptors carries the lock. Other
-    users' processes do not show theirs.
+    users' processes do not show theirs. What stands at the far end of a pseudo-terminal, such as `peltier emulate`,
+    does not hold it.
     """
     if port.startswith("sim://"):
         return os.getpid(), "this process"
@@ -98,7 +99,7 @@ def holder(port: str) -> tuple[int | None, str]:
                 if "FLOCK" in Path(f"/proc/{process}/fdinfo/{descriptor}").read_text():
                     return int(process), _command(process)
                 has_it_open.append(int(process))
-    others = [process for process in has_it_open if process != os.getpid()]
+    others = [process for process in has_it_open if process != os.getpid() and not _is_far_end(process, device)]
     return (others[0], _command(str(others[0]))) if others else (None, "")
 
 
@@ -106,6 +107,20 @@ def is_still_trying(process: int) -> bool:
     """Whether a process is one that still tries to switch an output off (`rig.guard.keep_trying`)."""
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/comm").read_text().strip() == STILL_TRYING
+    return False
+
+
+def _is_far_end(process: int, device: str) -> bool:
+    """Whether a process serves the pseudo-terminal `device`: it has the master of that number."""
+    directory, _, number = device.rpartition("/")
+    if directory != "/dev/pts":
+        return False
+    with contextlib.suppress(OSError):
+        for descriptor in os.listdir(f"/proc/{process}/fd"):
+            if os.path.realpath(f"/proc/{process}/fd/{descriptor}").endswith("ptmx"):
+                fields = Path(f"/proc/{process}/fdinfo/{descriptor}").read_text().split()
+                if "tty-index:" in fields and fields[fields.index("tty-index:") + 1] == number:
+                    return True
     return False
 
 

@@ -113,7 +113,7 @@ class BenchWatch:
         self._status_s = now_s
         status = status_of(controller)
         if status is not None and status.is_error:
-            raise Tripped("controller_error", f"the controller reports {status.text}", now_s)
+            raise Tripped("controller_error", f"the controller reports {status_in_words(status)}", now_s)
         if status is not None and not status.output_is_on:
             text = f"the controller has switched its output off by itself; it says: {status.text}"
             raise Tripped("controller_off", text, now_s)
@@ -147,6 +147,11 @@ def status_of(controller: TemperatureController) -> Status | None:
         raise
     except InstrumentError:
         return None
+
+
+def status_in_words(status: Status) -> str:
+    """What it says, what that means and how to clear it, as far as that is known."""
+    return "; ".join(part for part in (status.text, status.meaning, status.remedy) if part)
 
 
 def is_reading(reading: Reading | None) -> bool:

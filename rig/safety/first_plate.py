@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from compensator.functions import KELVIN, Array
+from compensator.identify_balance import Kind
 from compensator.plate import PlateModel
 
 LAGS_S: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0)
@@ -71,10 +72,13 @@ class KnownPlate:
         return max(self.lag_s + self.delay_s, self.largest_lag_s)
 
 
-def first_plate(time_s: Array, temperature_degC: Array, current_A: Array, limit_A: float) -> KnownPlate | None:
+def first_plate(
+    time_s: Array, temperature_degC: Array, current_A: Array, limit_A: float, kind: Kind = "peltier"
+) -> KnownPlate | None:
     """Plate and thermometer from a pulse; None where it moved nothing.
 
-    Shapes (samples,): current_A is that of a row until the next. limit_A: the largest current there will be.
+    Shapes (samples,): current_A is that of a row until the next. limit_A: the largest current there will be. A heater's
+    drive stands in the place of the current.
     """
     known = np.isfinite(temperature_degC)
     time, reading, current = time_s - time_s[0], temperature_degC[known], np.nan_to_num(current_A)
@@ -98,11 +102,15 @@ def first_plate(time_s: Array, temperature_degC: Array, current_A: Array, limit_
     largest = max(lag + delay for cost, lag, delay, _, found in trials if cost <= bound and found[0] > 0.0)
     seebeck = gain / (at_rest_degC + KELVIN)
     usual = seebeck * USUAL_LOSS_W_PER_K / USUAL_SEEBECK_V_PER_K
+    ambient = float(at_rest_degC + min(max(drift / usual, -40.0), 40.0))
+    if kind == "heater":
+        heater = PlateModel(0.0, 0.0, float(loss), ambient, float(gain), "heater")
+        return KnownPlate(heater, lag, delay, largest, OF_A_PULSE)
     plate = PlateModel(
         seebeck_over_capacity_per_A_s=float(seebeck),
         resistance_over_capacity_K_per_A2_s=float(JOULE_SHARE * 300.0 * seebeck / limit_A),
         conductance_over_capacity_per_s=float(usual),
-        ambient_degC=float(at_rest_degC + min(max(drift / usual, -40.0), 40.0)),
+        ambient_degC=ambient,
     )
     return KnownPlate(plate, lag, delay, largest, OF_A_PULSE)
 

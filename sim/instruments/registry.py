@@ -10,14 +10,17 @@ from sim.instruments.instrument import Instrument, Plant
 
 # driver's name -> module in sim.instruments, class
 CONTROLLERS = {
+    "lakeshore": ("lakeshore", "LakeShore"),
     "meerstetter": ("meerstetter", "MeerstetterTec"),
     "srs_ldc500": ("srs_ldc500", "SrsLdc500"),
+    "tclab": ("tclab", "TcLab"),
     "te_technology": ("te_technology", "TeTechnology"),
 }
 METERS = {
     "hp34401a": ("hp34401a", "Hp34401A"),
     "keithley2000": ("keithley2000", "Keithley2000"),
     "keithley2400": ("keithley2400", "Keithley2400"),
+    "keithley2450": ("keithley2450", "Keithley2450"),
 }
 
 

@@ -40,8 +40,9 @@ class Regulator:
         integral_time_s: float,
         derivative_time_s: float,
         damping: float,
+        lowest_percent: float = -100.0,
     ) -> float:
-        """Output in % of the current limit, -100 to 100, positive heats."""
+        """Output in % of the current limit, -100 (`lowest_percent`, 0 for a heater) to 100, positive heats."""
         if isnan(self.nominal_degC):
             self.nominal_degC = temperature_degC
         distance_K = target_degC - self.nominal_degC
@@ -57,8 +58,8 @@ class Regulator:
         increment = gain_percent_per_K * error_K * dt_s / integral_time_s if integral_time_s > 0.0 else 0.0
         fixed = gain_percent_per_K * (error_K - derivative_time_s * self._slope_K_per_s)
         wanted = fixed + self._integral_percent + increment
-        output = min(100.0, max(-100.0, wanted))
+        output = min(100.0, max(lowest_percent, wanted))
         if wanted == output or (wanted > output) != (increment > 0.0):
-            self._integral_percent = min(100.0, max(-100.0, self._integral_percent + increment))
+            self._integral_percent = min(100.0, max(lowest_percent, self._integral_percent + increment))
         self.output_percent = output
         return output

@@ -23,13 +23,14 @@ LONGEST_MESSAGE = 2048
 class ScpiInstrument(SerialLine):
     """What all of them share. byte_s: time of one character on the wire, s; 0 takes no time.
 
-    The class attributes say which characters abort, and how the error queue speaks.
+    The class attributes say which characters abort, how the error queue speaks, and whether an error drops the rest.
     """
 
     ABORTS: ClassVar[tuple[bytes, ...]] = (b"\x03", b"\x18")
     QUEUE_LENGTH: ClassVar[int] = 10
     QUEUE_OVERFLOW: ClassVar[str] = '350,"Queue Overflow"'
     NO_ERROR: ClassVar[str] = '0,"No error"'
+    DROPS_REST: ClassVar[bool] = True
 
     def __init__(self, plant: Plant, *, byte_s: float, terminator: bytes, command_s: float, start_s: float) -> None:
         super().__init__(plant)
@@ -110,7 +111,8 @@ class ScpiInstrument(SerialLine):
             answer = call()
         except ScpiError as error:
             self.push_error(str(error))
-            self._calls.clear()
+            if self.DROPS_REST:
+                self._calls.clear()
             return
         if answer is not None:
             self._answers.append(answer)

@@ -15,8 +15,9 @@ from sim.instruments import registry as emulators
 from sim.instruments.instrument import Instrument
 
 Attach = Callable[[Instrument], str]
-CONTROLLERS = ("meerstetter", "srs_ldc500", "te_technology")
-METERS = ("hp34401a", "keithley2000", "keithley2400")
+CONTROLLERS = ("lakeshore", "meerstetter", "srs_ldc500", "tclab", "te_technology")
+WITH_ADDRESS = ("meerstetter", "te_technology")
+METERS = ("hp34401a", "keithley2000", "keithley2400", "keithley2450")
 
 
 def opened(name: str, port: str, clock: VirtualClock, **options: Any) -> Any:
@@ -55,7 +56,8 @@ def test_baud_reaches_the_port_and_the_link(attach: Attach, clock: VirtualClock,
         driver.read()
         assert driver.read().time_s == pytest.approx(plant.sampled_s, abs=2e-3)
     else:
-        assert driver.read_temperature().value == 25.0
+        resolution_K = 0.33 if name == "tclab" else 0.0
+        assert driver.read_temperature().value == pytest.approx(25.0, abs=resolution_K)
 
 
 def test_a_model_has_its_own_line(attach: Attach, clock: VirtualClock, plant: StillPlant) -> None:
@@ -108,8 +110,8 @@ def test_a_driver_that_refuses_its_options_lets_the_port_go(
 def test_address_goes_to_drivers_that_have_one(
     attach: Attach, clock: VirtualClock, plant: StillPlant, name: str
 ) -> None:
-    address = attach(emulated(name, plant, **({} if name == "srs_ldc500" else {"address": 3})))
-    if name == "srs_ldc500":
+    address = attach(emulated(name, plant, **({"address": 3} if name in WITH_ADDRESS else {})))
+    if name not in WITH_ADDRESS:
         with pytest.raises(ValueError, match="no option address"):
             opened(name, address, clock, address=3)
     else:
@@ -117,7 +119,7 @@ def test_address_goes_to_drivers_that_have_one(
 
 
 def test_unknown_names() -> None:
-    with pytest.raises(ValueError, match="hp34401a, keithley2000, keithley2400"):
+    with pytest.raises(ValueError, match="hp34401a, keithley2000, keithley2400, keithley2450"):
         drivers.open_meter("fluke", "sim://x", VirtualClock())
     with pytest.raises(KeyError):
         emulators.emulated_meter("fluke", StillPlant())

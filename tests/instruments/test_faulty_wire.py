@@ -85,7 +85,7 @@ def test_output_that_is_reported_off_is_off(clock: VirtualClock, attach: Attach,
     plant = StillPlant()
     controller, wire = controller_on(attach, clock, case, plant, seed, REPLY_FAULTS + REQUEST_FAULTS)
     if controller.commands_current:
-        controller.set_current_A(3.0)
+        controller.set_current_A(case.strong)
     else:
         controller.set_setpoint_degC(40.0)
     clock.sleep_until_s(clock.now_s() + 0.2)

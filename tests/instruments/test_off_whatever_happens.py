@@ -32,7 +32,7 @@ def test_a_silent_device(attach: Attach, clock: VirtualClock, case: Case) -> Non
 def test_an_unplugged_device(attach: Attach, clock: VirtualClock, plant: StillPlant, case: Case) -> None:
     controller, wire = controller_on(attach, clock, case, plant, 1, ())
     if controller.commands_current:
-        controller.set_current_A(1.0)
+        controller.set_current_A(case.strong)
     registry.unregister("test-0")
     with pytest.raises(Disconnected):
         controller.read_temperature()
@@ -46,7 +46,7 @@ def test_an_unplugged_device(attach: Attach, clock: VirtualClock, plant: StillPl
 def test_a_closed_port(attach: Attach, clock: VirtualClock, plant: StillPlant, case: Case) -> None:
     controller, _ = controller_on(attach, clock, case, plant, 1, ())
     if controller.commands_current:
-        controller.set_current_A(1.0)
+        controller.set_current_A(case.strong)
     controller.close()
     controller.close()
     assert controller.off() is True

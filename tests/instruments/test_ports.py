@@ -15,6 +15,7 @@ from collections.abc import Callable
 import pytest
 import serial
 from conversation import Conversation
+from still_plant import StillPlant
 
 from rig.clock import RealClock, VirtualClock
 from rig.errors import Corrupt, Disconnected, PortHeld, TimedOut
@@ -23,6 +24,7 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
+from sim.instruments.keithley2000 import Keithley2000
 
 Attach = Callable[[Instrument], str]
 LINE = LineSettings(9600)
@@ -296,3 +298,18 @@ def test_pseudo_terminal_hands_over_an_emulators_exception() -> None:
 def test_pseudo_terminal_speed() -> None:
     with pytest.raises(ValueError, match="positive"):
         PseudoTerminals({}, speed=0.0)
+
+
+def test_the_far_end_of_a_terminal_does_not_hold_it() -> None:
+    """`peltier emulate` keeps the near end open; another process finds it free, until it is held."""
+    ask = "import sys; from rig.ports.open import holder; print(holder(sys.argv[1])[0])"
+
+    def asked(path: str) -> str:
+        return subprocess.run([sys.executable, "-c", ask, path], capture_output=True, text=True, check=True).stdout
+
+    with PseudoTerminals({"it": Keithley2000(StillPlant())}) as terminals:
+        path = terminals.paths["it"]
+        assert asked(path) == "None\n"
+        port = open_port(path, LineSettings())
+        assert asked(path) == f"{os.getpid()}\n"
+        port.close()

@@ -34,7 +34,8 @@ class Case:
 
     first: name of the option that fixes the first token or number. resolution_K: of a reading; the tell-tale
     temperature rises by `rate_K_per_s`, so that a reading tells its time within the quotient of the two.
-    longest_s: how long the tell-tale temperature stays within what the instrument shows.
+    longest_s: how long the tell-tale temperature stays within what the instrument shows. limit: of its current, or of a
+    heater's drive; strong: a current, or drive, that heats.
     """
 
     driver: str
@@ -45,12 +46,20 @@ class Case:
     resolution_K: float = 1e-5
     fault_rate: float = 0.2
     longest_s: float = 2000.0
+    limit: float = 4.0
+    strong: float = 3.0
     emulator: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         more = self.emulator or self.options
-        return " ".join([self.driver, *(name if isinstance(more[name], bool) else more[name] for name in more)])
+        return " ".join(
+            [self.driver, *(self._word(name, value) for name, value in more.items() if not isinstance(value, float))]
+        )
+
+    @staticmethod
+    def _word(name: str, value: Any) -> str:
+        return name if isinstance(value, bool) else str(value)
 
     @property
     def tolerance_s(self) -> float:
@@ -77,12 +86,33 @@ CONTROLLERS = (
     ),
     Case("srs_ldc500", b"31.25\r\n", rate_K_per_s=0.1, resolution_K=1e-3),
     Case("srs_ldc500", b"31.25;31.25;999\r\n", rate_K_per_s=0.1, resolution_K=1e-3, emulator={"joined": True}),
+    Case(
+        "lakeshore",
+        b"+031.250\r\n",
+        rate_K_per_s=0.1,
+        resolution_K=1e-3,
+        limit=1.0,
+        strong=0.75,
+        emulator={"full_drive_A": 4.0, "update_s": 0.0},
+    ),
+    Case(
+        "tclab",
+        b"31.25\r\n",
+        rate_K_per_s=1.0,
+        resolution_K=0.6,
+        fault_rate=0.15,
+        longest_s=130.0,
+        limit=1.0,
+        strong=0.75,
+        emulator={"full_drive_A": 4.0},
+    ),
 )
 METERS = (
     Case("keithley2000", b"+1.23456789E+03\n", meter=True),
     Case("hp34401a", b"+1.23456789E+03\r\n", meter=True),
     Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True),
     Case("keithley2400", b"+1.000000E-05,+1.234568E+03\n", meter=True, options={"output_between_readings": False}),
+    Case("keithley2450", b"1.0000000E-05, 1.2345678E+03\n", meter=True),
 )
 
 
@@ -107,7 +137,7 @@ def controller_on(
     emulator = emulated_controller(case.driver, plant, **case.emulator)
     line = FaultyWire(emulator, seed=seed, rate=0.0, foreign=case.foreign, faults=faults, **wire)
     controller = open_controller(case.driver, attach(line), clock, **case.options, **{case.first: seed % 255 + 1})
-    controller.configure(4.0, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
+    controller.configure(case.limit, (-100.0, 600.0) if case.driver != "srs_ldc500" else (-100.0, 240.0), 0.0)
     if controller.commands_current:
         controller.arm_current()
     else:

@@ -1,0 +1,339 @@
+"""Lake Shore 335 and 336 temperature controllers: a heater output in current mode, and the sensor that goes with it.
+
+Source: Model 335 and 336 user's manuals, chapter 6 (interface commands) and chapter 4 (heater outputs); the line is
+that of their USB ports. Not verified on an instrument: that MOUT counts in percent of full power where the output shows
+power, how soon a setting reads back (some read an old setpoint for a while: what was set is asked for until `SETTLE_S`
+is over), how many decimals TLIMIT keeps.
+
+An output takes a drive and cannot cool (`rig.drivers.heater_drive`): 1 is full power of its range, option `range`
+("high", and a tenth and a hundredth of that power). The driver lets the output show power, and leaves the heater's
+resistance and largest current (HTRSET) as they are set at the front panel, unless `max_current_A` is given.
+For setpoints it uses the instrument's own PID with the gains that it has; these setpoints are in the sensor's own
+units (INTYPE), which are asked for.
+
+It has an upper temperature limit of its own (TLIMIT), which switches all outputs off, and a ramp; no lower one, no
+current limit in these units, and no dead man: when the host falls silent the output stays as it is.
+
+There is no checksum: a reading is asked for twice in one line, a token between and one behind
+(`rig.drivers.lakeshore_line`), and counts if both are alike; settings are read back. At 57600 Bd a temperature takes
+21 ms; the instrument makes ten readings a second, so that one is up to 0.1 s older than its time says.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable
+from math import isfinite, nan
+from typing import ClassVar
+
+from rig.drivers.confirmed import confirmed
+from rig.drivers.controller import OwnLimits, Status
+from rig.drivers.heater_drive import HeaterDrive
+from rig.drivers.identity import Identity
+from rig.drivers.lakeshore_line import LakeShoreLink
+from rig.errors import Corrupt, InstrumentError, Refused
+from rig.ports.open import LineSettings
+from rig.ports.transport import Transport
+from rig.reading import Quality, Reading
+
+KELVIN = 273.15
+RANGES = {"low": 1, "medium": 2, "high": 3}
+CLOSED_LOOP, OPEN_LOOP = 1, 3
+MODES = {0: "off", CLOSED_LOOP: "own regulation", 2: "zones", OPEN_LOOP: "open loop", 4: "monitor", 5: "warm-up"}
+KELVIN_UNITS, CELSIUS_UNITS = 1, 2  # of a sensor (INTYPE)
+SHOWS_POWER = "2"
+HEATER_ERRORS = {1: "heater open", 2: "heater shorted", 3: "heater compliance"}
+READING_FAULTS = {1: "invalid", 16: "too cold", 32: "too hot", 64: "sensor at zero", 128: "sensor over range"}
+RESOLUTION_PERCENT, RESOLUTION_K, LIMIT_RESOLUTION_K = 0.011, 2e-3, 0.6
+NO_OUTPUT_PERCENT = 0.1  # some show 0.005 % with the output off
+SETTLE_S, AGAIN_S = 0.6, 0.05
+TRIALS, OFF_ATTEMPTS = 3, 3
+SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0
+NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
+
+
+class LakeShoreController(HeaterDrive):
+    """See `rig.drivers.controller.TemperatureController`.
+
+    input: of the sensor, "A" or "B" (336: to "D"). output: 1 or 2. range: "low", "medium" or "high". max_current_A: of
+    the heater, A; None leaves it as it is set.
+    """
+
+    LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600, bytesize=7, parity="O")
+    NAME = "a Lake Shore 335 or 336"
+    has_ramp: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        transport: Transport,
+        *,
+        line: LineSettings = LINE,
+        input: str = "A",
+        output: int = 1,
+        range: str = "high",
+        max_current_A: float | None = None,
+        first_token: int | None = None,
+    ) -> None:
+        if input not in ("A", "B", "C", "D"):
+            raise ValueError(f"input {input!r}: 'A' to 'D' is expected")
+        if output not in (1, 2):
+            raise ValueError(f"output {output!r}: 1 or 2 is expected")
+        if range not in RANGES:
+            raise ValueError(f"range {range!r}: one of {', '.join(RANGES)} is expected")
+        if max_current_A is not None and not 0.0 < max_current_A <= 2.0:
+            raise ValueError(f"max_current_A {max_current_A}: more than 0 and at most 2 is expected")
+        self.transport = transport
+        self.link = LakeShoreLink(
+            transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._look_after_doubt
+        )
+        self._input, self._output, self._range = input, output, RANGES[range]
+        self._max_current_A = max_current_A
+        self._kelvin: bool | None = None
+        self._armed_mode: int | None = None
+
+    def identify(self) -> Identity:
+        """`*IDN?`. Refused where it is no 335 or 336."""
+        maker, model, number, firmware = (
+            part.strip() for part in (self.link.ask_alone("*IDN?") + ",,,").split(",")[:4]
+        )
+        if maker != "LSCI" or model not in ("MODEL335", "MODEL336"):
+            raise Refused(None, f"{maker!r} {model!r} is no Lake Shore 335 or 336")
+        return Identity("Lake Shore", model.removeprefix("MODEL"), number.partition("/")[0], firmware)
+
+    def configure(
+        self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
+    ) -> None:
+        """Output off, in open loop at no drive, upper temperature limit; each read back.
+
+        current_limit_A: the largest drive, at most 1. There is no dead man to be set.
+        """
+        self._check_limits(current_limit_A, temperature_limits_degC)
+        self._armed_mode = None
+        self._set("RANGE", "0")
+        self._configure_output()
+        self._set_mode(OPEN_LOOP)
+        self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
+        self._set_number("TLIMIT", self._input, temperature_limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
+        self._learn_units()
+        self.drive_limit = current_limit_A
+        self.temperature_limits_degC = temperature_limits_degC
+
+    def own_limits(self) -> OwnLimits:
+        """TLIMIT, and the ramp, each asked for twice."""
+        limit_K = self._twice(f"TLIMIT? {self._input}")
+        on, rate_K_per_min = (_number(text) for text in self._texts_twice(f"RAMP? {self._output}").split(","))
+        high_degC = limit_K - KELVIN if limit_K > 0.0 else nan
+        return OwnLimits(high_degC=high_degC, ramp_K_per_s=rate_K_per_min / 60.0 if on else 0.0)
+
+    def set_ramp_K_per_s(self, ramp_K_per_s: float) -> None:
+        """RAMP, 0.1 to 100 K/min, 0 for as fast as it can; read back. ValueError for another rate."""
+        rate = 60.0 * ramp_K_per_s
+        if ramp_K_per_s != 0.0 and not SLOWEST_K_PER_MIN <= rate <= FASTEST_K_PER_MIN:
+            raise ValueError(f"a ramp of {ramp_K_per_s} K/s: 0, or {0.1 / 60:.4f} to {100 / 60:.3f} is expected")
+        on = int(ramp_K_per_s > 0.0)
+        text = f"{rate if on else SLOWEST_K_PER_MIN:.2f}"
+        self.link.command(f"RAMP {self._output},{on},{text}")
+        found = [_number(part) for part in self._texts_twice(f"RAMP? {self._output}").split(",")]
+        if len(found) != 2 or found[0] != on or abs(found[1] - float(text)) > 0.06:
+            raise Refused(None, f"RAMP was set to {on},{text} and reads {found}")
+
+    def arm_current(self) -> None:
+        """Open loop at no drive, output on in its range."""
+        self._check_drive(0.0)
+        self._armed_mode = None
+        self._set_mode(OPEN_LOOP)
+        self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
+        self._enable(OPEN_LOOP)
+
+    def set_current_A(self, current_A: float) -> None:
+        """Drive from now on, 0 to 1 of full power of the range, read back. ValueError outside: nothing is sent."""
+        self._check_drive(current_A)
+        self._require(OPEN_LOOP)
+        self._set_number("MOUT", str(self._output), 100.0 * current_A, RESOLUTION_PERCENT)
+
+    def arm_setpoint(self) -> None:
+        """The instrument's own regulation, held at the temperature of now; output on in its range."""
+        self._check_drive(0.0)
+        self._armed_mode = None
+        low_degC, high_degC = self.temperature_limits_degC
+        now = self.read_temperature()
+        if not (now.is_number and low_degC <= now.value <= high_degC):
+            raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
+        self._learn_units()
+        self._set_mode(CLOSED_LOOP)
+        self._set_setpoint(now.value)
+        self._enable(CLOSED_LOOP)
+
+    def set_setpoint_degC(self, setpoint_degC: float) -> None:
+        """SETP, read back. ValueError outside the configured limits: nothing is sent."""
+        low_degC, high_degC = self.temperature_limits_degC
+        if not low_degC <= setpoint_degC <= high_degC:
+            raise ValueError(f"{setpoint_degC} degC is outside the configured {low_degC} to {high_degC} degC")
+        self._require(CLOSED_LOOP)
+        self._set_setpoint(setpoint_degC)
+
+    def read_temperature(self) -> Reading:
+        """The sensor (CRDG, RDGST), degC; `time_s` is when the question had arrived."""
+        value_degC, fault = (
+            _number(text) for text in self._texts_twice(f"CRDG? {self._input}", f"RDGST? {self._input}").split(";")
+        )
+        good = fault == 0.0 and isfinite(value_degC)
+        return Reading(value_degC if good else nan, self.link.arrived_s, Quality.OK if good else Quality.INVALID)
+
+    def read_current(self) -> Reading:
+        """Drive of the output (HTR), 0 to 1 of full power of the range."""
+        value = self._twice(f"HTR? {self._output}") / 100.0
+        return Reading(value, self.link.arrived_s, Quality.OK if isfinite(value) else Quality.INVALID)
+
+    def status(self) -> Status:
+        """Range and mode of the output, what its heater is like, and the sensor's faults."""
+        output = self._output
+        range_text, mode_text, heater_text, sensor_text = self._texts_twice(
+            f"RANGE? {output}", f"OUTMODE? {output}", f"HTRST? {output}", f"RDGST? {self._input}"
+        ).split(";")
+        heater, sensor = int(_whole(heater_text)), int(_whole(sensor_text))
+        in_range, mode = int(_whole(range_text)), int(_whole(mode_text.partition(",")[0]))
+        words = [next((name for name, code in RANGES.items() if code == in_range), "off"), MODES.get(mode, "?")]
+        if heater:
+            words.append(f"error: {HEATER_ERRORS.get(heater, heater)}")
+        words += [f"sensor: {name}" for bit, name in READING_FAULTS.items() if sensor & bit]
+        return Status(", ".join(words), bool(heater or sensor), in_range > 0, heater or sensor)
+
+    def off(self) -> bool:
+        """RANGE 0, at once and then proven; True if the range and the output (HTR) say so. Never raises."""
+        self._armed_mode = None
+        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+
+    def _off_once(self, _: int) -> bool:
+        if self.link.in_doubt:
+            with contextlib.suppress(InstrumentError):
+                self.link.shout(f"RANGE {self._output},0")
+        clock = self.transport.clock
+        give_up_s = clock.now_s() + SETTLE_S
+        question = f"RANGE {self._output},0;RANGE? {self._output};RANGE? {self._output};HTR? {self._output}"
+        while True:
+            self.link.start(question)  # without asking why, where no answer comes: time matters
+            first, again, percent = self.link.finish().split(";")
+            if first != again or _whole(first) != 0.0:
+                return False
+            if abs(_number(percent)) <= NO_OUTPUT_PERCENT:
+                return True
+            if clock.now_s() > give_up_s:
+                return False
+            clock.sleep_until_s(clock.now_s() + AGAIN_S)
+
+    # ---- settings -------------------------------------------------------------------------------
+
+    def _configure_output(self) -> None:
+        """The output shows power; the heater's resistance and largest current stay, or are what the options say."""
+        fields = [text.strip() for text in self._texts_twice(f"HTRSET? {self._output}").split(",")]
+        if len(fields) not in (4, 5):  # the 335 has the output's type in front
+            raise Refused(None, f"HTRSET reads {fields}")
+        fields[-1] = SHOWS_POWER
+        if self._max_current_A is not None:
+            fields[-3], fields[-2] = "0", f"{self._max_current_A:.3f}"
+        self.link.command(f"HTRSET {self._output},{','.join(fields)}")
+        found = self._texts_twice(f"HTRSET? {self._output}").split(",")
+        if [_number(text) for text in found] != [_number(text) for text in fields]:
+            raise Refused(None, f"HTRSET was set to {fields} and reads {found}")
+
+    def _set_mode(self, mode: int) -> None:
+        self._set("OUTMODE", f"{mode},{'ABCD'.index(self._input) + 1},0")  # 0: off after a power cycle
+
+    def _set_setpoint(self, setpoint_degC: float) -> None:
+        value = setpoint_degC + KELVIN if self._kelvin else setpoint_degC
+        self._set_number("SETP", str(self._output), value, RESOLUTION_K)
+
+    def _enable(self, mode: int) -> None:
+        self._set("RANGE", str(self._range))
+        status = self.status()
+        if status.is_error or not status.output_is_on:
+            raise Refused(status.code or None, f"the output does not come on: {status.text}")
+        self._armed_mode = mode
+
+    def _require(self, mode: int) -> None:
+        """In step, and armed for that."""
+        if self.link.in_doubt:
+            self.link.resynchronise()
+        if self._armed_mode != mode:
+            raise Refused(None, f"the output is not armed for {'drives' if mode == OPEN_LOOP else 'setpoints'}")
+
+    def _set(self, name: str, value: str) -> None:
+        """A setting of the output in whole numbers, read back. Refused."""
+        wanted = [float(part) for part in value.split(",")]
+        self._set_and_wait(
+            f"{name} {self._output},{value}",
+            f"{name}? {self._output}",
+            lambda text: [_number(part) for part in text.split(",")] == wanted,
+        )
+
+    def _set_number(self, name: str, of: str, value: float, resolution: float) -> None:
+        self._set_and_wait(
+            f"{name} {of},{value:.3f}", f"{name}? {of}", lambda text: abs(_number(text) - value) <= resolution
+        )
+
+    def _set_and_wait(self, command: str, question: str, is_it: Callable[[str], bool]) -> None:
+        """Set and read back in one line, again and again until it is so. Refused where the time is over."""
+        clock = self.transport.clock
+        (text,) = self._answers(f"{command};{question}", 1)
+        give_up_s = clock.now_s() + SETTLE_S
+        while not is_it(text):
+            if clock.now_s() > give_up_s:
+                self.link.command(command)
+                raise Refused(None, f"{command} was set, and {question} reads {text}")
+            clock.sleep_until_s(clock.now_s() + AGAIN_S)
+            (text,) = self._answers(question, 1)
+
+    def _learn_units(self) -> None:
+        """The units of the sensor, in which setpoints count. Refused for those that are no temperatures."""
+        units = _number(self._texts_twice(f"INTYPE? {self._input}").rpartition(",")[2])
+        if units not in (KELVIN_UNITS, CELSIUS_UNITS):
+            raise Refused(None, f"input {self._input} counts in the sensor's units; kelvin or degC is expected")
+        self._kelvin = units == KELVIN_UNITS
+
+    # ---- questions ------------------------------------------------------------------------------
+
+    def _twice(self, question: str) -> float:
+        return _number(self._texts_twice(question))
+
+    def _texts_twice(self, *questions: str) -> str:
+        """Answers that the instrument gives twice in one line, the token between. Corrupt where they differ."""
+        count, message = len(questions), ";".join(questions)
+        for _ in range(TRIALS):
+            answers = self._answers(f"{message};*ESE?;{message}", 2 * count + 1)
+            first, token, second = answers[:count], answers[count], answers[count + 1 :]
+            if first == second and self.link.is_token(token):
+                return ";".join(first)
+        self.link.doubt()
+        raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
+
+    def _answers(self, message: str, count: int) -> list[str]:
+        answers = self.link.ask(message).split(";")
+        if len(answers) != count:
+            self.link.doubt()
+            raise Corrupt(f"{answers} are not {count} answers to {message}")
+        return answers
+
+    def _look_after_doubt(self) -> None:
+        """A controller that was switched off in between comes back with its output off: it is no longer armed."""
+        if self._armed_mode is None:
+            return
+        mode, self._armed_mode = self._armed_mode, None
+        in_range, now = self._answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
+        if _number(in_range) == self._range and _number(now.partition(",")[0]) == mode:
+            self._armed_mode = mode
+
+
+def _number(text: str) -> float:
+    """nan where it is none."""
+    text = text.strip()
+    return float(text) if text.isascii() and NUMBER.fullmatch(text) else nan
+
+
+def _whole(text: str) -> float:
+    """A number without a fraction. Corrupt where it is none."""
+    value = _number(text)
+    if not value.is_integer():
+        raise Corrupt(f"{text!r} is no whole number")
+    return value
