@@ -220,12 +220,13 @@ def caught(result: dict[str, Any]) -> bool:
     )
 
 
-def faults(seeds: int, workers: int) -> bool:
+def faults(seeds: range, workers: int, which: str) -> bool:
     """The table of faults; whether all were caught."""
     cases = [
         (fault, model, holding, seed)
         for fault, model, holding in itertools.product(FAULTS, (True, False), (False, True))
-        for seed in range(seeds)
+        for seed in seeds
+        if which in f"{fault} {'with' if model else 'none'} {'holding' if holding else 'heating'}"
         if model or fault != "drifts by -0.5 K/s"
     ]
     with ProcessPoolExecutor(workers) as pool:
@@ -252,12 +253,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=20, help="rigs for each fault")
     parser.add_argument("--quiet-cases", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--which", default="", help="only these: words of the fault's name, 'with' or 'none', 'heating'")
     parser.add_argument("--only", choices=("faults", "quiet"))
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     good = True
     if options.only != "quiet":
-        good &= faults(options.seeds, options.workers)
+        good &= faults(range(options.first, options.first + options.seeds), options.workers, options.which)
     if options.only != "faults":
         from benchmarks._quiet_runs import quiet
 

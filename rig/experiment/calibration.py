@@ -42,6 +42,11 @@ from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 PULSE_SHARE = 0.5  # of the current limit, at most
 PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat
 LONG_LAG_S = 5.0  # beyond it, pulses do not tell a thermometer's lag from the plate's own time constant
+OTHER_PLATE = 1.7  # times the gain of the first pulse, or one over that: pulse and pulses agree within 1.3
+OTHER_PLATE_BEHIND = 4.0  # behind a long lag, which one pulse hardly tells from a low gain
+OTHER_LAG_S, OTHER_LAG = 3.0, 2.0
+UNLIKE_A_PLATE = 0.03  # of the pulses' span: effects of the catalogue leave less than 0.02
+LEAST_RATE_K_PER_S = 0.03  # of the profile: a plate that can do less has not been seen as it is, or needs hours
 LEAST_RISE_K = 0.3  # that a heating pulse must give
 LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
@@ -79,7 +84,11 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     low, high = calibration_range(configuration)
     _pulses(loop, configuration)
     with loop.resting("plate from the pulses, gains, compiled loops"):
-        known = _plate_of_pulses(loop.folder, "peltier" if cools(loop.bench.controller) else "heater")
+        first = loop.watch.plate.known
+        kind: Kind = "peltier" if cools(loop.bench.controller) else "heater"
+        known = _plate_of_pulses(loop.folder, kind, first.delay_s if first is not None else 0.0)
+        if first is not None:
+            _check_same_plate(first, known, loop.elapsed_s())
         loop.know_plate(known)
         law = warmed_up(_temperature_law(configuration, known, c.period_s))
         rate = min(c.rate_K_per_s, _fastest(known, configuration, low, high))
@@ -129,12 +138,43 @@ def _pulses(loop: Loop, configuration: Configuration) -> None:
                 raise Tripped("polarity", text, loop.elapsed_s())
 
 
-def _plate_of_pulses(folder: RunFolder, kind: Kind) -> KnownPlate:
-    """Plate and the thermometer's lag from all rows so far."""
-    columns = [folder.column(name) for name in ("time_s", "temperature_degC", "current_A")]
-    fit = identify_plate(*columns, kind=kind, lag=True)
+def _plate_of_pulses(folder: RunFolder, kind: Kind, delay_s: float) -> KnownPlate:
+    """Plate and the thermometer's lag from all rows so far; the first pulse has told by how much currents come late.
+
+    Raises Tripped where no plate answers as the readings do.
+    """
+    time, degC, current = (folder.column(name) for name in ("time_s", "temperature_degC", "current_A"))
+    acting = np.searchsorted(time, time - delay_s + 1e-6, "right") - 1
+    fit = identify_plate(time, degC, np.where(acting >= 0, current[np.maximum(acting, 0)], 0.0), kind=kind, lag=True)
+    span_K = float(np.nanmax(degC) - np.nanmin(degC))
+    steps = np.abs(np.diff(degC[np.isfinite(degC)]))
+    step_K = float(np.min(steps[steps > 0.0], initial=0.5))
+    if fit.rmse_K > UNLIKE_A_PLATE * span_K + 3.0 * fit.noise_K + step_K:
+        text = (
+            f"no plate answers to the pulses as the readings do: the best fit is off by {fit.rmse_K:.2f} K (RMS) over "
+            f"{span_K:.1f} K: is the thermometer still on it?"
+        )
+        raise Tripped("other_plate", text, float(time[-1]))
     doubt = OF_PULSES if fit.lag_s < LONG_LAG_S else OF_A_PULSE
-    return KnownPlate(fit.model, fit.lag_s, doubt=doubt)
+    return KnownPlate(fit.model, fit.lag_s, delay_s, doubt=doubt)
+
+
+def _check_same_plate(first: KnownPlate, now: KnownPlate, time_s: float) -> None:
+    """Raises Tripped where the plate answers to the pulses in another way than to the first one: its thermometer may
+    have come off in between, and the fit would take that for the plate."""
+    if now.lag_s > OTHER_LAG_S + OTHER_LAG * first.behind_s:
+        text = f"it shows a current {now.lag_s:.1f} s late now, {first.behind_s:.1f} s at the most at the first pulse"
+        raise Tripped("other_plate", f"the thermometer is not as it was: {text}; is it still on the plate?", time_s)
+    then, after = (
+        p.plate.seebeck_over_capacity_per_A_s or p.plate.drive_over_capacity_K_per_s for p in (first, now)
+    )
+    other = OTHER_PLATE if max(first.behind_s, now.behind_s) < LONG_LAG_S else OTHER_PLATE_BEHIND
+    if not 1.0 / other < after / then < other:
+        text = (
+            f"the pulses of the calibration heat the plate {after / then:.2f} times as fast as the first one did: is "
+            "the thermometer still on it?"
+        )
+        raise Tripped("other_plate", text, time_s)
 
 
 def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: float) -> Law:
@@ -167,7 +207,15 @@ def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: 
         text = f"by the first pulses the room has {known.plate.ambient_degC:.1f} degC, and a heater cools no faster "
         text += f"than {max(-slowest, 0.0):.3f} K/s at {low:g} degC; expected a higher cold end"
         raise fault("calibration.temperature_degC", f"[{low:g}, {high:g}]", text)
-    return max(0.01, min(share * min(min(-cool, heat) for cool, heat in rates), watchable_rate_K_per_s(known)))
+    fastest = min(share * min(min(-cool, heat) for cool, heat in rates), watchable_rate_K_per_s(known))
+    if fastest < LEAST_RATE_K_PER_S:
+        text = (
+            f"by its pulses the plate can heat and cool by no more than {max(fastest, 0.0):.3f} K/s between {low:g} "
+            f"and {high:g} degC within {limit:g} A; expected {LEAST_RATE_K_PER_S:g} K/s: a narrower range, more "
+            "current, or a thermometer that is not on the plate?"
+        )
+        raise Tripped("too_slow", text, 0.0)
+    return fastest
 
 
 def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_first: bool = True) -> Target:

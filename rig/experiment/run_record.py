@@ -20,7 +20,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
 from rig.loop import Loop, Progress, Tick, columns_of
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.safety.after_off import contradiction
+from rig.safety.after_off import NO_VOICE, contradiction
 from rig.safety.interlock import Limits
 from rig.safety.output_off import OutputOff
 from rig.safety.signals import SignalStop
@@ -86,7 +86,7 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
 
     Where somebody goes on reading when this run has ended, that is for them.
     """
-    if not output.confirmed or bench.watched_after:
+    if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in NO_VOICE:
         return
     text = contradiction(loop.watch.plate, loop.last_A, bench.controller, bench.clock)
     if text is not None:

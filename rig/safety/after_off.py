@@ -2,7 +2,8 @@
 
 A controller may say "off, 0 A" while a current flows. So the temperature is looked at for some time more, and held
 against two courses, from where plate and thermometer were: without a current, and with the last one still flowing.
-Where the two have parted, the reading is on one side or on the other.
+Where the two have parted, the reading is on one side or on the other. Only what has changed since the output went off
+counts, and a thermometer that a run has tripped on (`NO_VOICE`) has no voice.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ from rig.errors import InstrumentError
 from rig.safety.plate_watch import PlateWatch
 
 LOOK_S, EVERY_S = 8.0, 0.25
-APART_K, STEPS = 1.0, 3.0  # that the courses have to be, before the reading can choose
-OFF_SHARE, ON_SHARE, THRICE = 0.4, 0.6, 3  # of the way from one course to the other; so many readings alike
+APART_K, STEPS = 2.5, 3.0  # that the courses have to be, before the reading can choose
+NO_VOICE = ("unseen_heat", "disturbed", "hidden_heat", "thermometer_stale", "runaway", "no_response", "other_plate")
+OFF_SHARE, ON_SHARE, THRICE = 0.4, (0.7, 1.6), 3  # of the way from one course to the other; so many readings alike
 
 
 class AfterOff:
@@ -30,7 +32,7 @@ class AfterOff:
         self.text = ""
         self._step_K, self._current_A, self._off_s = watch.step_K, current_A, off_s
         self._off, self._on = watch.copy(), watch.copy()
-        self._against = 0
+        self._against, self._more_K = 0, math.nan
 
     def take(self, now_s: float, temperature_degC: float) -> None:
         """A reading; nan: none."""
@@ -38,10 +40,12 @@ class AfterOff:
             return
         without_degC, with_degC = self._off.run_on(now_s, 0.0), self._on.run_on(now_s, self._current_A)
         apart_K = with_degC - without_degC
+        if math.isnan(self._more_K):
+            self._more_K = temperature_degC - without_degC
         if math.isnan(temperature_degC) or abs(apart_K) < APART_K + STEPS * self._step_K:
             return
-        share = (temperature_degC - without_degC) / apart_K
-        self._against = self._against + 1 if share > ON_SHARE else 0
+        share = (temperature_degC - self._more_K - without_degC) / apart_K
+        self._against = self._against + 1 if ON_SHARE[0] < share < ON_SHARE[1] else 0
         if share < OFF_SHARE:
             self.agrees = True
         elif self._against >= THRICE:

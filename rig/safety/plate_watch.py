@@ -27,12 +27,13 @@ from typing import Final
 from rig.outcome import Tripped
 from rig.safety.first_plate import OF_A_PULSE, KnownPlate
 
-LEAST_K: Final = 3.0  # a draught, a neighbour's heat
+LEAST_K: Final = 2.5  # a draught, a neighbour's heat
 STEPS, SIGMAS = 2.0, 8.0  # of the thermometer
-SINK_K = 50.0  # that a heat sink may be from the model's ambient
+WARM_SINK_K, COLD_SINK_K = 50.0, 25.0  # that a heat sink may be from the model's ambient, either way
 HIDDEN_K = 2.0  # above the limit
 FULL = 0.9  # of the useful current
 LEAST_SHARE, LEAST_PREDICTED_K, AGAINST_K = 0.1, 3.0, 1.0
+NOISE_SHARE, BEND = 0.02, 1.95  # of a second difference, whose mean size is so many times the noise
 STEP_S = 0.25  # of the simulation, at most
 LONGEST_S = 5.0  # that one reading stands for
 
@@ -61,7 +62,7 @@ class _Seen:
         self.driven, self.lost = _Answer(), _Answer()
         self.smooth_K_per_s = self.bend_K_per_s = 0.0  # rate of the plate, smoothed; how far it was from that lately
         self.step_K, self.noise_K = math.inf, 0.0
-        self.corrected_s = math.nan
+        self.corrected_s = self.change_K = math.nan
 
     @property
     def settled(self) -> bool:
@@ -184,11 +185,12 @@ class PlateWatch:
 
     def _correct(self, known: KnownPlate, seen: _Seen, reading_degC: float, now_s: float) -> None:
         """Hold the reading against what it should be, then learn from it."""
-        change = abs(reading_degC - seen.reading_degC)
-        if change > 0.0:
-            seen.step_K = min(seen.step_K, change)
-            seen.noise_K += 0.02 * (min(change, 1.0) - seen.noise_K)
-        seen.reading_degC = reading_degC
+        change = reading_degC - seen.reading_degC
+        if change != 0.0:
+            seen.step_K = min(seen.step_K, abs(change))
+        bend_K = change - seen.change_K if math.isfinite(seen.change_K) else 0.0
+        seen.noise_K += NOISE_SHARE * (min(abs(bend_K) / BEND, 1.0) - seen.noise_K)
+        seen.reading_degC, seen.change_K = reading_degC, change
         off_K = reading_degC - seen.shown_degC
         settle = self._settle_s
         bound_K = self._tolerance_K(known, seen, settle)
@@ -200,8 +202,7 @@ class PlateWatch:
         seen.shown_degC += share * off_K
         seen.disturbance_K_per_s += dt / settle**2 * off_K
         seen.corrected_s = now_s
-        plate, doubt = known.plate, known.doubt
-        most = plate.conductance_over_capacity_per_s * SINK_K + doubt.gain * 2.0 * self._fastest_K_per_s
+        most = self._most_K_per_s(known, seen)
         if abs(seen.disturbance_K_per_s) > most + LEAST_K / settle:
             self._trip_disturbed(now_s, seen, most)
         if seen.plate_degC > self._high_degC + HIDDEN_K:
@@ -212,11 +213,21 @@ class PlateWatch:
             raise Tripped("hidden_heat", text, now_s)
         self._look_against(known, now_s, reading_degC)
 
+    def _most_K_per_s(self, known: KnownPlate, seen: _Seen) -> float:
+        """The largest disturbance that is none: a heat sink that has warmed up or cooled down, and a model that is off.
+        A heat sink does not get far below the room."""
+        sink_K = WARM_SINK_K if seen.disturbance_K_per_s > 0.0 else COLD_SINK_K
+        g, doubt = known.plate.conductance_over_capacity_per_s, known.doubt
+        loss = g * abs(seen.plate_degC - known.plate.ambient_degC)
+        drive = abs(known.plate.rate_K_per_s(seen.plate_degC, self._acting_A)) + loss
+        return g * sink_K + 2.0 * (doubt.gain * drive + doubt.loss * loss)
+
     def _tolerance_K(self, known: KnownPlate, seen: _Seen, settle: float) -> float:
         doubt = known.doubt
         behind_s = known.lag_s + known.delay_s
         late_s = max(doubt.lag_s + doubt.lag * behind_s, known.behind_s - behind_s)
-        model = doubt.gain * seen.driven.lately_K + doubt.loss * seen.lost.lately_K + late_s * seen.bend_K_per_s
+        gain_K, loss_K = doubt.gain * seen.driven.lately_K, doubt.loss * seen.lost.lately_K
+        model = math.hypot(gain_K, loss_K, late_s * seen.bend_K_per_s)  # errors that know nothing of each other
         step = seen.step_K if math.isfinite(seen.step_K) else 0.0
         return LEAST_K + model + STEPS * step + SIGMAS * min(seen.noise_K, 0.25)
 
