@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
 from rig.command.say import Voice
 from rig.faults import Faults, fault
-from rig.files.record_file import ColumnMapping, Record, read_record, unit_of
+from rig.files.record_file import Record, unit_of
 
 if TYPE_CHECKING:
     from compensator.film import FilmModel
@@ -59,8 +59,7 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         writable_parent(options.out)
     voice = Voice(options.json)
-    mappings = [ColumnMapping.parse(text) for text in options.column]
-    records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]
+    records = read_records(options.records, options)
     with_film = [r for r in records if r.has_output(options.output)]
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
