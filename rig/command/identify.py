@@ -235,9 +235,10 @@ def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any
         voice.say(f"  {name} = {value:.6g} +- {1.96 * error:.2g} (95 %)")
     notes = list(fit.identifiability)
     if fit.rmse_K > MISFIT * fit.noise_K:
+        times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
         notes.insert(
             0,
-            f"The model leaves {fit.rmse_K / fit.noise_K:.0f} times the thermometer's noise: something is missing, "
+            f"The model leaves {times:.0f} times the thermometer's noise: something is missing, "
             "such as a heat sink that warms up or a thermometer that lags, and the intervals above are too narrow.",
         )
     for note in notes:

@@ -12,6 +12,8 @@ from rig.files.column_meaning import KNOWN
 from rig.files.field_times import LAYOUTS
 from rig.files.units import UNITS, asked_unit
 
+LONGEST_NAME = 80  # of a column that is told by its name, and not by its number
+
 
 def ending_of(ours: str) -> str:
     """The unit that our column's name ends in."""
@@ -71,6 +73,12 @@ class ColumnMapping:
 def typed(ours: str, names: Sequence[str], index: int, unit: str | None = None) -> str:
     """What to type so that a file's column is taken, quoted for a shell."""
     name = names[index]
-    odd = not name.isprintable() or "@" in name or "|" in name or list(names).count(name) > 1 or not name
+    odd = (
+        not name.isprintable()
+        or "@" in name
+        or "|" in name
+        or list(names).count(name) > 1
+        or not 0 < len(name) <= LONGEST_NAME
+    )
     text = f"{ours}={f'#{index + 1}' if odd else name}" + (f"@{unit}" if unit else "")
     return f"--column {shlex.quote(text)}"

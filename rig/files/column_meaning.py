@@ -81,7 +81,7 @@ NOTHING = Meaning(None)
 
 def meaning_of(name: str, below: str = "") -> Meaning:
     """What a name says, with the unit that stands below it, where there is a line of units."""
-    name = straightened(name.strip().strip("\"'"))[:200]
+    name = straightened(name.strip().strip("\"'")[:200])[:200]
     if not name or name in KNOWN:
         return Meaning(name) if name else NOTHING
     if re.search(r"(?i)\b(log_?10|lg|log|ln)\b\s*_?\s*[(|]?\s*(R\b|resistance|Ω|ohm)", name):
@@ -110,7 +110,9 @@ def divided(name: str) -> tuple[str, str]:
 
 
 def _goes_with(words: str, ending: str) -> bool:
-    quantities, _, _ = _told(words)
+    quantities, roles, strange = _told(words)
+    if not quantities:
+        return bool(roles) and not strange
     return len(quantities) == 1 and ENDING[next(iter(quantities))] == ending
 
 

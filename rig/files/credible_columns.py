@@ -6,6 +6,7 @@ otherwise. The refusal holds what to type, either way.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -23,6 +24,7 @@ LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
 MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
 ABSOLUTE_ZERO_DEGC = -273.15
 MOST_DEGC, MOST_A = 1e4, 1e5  # beyond which no thermometer and no plate is; an outlier is smaller
+MOST_OHM = 1e30  # beyond which no ohmmeter reads; overrange is inf
 
 
 class Chosen(Protocol):
@@ -64,7 +66,9 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
         faults.append(f"{table.source}: {table.at(int(k) + 1)}: time_s: {after}: expected increasing times")
     if not faults and np.max(np.abs(time)) > MOST_S:
         what = typed("time_s", names, chosen["time_s"].index, "ms") if "time_s" in chosen else ""
-        faults.append(f"{table.source}: time_s: {float(time[0])!r} s is beyond any clock: expected seconds or {what}")
+        faults.append(
+            f"{table.source}: time_s: {float(np.max(np.abs(time)))!r} s is beyond any clock: expected seconds or {what}"
+        )
     return faults
 
 
@@ -119,13 +123,18 @@ def _temperature_faults(
 
 def _size_faults(table: Table, values: Mapping[str, Array]) -> list[str]:
     """Numbers that are none of the quantity, whatever the unit: each would carry a fit away."""
-    bounds = {"temperature_degC": (ABSOLUTE_ZERO_DEGC, MOST_DEGC), "current_A": (-MOST_A, MOST_A)}
+    bounds = {
+        "temperature_degC": (ABSOLUTE_ZERO_DEGC, MOST_DEGC),
+        "current_A": (-MOST_A, MOST_A),
+        "resistance_ohm": (-math.inf, MOST_OHM),
+    }
     faults = []
     for name, (low, high) in bounds.items():
         column = values.get(name)
         if column is None:
             continue
         for k in np.flatnonzero(np.isfinite(column) & ((column < low) | (column > high)))[:MOST_FAULTS]:
-            found = f"{float(column[k])!r}: expected between {low:g} and {high:g}, or an empty field for no reading"
+            bounds_told = f"at most {high:g}, or inf" if low == -math.inf else f"{low:g} to {high:g}, or an empty field"
+            found = f"{float(column[k])!r}: expected {bounds_told} for no reading"
             faults.append(f"{table.source}: {table.at(int(k))}: {name}: {found}")
     return faults

@@ -20,7 +20,7 @@ from rig.files.units import UNITS, spelled
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "#na", "null", "none", "-", "--", "---", "nd", "n.d.", "1.#qnan"))
 BEYOND = frozenset(("ol", "o.l", "o.l.", "ovld", "ovrflw", "overload", "overflow", "over", "overrange", "1.#inf", "∞"))
 BEYOND |= {"inf", "infinity"}
-OVERFLOW = 9.89e37  # IEEE 488.2's infinity is 9.9E37, its not-a-number 9.91E37; meters send them as readings
+OVERFLOW = (9.89e37, 1.0e38)  # IEEE 488.2's infinity is 9.9E37, its not-a-number 9.91E37; meters send them as readings
 NOT_A_NUMBER = (9.905e37, 9.915e37)
 LONGEST = 400  # characters of a number: a double written out in full has 327
 EVIDENCE_ROWS = 2000
@@ -90,10 +90,9 @@ def blank_like(text: str) -> bool:
 def signs_of(columns: Iterable[Sequence[str]], separator: str) -> Signs:
     """How a file writes decimals, from those of its numbers that can be read in one way only."""
     votes = set().union(*(_votes(islice(column, EVIDENCE_ROWS)) for column in columns))
-    if separator == "," and "," not in votes:
-        return Signs(".")
+    several = len(votes) > 1
     decimal = votes.pop() if len(votes) == 1 else ""
-    return Signs(decimal, decimal == "," or (not decimal and (separator == ";" or bool(votes))))
+    return Signs(decimal, decimal == "," or several or (not decimal and separator == ";"))
 
 
 def _votes(fields: Iterable[str]) -> set[str]:
@@ -151,7 +150,7 @@ def within_range(values: Array, ending: str | None, said: Sequence[str] = ()) ->
     if ending is not None and values.size:
         size = np.abs(values)
         none = (size > NOT_A_NUMBER[0]) & (size < NOT_A_NUMBER[1])
-        large = (size >= OVERFLOW) & np.isfinite(values) & ~none
+        large = (size >= OVERFLOW[0]) & (size <= OVERFLOW[1]) & ~none
         if np.any(large) or np.any(none):
             said.append(f"9.9E37 as beyond the range or no reading ({int(np.sum(large | none))} rows)")
             values = np.where(large, np.copysign(np.inf, values), values)

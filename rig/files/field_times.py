@@ -1,7 +1,7 @@
 """Fields of a text file as times: ISO dates, dates in other orders, a clock's time of the day, elapsed h:mm:ss.
 
 All become seconds from the first row. 03/04/2026 is read in both orders; where both give the same seconds, or one of
-them would go back or leave a gap of days that the other has not, there is no question, else it is asked for:
+them would go back or leave a gap of days where the other leaves none, there is no question, else it is asked for:
 `time_s=Date@dmy` or `@mdy`. A clock that goes back by more than half a day has passed midnight.
 """
 
@@ -138,7 +138,7 @@ def _day_seconds(hour: str, minute: str, second: str | None, fraction: str | Non
         if not 1 <= hours <= 12:
             raise ValueError(f"{hour}:{minute} {half}")
         hours = hours % 12 + (12 if half[0] in "pP" else 0)
-    if int(minute) > 59 or int(second or 0) > 60:
+    if int(minute) > 59 or int(second or 0) > 60 or (half is not None and hours > 24):
         raise ValueError(f"{hour}:{minute}:{second}")
     return 3600.0 * hours + 60.0 * int(minute) + int(second or 0) + (float(f"0.{fraction}") if fraction else 0.0)
 
@@ -205,7 +205,10 @@ def _in_order(matches: Sequence[re.Match[str] | None], order: str) -> Array:
             continue
         key = (m[1], m[3], m[4])
         if key not in days:
-            days[key] = _day(dict(zip(order, key, strict=True))) if m[3].isdigit() else _named_day(key)
+            try:
+                days[key] = _day(dict(zip(order, key, strict=True))) if m[3].isdigit() else _named_day(key)
+            except ValueError:
+                raise ValueError(m.string) from None
         start = days[key] if start is None else start
         clock = _day_seconds(m[5], m[6], m[7], m[8], m[10]) if m[5] is not None else 0.0
         seconds[k] = DAY_S * (days[key] - start) + clock
@@ -234,6 +237,6 @@ def _plain_order(found: dict[str, Array]) -> str:
     best = min(largest, key=lambda order: largest[order])
     for order, seconds in rising.items():
         same = np.array_equal(seconds, rising[best], equal_nan=True)
-        if not same and largest[order] < largest[best] + DAY_S:
+        if not same and (largest[best] > DAY_S or largest[order] < largest[best] + DAY_S):
             raise Unclear("day and month", tuple(sorted({best, order})))
     return best

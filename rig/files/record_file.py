@@ -33,14 +33,18 @@ __all__ = ["KNOWN", "UNITS", "ColumnMapping", "Record", "print_columns", "read_r
 
 
 def read_record(
-    path: Path, mappings: Iterable[ColumnMapping] = (), needs: Iterable[str] = (), decimal: str = ""
+    path: Path,
+    mappings: Iterable[ColumnMapping] = (),
+    needs: Iterable[str] = (),
+    decimal: str = "",
+    flags: bool = True,
 ) -> Record:
     """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase.
 
     needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file does not tell which sign
-    stands before its decimals.
+    stands before its decimals. flags: whether whoever calls takes --column, so that refusals may tell it.
     """
-    return record_of(_table(path, decimal), mappings, needs)
+    return record_of(_table(path, decimal), mappings, needs, flags)
 
 
 def _table(path: Path, decimal: str) -> Table:

@@ -7,6 +7,7 @@ looks as if it held the resistance, is not plain, the file is refused with the l
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -42,6 +43,13 @@ ASKED_UNITS = {
 }
 DRIVE_UNITS = ("duty", "percent", "pwm255")
 SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}
+OTHER_UNIT = {
+    "time_s": "time_min",
+    "target_ohm": "target_kohm",
+    "setpoint_degC": "setpoint_K",
+    "current_A": "current_mA",
+}
+MOST_DUTY = 1.05  # a duty of 256 in 255 is written too
 LEAST_PLATE_A = 0.02  # a plate's current reaches more; an ohmmeter's test current does not
 LEAST_KELVIN = 150.0  # no record of a film or a Peltier plate stays below this many kelvins
 LEAST_OHM = 0.01  # no film's resistance stays below this
@@ -64,8 +72,8 @@ class Choice:
 class Taking:
     """The columns of one table, taken one after the other."""
 
-    def __init__(self, table: Table) -> None:
-        self.table = table
+    def __init__(self, table: Table, flags: bool = True) -> None:
+        self.table, self.flags = table, flags
         self.names = [column.name for column in table.columns]
         self.shown = table.names()
         self.meanings = [meaning_of(column.name, column.unit) for column in table.columns]
@@ -123,10 +131,12 @@ class Taking:
         return " or ".join(typed(ours, self.names, k, unit) for unit in units)
 
 
-def record_of(table: Table, mappings: Iterable[ColumnMapping] = (), needs: Iterable[str] = ()) -> Record:
-    """The record in a table. Raises Faults, a line for each, with what to type."""
+def record_of(
+    table: Table, mappings: Iterable[ColumnMapping] = (), needs: Iterable[str] = (), flags: bool = True
+) -> Record:
+    """The record in a table. Raises Faults, a line for each, with what to type, where there are flags to type."""
     mappings = list(mappings)
-    taking = Taking(table)
+    taking = Taking(table, flags)
     _take_typed(taking, mappings)
     _take_own(taking)
     if taking.faults:
@@ -184,13 +194,13 @@ def _take_plain(taking: Taking) -> None:
 def _meaning(taking: Taking, k: int) -> Meaning:
     """What a name says, or, where it says no unit, what the fields do that have units of their own."""
     meaning = taking.meanings[k]
-    if meaning.unit is not None or meaning.said or taking.table.columns[k].texts is None:
+    if meaning.unit is not None or meaning.said:
         return meaning
-    first = tidied(taking.first(k))
-    if meaning.ours == "current_A" and not first[-1:].isalpha() and "duty" in taking.names[k].lower():
+    if meaning.ours == "current_A" and "duty" in taking.names[k].lower():
         values = taking.values(k)
-        if values is not None and np.max(np.abs(values)) <= 1.0:
-            return Meaning("current_A", "duty", True)
+        within = values is not None and np.max(np.abs(values)) <= MOST_DUTY
+        return Meaning("current_A", "duty", True) if within else meaning
+    first = tidied(taking.first(k))
     if not first or first[-1].isdigit():
         return meaning
     for ending, ours in (("ohm", "resistance_ohm"), ("degC", "temperature_degC"), ("A", "current_A")):
@@ -267,20 +277,20 @@ def _ask(taking: Taking, needs: Sequence[str]) -> None:
             text = f"column {ours!r} missing; there are {_some(taking.shown)}{_to_type(taking, ours)}"
             taking.faults.append(taking.at_names(text))
     for ours in ("temperature_degC", "resistance_ohm", "current_A"):
-        if ours in taking.chosen or ours in needs:
+        if ours in taking.chosen or ours in needs or not taking.flags:
             continue
         for k in [k for k in taking.free() if taking.filled(k) and taking.values(k) is not None]:
             meaning = taking.meanings[k]
             if meaning.ours != ours:
                 continue
             what = taking.to_type(ours, k, _units_asked(taking, ours, k))
-            why = meaning.doubt or ("more than one column may be it" if meaning.plain else "in which unit?")
+            why = meaning.doubt or ("more than one column may be it" if meaning.plain else "its unit is not said")
             if ours == "resistance_ohm":
                 keep = typed(taking.names[k] or f"column{k + 1}", taking.names, k)
-                text = f"{taking.shown[k]!r}: {why}: expected {what}; to leave it as it is {keep}"
+                text = f"{taking.shown[k]!r}: {why}; expected {what} or, to leave it as it is, {keep}"
                 taking.faults.append(taking.at_names(text))
             else:
-                taking.said.append(f"{taking.shown[k]!r} left: {why} {what}")
+                taking.said.append(f"{taking.shown[k]!r} left: {why}; {what} if it is {ours}")
 
 
 def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str]:
@@ -290,6 +300,8 @@ def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str]:
         return (str(meaning.unit), "ohm" if meaning.unit in CONDUCTANCES else "S")
     if meaning.unit is not None and not (ours == "current_A" and meaning.unit == "percent"):
         return (meaning.unit,)
+    if ending_like(taking.names[k]) and ours == "temperature_degC":
+        return ({"C": "degC", "degC": "degC", "K": "K", "F": "degF"}[taking.names[k].strip().rpartition("_")[2]],)
     if "milliohms" in meaning.doubt:
         return ("Mohm", "mohm")
     if "logarithm's" in meaning.doubt:
@@ -317,13 +329,12 @@ def _to_type(taking: Taking, ours: str) -> str:
         likely = [k for k in free if ending_like(taking.names[k]) == "degC" and taking.values(k) is not None]
     if not likely:
         return ""
-    several = len(likely) > 1
-    lines = [
-        taking.to_type(ours, k, _units_asked(taking, ours, k)[: 1 if several and taking.meanings[k].unit else None])
-        for k in likely[:4]
-    ]
+    if not taking.flags:
+        return f"; expected the name {ours}, or it with another unit, as {OTHER_UNIT.get(ours, ours)}"
+    most = 2 if len(likely) > 1 else 4  # units to offer for each
+    lines = [taking.to_type(ours, k, _units_asked(taking, ours, k)[:most]) for k in likely[:4]]
     why = next((taking.meanings[k].doubt for k in likely if taking.meanings[k].doubt), "")
-    return f"; {why + ': ' if why else ''}expected {' or '.join(lines)}"
+    return f"; {why + '; ' if why else ''}expected {' or '.join(lines)}"
 
 
 def ending_like(name: str) -> str:
@@ -415,16 +426,36 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
     try:
         numbers = taking.numbers(choice.index, ending)
     except Undecided as error:
+        what = " expected --decimal , or --decimal ." if taking.flags else " expected decimals with a point"
         text = f"{ours}: {str(error)[:40]!r}: a comma or point before decimals, or between thousands?"
-        raise fault(
-            table.source, _place(taking, choice, str(error)), f"{text} expected --decimal , or --decimal ."
-        ) from None
+        raise fault(table.source, _place(taking, choice, str(error)), f"{text}{what}") from None
     except ValueError:
         raise Faults(_no_numbers(taking, ours, choice)) from None
     taking.said += [f"in {ours} {text}" for text in numbers.said]
-    if numbers.ending is not None or choice.unit == ending:
-        return numbers.values
-    return np.asarray(UNITS[ending][choice.unit](numbers.values), dtype=np.float64)
+    values = numbers.values
+    if numbers.ending is None and choice.unit != ending:
+        values = np.asarray(UNITS[ending][choice.unit](values), dtype=np.float64)
+    if np.any(np.isinf(numbers.values)):
+        _refuse_endless(taking, ours, choice, numbers.values)
+        if ending in ("degC", "A"):  # of a resistance alone it says something
+            values = np.where(np.isinf(numbers.values), np.nan, values)
+    return values
+
+
+def _refuse_endless(taking: Taking, ours: str, choice: Choice, values: Array) -> None:
+    """Infinity is a reading beyond the range where it was written so, not where it has too many digits."""
+    table, texts = taking.table, taking.table.columns[choice.index].texts
+    rows = [int(k) for k in np.flatnonzero(np.isinf(values))] if texts is not None else []
+    wrong = [k for k in rows if texts is not None and sum(map(str.isdigit, texts[k])) > 2 and not _sentinel(texts[k])]
+    if wrong and texts is not None:
+        raise Faults(
+            f"{table.source}: {table.at(k)}: {ours}: {texts[k][:24]!r}: expected a number that a double holds"
+            for k in wrong[:MOST_NUMBER_FAULTS]
+        )
+
+
+def _sentinel(text: str) -> bool:
+    return re.search(r"[eE]\+?3[78]\b", text) is not None
 
 
 def _place(taking: Taking, choice: Choice, text: str) -> str:

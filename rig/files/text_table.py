@@ -31,6 +31,9 @@ HEADER_LINES = 6  # names, units, comments and what else stands above the first 
 SEPARATORS = ("\t", ";", ",", "|", "")  # "" is blanks
 COMMENT = re.compile(r"\s*(#|%|!|//|;)+\s*")
 COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")
+LONGEST_LINE = 200_000  # characters
+MOST_CHARACTERS = 1_000_000  # of a sample
+MOST_COLUMNS = 2000
 MOST_FAULTS = 20
 BLOCK_ROWS = 20_000  # read at a time: lists of a million rows cost more than what is in them
 Fields = list[str] | Array
@@ -52,9 +55,12 @@ def text_table(text: str, path: Path, decimal: str = "") -> Table:
     if not any(line.strip() and not line.startswith("#") for line in lines):
         raise fault(path, "line 1", "expected a header line with column names, the file is empty")
     lines = _joined_head(lines)
-    form = _form(lines)
+    sample = _sample(lines, path)
+    form = _form(sample)
     if form is None:
         return _no_rows(lines, path)
+    if form.fields > MOST_COLUMNS:
+        raise fault(path, "", f"{form.fields} columns; expected at most {MOST_COLUMNS}")
     start = _first_row(lines, form)
     head = _head(lines, start, form, igor_names, path)
     names, units = _names_and_units(head, lines[:start], form)
@@ -109,10 +115,23 @@ def _is_value(field: str) -> bool:
     return number_like(field) or time_like(field)
 
 
-def _form(lines: list[str]) -> Form | None:
+def _sample(lines: list[str], path: Path) -> list[str]:
+    """Lines of the beginning that say something, as many as can be looked at in no time. Raises Faults."""
+    sample: list[str] = []
+    characters = 0
+    for k, line in enumerate(lines[: 4 * SAMPLE]):
+        if len(line) > LONGEST_LINE:
+            raise fault(path, f"line {k + 1}", f"{len(line)} characters; expected a table, a row a line")
+        characters += len(line)
+        if len(sample) >= SAMPLE or characters > MOST_CHARACTERS:
+            break
+        if line.strip() and not line.lstrip().startswith(("#", "%", "!")):
+            sample.append(line)
+    return sample
+
+
+def _form(sample: list[str]) -> Form | None:
     """What most lines of the beginning have in common; None where there are no rows of numbers."""
-    sample = [line for line in lines[: 4 * SAMPLE] if line.strip() and not line.lstrip().startswith(("#", "%", "!"))]
-    sample = sample[:SAMPLE]
     best: tuple[float, Form] | None = None
     for separator in SEPARATORS:
         if separator and not any(separator in line for line in sample):
@@ -304,13 +323,13 @@ def _plain_numbers(body: list[str], form: Form) -> list[Fields] | None:
     """Long tables of nothing but numbers with points, at once; None where they are something else."""
     sample = [divided_line(line, form.separator) for line in body[:SAMPLE]]
     signs = signs_of(list(zip(*sample, strict=False)), form.separator)
-    if signs.decimal != "." or signs.points_open:
+    if signs.decimal == "," or signs.points_open:
         return None
     try:
         matrix = np.loadtxt(body, delimiter=form.separator or None, comments=None, ndmin=2)
     except ValueError:
         return None
-    if matrix.shape != (len(body), form.fields):
+    if matrix.shape != (len(body), form.fields) or np.any(np.isinf(matrix)):  # 'inf', or more digits than a number has
         return None
     return [np.ascontiguousarray(column) for column in matrix.T]
 

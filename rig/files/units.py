@@ -119,6 +119,8 @@ def straightened(text: str) -> str:
 def spelled(text: str) -> tuple[str, str | None] | None:
     """What a unit's spelling says: the ending of our column's name, and the unit; None for the unit where the spelling
     leaves it open; None where it is no unit of these."""
+    if len(text) > 60:
+        return None
     text = re.sub(r"[\s.]", "", straightened(text)).strip("[](){}<>")
     if not text or len(text) > 24:
         return None
