@@ -160,6 +160,9 @@ def within_range(values: Array, ending: str | None, said: Sequence[str] = ()) ->
 
 def _one_by_one(fields: Sequence[str], signs: Signs, ending: str | None) -> Numbers:
     """Field by field, in every way of writing."""
+    first = next((text for text in fields if not blank_like(text)), "")
+    if first and not number_like(first):  # a column of words is known by its first
+        raise ValueError(first)
     sign = _sign_of(fields, signs)
     values = np.full(len(fields), math.nan)
     endings: set[str] = set()

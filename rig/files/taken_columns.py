@@ -284,13 +284,18 @@ def _ask(taking: Taking, needs: Sequence[str]) -> None:
             if meaning.ours != ours:
                 continue
             what = taking.to_type(ours, k, _units_asked(taking, ours, k))
-            why = meaning.doubt or ("more than one column may be it" if meaning.plain else "its unit is not said")
+            share = meaning.unit == "percent" or (ours == "current_A" and not _is_current(taking.names[k]))
+            why = (
+                "a share of full drive?"
+                if share
+                else meaning.doubt or ("more than one column may be it" if meaning.plain else "its unit is not said")
+            )
             if ours == "resistance_ohm":
                 keep = typed(taking.names[k] or f"column{k + 1}", taking.names, k)
                 text = f"{taking.shown[k]!r}: {why}; expected {what} or, to leave it as it is, {keep}"
                 taking.faults.append(taking.at_names(text))
             else:
-                taking.said.append(f"{taking.shown[k]!r} left: {why}; {what} if it is {ours}")
+                taking.said.append(f"{taking.shown[k]!r} left: {why}; if it is {ours}, {what}")
 
 
 def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str]:
@@ -306,7 +311,10 @@ def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str]:
         return ("Mohm", "mohm")
     if "logarithm's" in meaning.doubt:
         return ("log10ohm", "lnohm")
-    if ours == "current_A" and (meaning.unit == "percent" or not _is_current(taking.names[k])):
+    if ours == "current_A" and meaning.unit == "percent":
+        values = taking.values(k)
+        return DRIVE_UNITS[:2] if values is not None and np.max(np.abs(values)) <= 1.0 else ("percent",)
+    if ours == "current_A" and not _is_current(taking.names[k]):
         return DRIVE_UNITS
     if ours == "temperature_degC":
         values = taking.values(k)

@@ -35,7 +35,7 @@ LONGEST_LINE = 200_000  # characters
 MOST_CHARACTERS = 1_000_000  # of a sample
 MOST_COLUMNS = 2000
 MOST_FAULTS = 20
-BLOCK_ROWS = 20_000  # read at a time: lists of a million rows cost more than what is in them
+BLOCK_ROWS = 500  # read at a time: fewer lists than the collector of garbage looks up for
 Fields = list[str] | Array
 
 
@@ -335,7 +335,7 @@ def _plain_numbers(body: list[str], form: Form) -> list[Fields] | None:
 
 
 def _in_blocks(body: list[str], form: Form) -> list[list[str]] | None:
-    """Fields by column, some thousand rows at a time; None where a row has another number of them."""
+    """Fields by column, some hundred rows at a time; None where a row has another number of them."""
     columns: list[list[str]] = [[] for _ in range(form.fields)]
     reader = _reader(body, form)
     while rows := list(islice(reader, BLOCK_ROWS)):
