@@ -40,23 +40,32 @@ def ask(taking: Taking, needs: Sequence[str]) -> None:
     for ours in ("temperature_degC", "resistance_ohm", "current_A"):
         if ours in taking.chosen or ours in needs or not taking.flags:
             continue
-        for k in [k for k in taking.free() if taking.filled(k) and taking.values(k) is not None]:
-            meaning = taking.meanings[k]
-            if meaning.ours != ours:
-                continue
+        for k in [k for k in taking.free() if taking.meanings[k].ours == ours and taking.filled(k)]:
             what = taking.to_type(ours, k, _units_asked(taking, ours, k))
-            share = meaning.unit == "percent" or (ours == "current_A" and not _is_current(taking.names[k]))
-            why = (
-                "a share of full drive?"
-                if share
-                else meaning.doubt or ("more than one column may be it" if meaning.plain else "its unit is not said")
-            )
-            if ours == "resistance_ohm":
+            why, another = _why(taking, ours, k)
+            if ours == "resistance_ohm" and not another:
                 keep = typed(taking.names[k] or f"column{k + 1}", taking.names, k)
                 text = f"{taking.shown[k]!r}: {why}; expected {what} or, to leave it as it is, {keep}"
                 taking.faults.append(taking.at_names(text))
             else:
                 taking.said.append(f"{taking.shown[k]!r} left: {why}; if it is {ours}, {what}")
+
+
+def _why(taking: Taking, ours: str, k: int) -> tuple[str, bool]:
+    """Why a column was not taken, and whether its name says that it may be of something else."""
+    meaning = taking.meanings[k]
+    if meaning.doubt:
+        return meaning.doubt, False
+    if ours == "current_A" and (
+        meaning.unit == "percent" or (meaning.unit is None and not _is_current(taking.names[k]))
+    ):
+        return "a share of full drive?", False
+    if meaning.plain:
+        several = sum(each.ours == ours and each.plain for each in taking.meanings) > 1
+        return ("more than one column may be it" if several else "too small for a plate's current"), False
+    if meaning.unit is not None:
+        return "a word of its name is not known", True
+    return "its unit is not said", False
 
 
 def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str]:

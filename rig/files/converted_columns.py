@@ -9,7 +9,7 @@ import numpy as np
 from compensator.functions import Array
 from rig.faults import Faults, fault
 from rig.files.column_mapping import ending_of, typed
-from rig.files.credible_columns import faults_in
+from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
 from rig.files.field_numbers import Undecided, number_of, read_numbers, tidied
 from rig.files.field_times import Unclear, clock_alone, date_alone, read_times, time_like
 from rig.files.record import Record
@@ -83,7 +83,18 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
         _refuse_endless(taking, ours, choice, numbers.values)
         if ending in ("degC", "A"):  # of a resistance alone it says something
             values = np.where(np.isinf(numbers.values), np.nan, values)
+    if ours == "temperature_degC":
+        values = _above_absolute_zero(taking, values)
     return values
+
+
+def _above_absolute_zero(taking: Taking, values: Array) -> Array:
+    """A thermometer that was unplugged for some rows writes -999 or the like: no reading, if most rows have one."""
+    below = values < ABSOLUTE_ZERO_DEGC
+    if not np.any(below) or 2 * np.sum(below) > values.size:
+        return values
+    taking.said.append(f"in temperature_degC what is below absolute zero as no reading ({int(np.sum(below))} rows)")
+    return np.where(below, np.nan, values)
 
 
 def _refuse_endless(taking: Taking, ours: str, choice: Choice, values: Array) -> None:

@@ -23,7 +23,7 @@ LEAST_DEGC = -150.0  # a record that stays below was taken for one in K and is n
 LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
 MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
 ABSOLUTE_ZERO_DEGC = -273.15
-MOST_DEGC, MOST_A = 1e4, 1e5  # beyond which no thermometer and no plate is; an outlier is smaller
+MOST_DEGC, MOST_A = 1e6, 1e5  # beyond which not even an outlier is
 MOST_OHM = 1e30  # beyond which no ohmmeter reads; overrange is inf
 
 

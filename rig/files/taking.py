@@ -216,6 +216,10 @@ def _take_time(taking: Taking) -> None:
         return
     if rising:
         return
+    plain = [k for k in there if k not in timed and taking.meanings[k].plain]
+    if len(plain) == 1 and not timed:  # its rows are told that do not rise, or are no numbers
+        taking.chosen["time_s"] = Choice(plain[0], str(taking.meanings[plain[0]].unit), "guessed")
+        return
     if not there:
         timed = [k for k in taking.free() if time_like(taking.first(k)) and not date_alone(taking.first(k))]
     if timed:

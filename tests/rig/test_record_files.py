@@ -333,6 +333,33 @@ def test_a_workbook_without_its_reader_says_what_to_install(
     assert "peltier-rig[files]" in err
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("Time (s),T (C)\n0,25\n1,26\n0,27\n1,28\n", "line 4: time_s: 0.0 after 1.0"),
+        ("Time (s),T (C)\n0,25\n1,26\n2,27\nMean,26\n", "line 5: time_s: 'Mean'"),
+        ("Time (s),T (C),R\n0,25,1\n1,26,x\n2,27,2\n", "'R': its unit is not said"),
+        ("Time (s),R1 (Ohm),R2 (Ohm),T (C)\n0,1,2,25\n1,3,4,26\n", "more than one column may be it"),
+        ("Time [ms],T [K]\ns,degC\n0,25\n1,26\n", "two units, 'ms' and 's'"),
+    ],
+)
+def test_what_is_wrong_is_what_is_told(file: Path, text: str, expected: str) -> None:
+    assert expected in refusal(file, text)
+
+
+def test_another_resistance_is_left_and_told(file: Path) -> None:
+    record = read(file, "t_s,T_C,R_shunt (Ohm)\n0,25,100\n1,26,100\n")
+    assert "resistance_ohm" not in record.columns
+    assert "'R_shunt (Ohm)' left" in record.said[0]
+
+
+def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
+    record = read(file, f"{HEAD}0,20,5\n1,-999,6\n2,22,7\n")
+    np.testing.assert_array_equal(record["temperature_degC"], [20.0, np.nan, 22.0])
+    assert "below absolute zero as no reading (1 rows)" in record.said[0]
+    assert "expected -273.15 to" in refusal(file, f"{HEAD}0,-999,5\n1,-999,6\n2,22,7\n")
+
+
 def test_a_last_line_that_was_cut_off_is_told(file: Path) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,21,6\n2,2")
     assert record.rows == 2
