@@ -41,6 +41,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.reference",
         "compensator.law",
     ),
+    "Records": (
+        "rig.files.record",
+        "rig.files.record_file",
+        "rig.files.column_mapping",
+    ),
     "The place to add an instrument": (
         "rig.drivers.controller",
         "rig.drivers.meter",

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
 from rig.command.say import Voice
 from rig.faults import Faults, fault
-from rig.files.record_file import ColumnMapping, Record, read_record
+from rig.files.record_file import Record
 
 if TYPE_CHECKING:
     from sim.diagnosis.diagnose import Diagnosis
@@ -68,11 +68,8 @@ def main(options: argparse.Namespace) -> int:
     base = _base(options)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
-    mappings = [ColumnMapping.parse(text) for text in options.column]
-    records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]
-    holdout = None
-    if options.holdout is not None:
-        holdout = read_record(options.holdout, mappings, needs=("temperature_degC",))
+    records = read_records(options.records, options)
+    holdout = read_records([options.holdout], options)[0] if options.holdout is not None else None
     documents: list[dict[str, Any]] = []
     faults: list[str] = []
     for path, record in zip(options.records, records, strict=True):

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
 from rig.command.say import Voice
 from rig.faults import Faults, fault
-from rig.files.record_file import ColumnMapping, Record, read_record, unit_of
+from rig.files.record_file import Record, unit_of
 
 if TYPE_CHECKING:
     from compensator.film import FilmModel
@@ -59,8 +59,7 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         writable_parent(options.out)
     voice = Voice(options.json)
-    mappings = [ColumnMapping.parse(text) for text in options.column]
-    records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]
+    records = read_records(options.records, options)
     with_film = [r for r in records if r.has_output(options.output)]
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
@@ -236,9 +235,10 @@ def _tell_plate(fit: PlateFit, drive: str | None, voice: Voice) -> dict[str, Any
         voice.say(f"  {name} = {value:.6g} +- {1.96 * error:.2g} (95 %)")
     notes = list(fit.identifiability)
     if fit.rmse_K > MISFIT * fit.noise_K:
+        times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
         notes.insert(
             0,
-            f"The model leaves {fit.rmse_K / fit.noise_K:.0f} times the thermometer's noise: something is missing, "
+            f"The model leaves {times:.0f} times the thermometer's noise: something is missing, "
             "such as a heat sink that warms up or a thermometer that lags, and the intervals above are too narrow.",
         )
     for note in notes:

@@ -14,15 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, parsed_limits, writable_parent
+from rig.command.record_arguments import (
+    add_json_argument,
+    add_record_arguments,
+    parsed_limits,
+    read_records,
+    writable_parent,
+)
 from rig.command.say import Voice
 from rig.faults import Faults
-from rig.files.record_file import print_columns, read_record, write_columns
+from rig.files.record_file import print_columns, write_columns
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")
     parser.add_argument("target", type=Path, metavar="TARGET.csv", help="columns time_s, target_ohm")
+    add_record_arguments(parser)
     parser.add_argument("--out", type=Path, metavar="F", help="default: stdout")
     parser.add_argument("--limits", default="-50,200", metavar="LOW,HIGH", help="degC (-50,200)")
     parser.add_argument("--initial", choices=["cooled", "heated"], help="default: the model's own")
@@ -39,7 +46,7 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice("-" if options.out is None else options.json)
     film = read_model(options.model, needs=("film",)).film
     assert film is not None
-    record = read_record(options.target, needs=("target_ohm",))
+    (record,) = read_records([options.target], options, needs=("target_ohm",))
     target = record["target_ohm"]
     bad = [
         f"{options.target}: row {k + 1}: target_ohm: {float(target[k])!r}: expected a finite number > 0"

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
 from rig.command.say import Voice
 from rig.faults import fault
-from rig.files.record_file import ColumnMapping, Record, read_record, unit_of, write_columns
+from rig.files.record_file import Record, unit_of, write_columns
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,8 +52,7 @@ def main(options: argparse.Namespace) -> int:
 
         add_effect_files(options.effect_file)
     model = read_model(options.model)
-    mappings = [ColumnMapping.parse(text) for text in options.column]
-    record = read_record(options.record, mappings, needs=("temperature_degC",))
+    (record,) = read_records([options.record], options)
     if model.film is None and not (model.plate is not None and record.has("current_A")):
         raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
     columns: dict[str, Any] = {**record.columns, **record.text_columns}

@@ -3,20 +3,51 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rig.faults import fault
+from rig.faults import Faults, fault
+
+if TYPE_CHECKING:
+    from rig.files.record import Record
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """--column OURS=THEIRS[@UNIT], repeatable."""
+    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, and --decimal."""
     parser.add_argument(
         "--column",
         action="append",
         default=[],
-        metavar="OURS=THEIRS[@UNIT]",
-        help="a column of a record from elsewhere, as in temperature_degC=T_K@K or resistance_ohm=R@kohm",
+        metavar="OURS=THEIRS[|OTHER...][@UNIT]",
+        help="a column of a record from elsewhere, as in temperature_degC=T_K@K or resistance_ohm=R@kohm; of several "
+        "names the first that a file has; #3 is its third column",
     )
+    parser.add_argument(
+        "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers do not tell it"
+    )
+
+
+def read_records(
+    paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
+) -> list[Record]:
+    """The records of a verb, by its arguments; what was taken for what is told on stderr. Raises Faults, of all."""
+    from rig.files.record_file import ColumnMapping, read_record
+
+    mappings = [ColumnMapping.parse(text) for text in options.column]
+    records, faults = [], []
+    for path in paths:
+        try:
+            records.append(read_record(path, mappings, needs, options.decimal))
+        except Faults as found:
+            faults += found.lines
+    for record in records:
+        for line in record.said:
+            print(f"{record.source}: {line}", file=sys.stderr)
+    if faults:
+        raise Faults(faults)
+    return records
 
 
 def add_json_argument(parser: argparse.ArgumentParser) -> None:

@@ -142,6 +142,8 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
     """Target and model of the configured experiment, checked before any port is opened. Raises Faults."""
     e = file.content.experiment
     target = target_of(file)
+    for line in target.said:
+        say(line)
     model = None
     if e.model is not None:
         needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)

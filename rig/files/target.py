@@ -6,14 +6,18 @@
     "step to 1 A"                        at once
     "sine 0.4 dec period 40 s for 80 s"  about the value where it stands; amplitude in dec, K or A
 
-A resistance is interpolated on the log scale.
+A resistance is interpolated on the log scale. Units are read as people write them (kOhm, kΩ, decades/s, K/min); a
+value without a unit is in ohm, degC or A. Of a file too the units may be others, where its names say them: time_min,
+target_kohm.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,17 +25,26 @@ import numpy as np
 from compensator.functions import Array
 from rig.faults import Faults
 from rig.files.record_file import read_record
+from rig.files.units import UNITS, spelled, straightened
 
 COLUMNS = {"resistance": "target_ohm", "temperature": "setpoint_degC", "current": "current_A"}
-VALUE_UNITS = {
-    "resistance": {"ohm": 1.0, "kohm": 1e3, "Mohm": 1e6},
-    "temperature": {"degC": 1.0},
+ENDINGS = {"resistance": "ohm", "temperature": "degC", "current": "A"}
+EXPECTED_UNITS = {"resistance": "ohm, kohm, Mohm", "temperature": "degC, K", "current": "A, mA"}
+EXAMPLES = {"resistance": "start 80 kohm", "temperature": "start 40 degC", "current": "start 0 A"}
+NO_AMPERES = ("duty", "percent", "pwm255")
+CHANGES = {  # what a value changes by, in the target's own unit
+    "resistance": {"dec": 1.0, "decade": 1.0, "decades": 1.0, "decs": 1.0},
+    "temperature": {"K": 1.0, "kelvin": 1.0, "degC": 1.0, "°C": 1.0, "mK": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
 }
-CHANGE_UNITS = {"resistance": {"dec": 1.0}, "temperature": {"K": 1.0}, "current": {"A": 1.0, "mA": 1e-3}}
-TIME_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+PER_S = {"s": 1.0, "sec": 1.0, "second": 1.0, "min": 60.0, "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
 SINE_STEPS = 64
-NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
+MOST_SINE_STEPS = 1_000_000
+LONGEST_S = 1e8  # three years: beyond it somebody mistyped
+NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+UNIT = r"\s*([^\s\d.,+\-][^\s]*)?"
+MEASURE = NUMBER + UNIT
+LONGEST_SENTENCE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +54,7 @@ class Target:
     quantity: str
     times_s: Array
     values: Array
+    said: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -54,7 +68,7 @@ class Target:
 def read_target(path: Path, quantity: str) -> Target:
     """A target from a CSV file. Raises Faults."""
     column = COLUMNS[quantity]
-    record = read_record(path, needs=(column,))
+    record = read_record(path, needs=(column,), flags=False)
     values = record[column]
     faults = [
         f"{path}: row {k + 1}: {column}: expected a finite number" for k in np.flatnonzero(~np.isfinite(values))[:5]
@@ -63,7 +77,8 @@ def read_target(path: Path, quantity: str) -> Target:
         faults += [f"{path}: row {k + 1}: {column}: expected > 0" for k in np.flatnonzero(values <= 0.0)[:5]]
     if faults:
         raise Faults(faults)
-    return Target(quantity, record["time_s"] - record["time_s"][0], _internal(values, quantity))
+    said = tuple(f"{path}: {line}" for line in record.said)
+    return Target(quantity, record["time_s"] - record["time_s"][0], _internal(values, quantity), said)
 
 
 def _internal(values: Array, quantity: str) -> Array:
@@ -73,82 +88,156 @@ def _internal(values: Array, quantity: str) -> Array:
 def target_in_words(words: list[str], quantity: str, where: str) -> Target:
     """A target from sentences. Raises Faults, a line for each sentence that is not understood."""
     times, values, faults = [0.0], [math.nan], []
+    steps: list[tuple[int, str, Step]] = []
     for k, sentence in enumerate(words):
         try:
-            _append(sentence.strip(), quantity, times, values)
+            steps.append((k, sentence, _read(sentence.strip(), quantity)))
         except ValueError as error:
-            faults.append(f"{where}[{k}]: {sentence!r}: {error}")
-    if not faults and (not words or math.isnan(values[0])):
-        faults.append(f"{where}: expected a first sentence such as {_example(quantity)!r}")
-    if not faults and times[-1] <= 0.0:
+            faults.append(f"{where}[{k}]: {sentence[:80]!r}: {error}")
+    if faults:
+        raise Faults(faults)
+    for k, sentence, step in steps:
+        try:
+            step(times, values)
+        except ValueError as error:
+            raise Faults([f"{where}[{k}]: {sentence[:80]!r}: {error}"]) from None
+    if not words or math.isnan(values[0]):
+        faults.append(f"{where}: expected a first sentence such as {EXAMPLES[quantity]!r}")
+    elif times[-1] <= 0.0:
         faults.append(f"{where}: lasts 0 s: expected a hold, a ramp or a sine")
+    elif times[-1] > LONGEST_S:
+        faults.append(f"{where}: lasts {times[-1]:.3g} s: expected at most {LONGEST_S:g} s")
     if faults:
         raise Faults(faults)
     return Target(quantity, np.array(times), np.array(values))
 
 
-def _example(quantity: str) -> str:
-    return {"resistance": "start 80 kohm", "temperature": "start 40 degC", "current": "start 0 A"}[quantity]
+Step = Callable[[list[float], list[float]], None]  # what a sentence adds to the course: times and values
 
 
-def _value(number: str, unit: str, quantity: str) -> float:
-    if unit not in VALUE_UNITS[quantity]:
-        raise ValueError(f"unit {unit!r}: expected {', '.join(VALUE_UNITS[quantity])}")
-    value = float(number) * VALUE_UNITS[quantity][unit]
+def _read(sentence: str, quantity: str) -> Step:
+    """What a sentence says, without a look at the others. Raises ValueError, with what is expected."""
+    if len(sentence) > LONGEST_SENTENCE:
+        raise ValueError(f"{len(sentence)} characters: expected a sentence such as {EXAMPLES[quantity]!r}")
+    if re.search(r"\d,\d", sentence):
+        raise ValueError("expected numbers with a decimal point")
+    sentence = " ".join(straightened(sentence).split())
+    match = partial(_match, sentence)
+    if found := match(rf"start(?: at)? {MEASURE}"):
+        return partial(_start, quantity, _value(found[1], found[2], quantity))
+    if found := match(rf"hold(?: for)? {MEASURE}"):
+        return partial(_hold, quantity, _time(found[1], found[2]))
+    if found := match(rf"ramp to {MEASURE} at {NUMBER}\s*([^\d\s].*)"):
+        end, rate = _value(found[1], found[2], quantity), _rate(found[3], found[4], quantity)
+        return partial(_ramp_at, quantity, end, rate)
+    if found := match(rf"ramp to {MEASURE} in {MEASURE}"):
+        return partial(_ramp_in, quantity, _value(found[1], found[2], quantity), _time(found[3], found[4]))
+    if found := match(rf"step to {MEASURE}"):
+        return partial(_ramp_in, quantity, _value(found[1], found[2], quantity), 1e-6)
+    if found := match(rf"sine {MEASURE} period {MEASURE} for {MEASURE}"):
+        amplitude = _change(found[1], found[2], quantity)
+        period, length = _time(found[3], found[4]), _time(found[5], found[6])
+        if SINE_STEPS * length / period > MOST_SINE_STEPS:
+            raise ValueError(f"{length / period:.3g} periods: expected at most {MOST_SINE_STEPS // SINE_STEPS}")
+        return partial(_sine, quantity, amplitude, period, length)
+    raise ValueError("expected start, hold, ramp to .. at/in .., step to .., or sine .. period .. for ..")
+
+
+def _match(sentence: str, pattern: str) -> re.Match[str] | None:
+    return re.fullmatch(pattern, sentence, re.IGNORECASE)
+
+
+def _start(quantity: str, value: float, times: list[float], values: list[float]) -> None:
+    if not math.isnan(values[-1]):
+        raise ValueError("'start' comes once, first")
+    values[0] = value
+
+
+def _begun(quantity: str, values: list[float]) -> float:
+    """The value where the course stands."""
+    if math.isnan(values[-1]):
+        raise ValueError(f"comes before a first sentence such as {EXAMPLES[quantity]!r}")
+    return values[-1]
+
+
+def _to(time_s: float, value: float, times: list[float], values: list[float]) -> None:
+    """A further point; two of them are never at one time."""
+    times.append(max(time_s, times[-1] + 1e-6))
+    values.append(value)
+
+
+def _hold(quantity: str, length_s: float, times: list[float], values: list[float]) -> None:
+    _to(times[-1] + length_s, _begun(quantity, values), times, values)
+
+
+def _ramp_at(quantity: str, end: float, rate_per_s: float, times: list[float], values: list[float]) -> None:
+    _to(times[-1] + abs(end - _begun(quantity, values)) / rate_per_s, end, times, values)
+
+
+def _ramp_in(quantity: str, end: float, length_s: float, times: list[float], values: list[float]) -> None:
+    _begun(quantity, values)
+    _to(times[-1] + length_s, end, times, values)
+
+
+def _sine(
+    quantity: str, amplitude: float, period_s: float, length_s: float, times: list[float], values: list[float]
+) -> None:
+    now, value = times[-1], _begun(quantity, values)
+    steps = max(2, math.ceil(SINE_STEPS * length_s / period_s))
+    for k in range(1, steps + 1):
+        t = length_s * k / steps
+        _to(now + t, value + amplitude * math.sin(2.0 * math.pi * t / period_s), times, values)
+
+
+def _finite(number: str) -> float:
+    value = float(number)
+    if not math.isfinite(value):
+        raise ValueError(f"{number[:20]}: expected a finite number")
+    return value
+
+
+def _value(number: str, unit: str | None, quantity: str) -> float:
+    ending, name = ENDINGS[quantity], ENDINGS[quantity]
+    if unit:
+        found = spelled(unit)
+        if found is not None and found[0] == ending and found[1] is None:
+            raise ValueError(f"unit {unit!r} can be milliohms or megohms: expected mOhm or Mohm")
+        if found is None or found[0] != ending or found[1] in NO_AMPERES:
+            raise ValueError(f"unit {unit!r}: expected {EXPECTED_UNITS[quantity]}")
+        name = str(found[1])
+    value = float(UNITS[ending][name](np.array([_finite(number)]))[0])
     if quantity == "resistance":
-        if value <= 0.0:
+        if not 0.0 < value < math.inf:
             raise ValueError("a resistance is > 0")
         return -math.log10(value)
     return value
 
 
-def _change(number: str, unit: str, quantity: str) -> float:
-    if unit not in CHANGE_UNITS[quantity]:
-        raise ValueError(f"unit {unit!r}: expected {', '.join(CHANGE_UNITS[quantity])}")
-    value = float(number) * CHANGE_UNITS[quantity][unit]
+def _change(number: str, unit: str | None, quantity: str) -> float:
+    factor = CHANGES[quantity].get(unit or "", CHANGES[quantity].get((unit or "").lower()))
+    if factor is None:
+        raise ValueError(f"unit {unit or 'missing'!r}: expected {', '.join(CHANGES[quantity])}")
+    value = _finite(number) * factor
     if value <= 0.0:
         raise ValueError(f"{number}: expected > 0")
     return value
 
 
-def _time(number: str, unit: str) -> float:
-    if unit not in TIME_UNITS or float(number) <= 0.0:
-        raise ValueError(f"{number} {unit}: expected a time > 0 in {', '.join(TIME_UNITS)}")
-    return float(number) * TIME_UNITS[unit]
+def _rate(number: str, text: str, quantity: str) -> float:
+    """A change per time: 'dec/s', 'decades per second', 'K/min'."""
+    match = re.fullmatch(r"(\S+?)(?:\s*/\s*|\s+per\s+)(\S+)", text.strip())
+    per_s = PER_S.get(match[2].lower()) if match is not None else None
+    if match is None or per_s is None:
+        example = next(iter(CHANGES[quantity]))
+        raise ValueError(f"rate {text[:40]!r}: expected {example}/s, {example}/min or {example}/h")
+    return _change(number, match[1], quantity) / per_s
 
 
-def _append(sentence: str, quantity: str, times: list[float], values: list[float]) -> None:
-    unit = r"([A-Za-z]+)"
-    now, value = times[-1], values[-1]
-    if match := re.fullmatch(rf"start {NUMBER} *{unit}", sentence):
-        if not math.isnan(value):
-            raise ValueError("'start' comes once, first")
-        values[0] = _value(match[1], match[2], quantity)
-        return
-    if math.isnan(value):
-        raise ValueError(f"comes before a first sentence such as {_example(quantity)!r}")
-    if match := re.fullmatch(rf"hold {NUMBER} *{unit}", sentence):
-        times.append(now + _time(match[1], match[2]))
-        values.append(value)
-    elif match := re.fullmatch(rf"ramp to {NUMBER} *{unit} at {NUMBER} *{unit}/s", sentence):
-        end = _value(match[1], match[2], quantity)
-        times.append(now + abs(end - value) / _change(match[3], match[4], quantity))
-        values.append(end)
-    elif match := re.fullmatch(rf"ramp to {NUMBER} *{unit} in {NUMBER} *{unit}", sentence):
-        times.append(now + _time(match[3], match[4]))
-        values.append(_value(match[1], match[2], quantity))
-    elif match := re.fullmatch(rf"step to {NUMBER} *{unit}", sentence):
-        times.append(now + 1e-6)
-        values.append(_value(match[1], match[2], quantity))
-    elif match := re.fullmatch(rf"sine {NUMBER} *{unit} period {NUMBER} *{unit} for {NUMBER} *{unit}", sentence):
-        amplitude = _change(match[1], match[2], quantity)
-        period, length = _time(match[3], match[4]), _time(match[5], match[6])
-        steps = max(2, math.ceil(SINE_STEPS * length / period))
-        for k in range(1, steps + 1):
-            t = length * k / steps
-            times.append(now + t)
-            values.append(value + amplitude * math.sin(2.0 * math.pi * t / period))
-    else:
-        raise ValueError("expected start, hold, ramp to .. at/in .., step to .., or sine .. period .. for ..")
-    if times[-1] <= times[-2]:
-        times[-1] = times[-2] + 1e-6
+def _time(number: str, unit: str | None) -> float:
+    found = spelled(unit) if unit else None
+    if found is None or found[0] != "s":
+        raise ValueError(f"{number[:20]} {unit or ''}: expected a time > 0 in s, min, h")
+    value = float(UNITS["s"][str(found[1])](np.array([_finite(number)]))[0])
+    if not 0.0 < value <= LONGEST_S:
+        raise ValueError(f"{number[:20]} {unit}: expected a time > 0, and at most {LONGEST_S:g} s")
+    return value

@@ -37,7 +37,7 @@ def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -
         ('driver = "meerstetter"', 'driver = "meerstater"', "bench.controller.driver"),
         ('model = "model.toml"\ntarget', 'model = "no_such.toml"\ntarget', "experiment.model"),
         ('"start 20 kohm", ', "", "experiment.target"),
-        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kOhm at 0.1 dec/s"', "experiment.target[2]"),
+        ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kfoo at 0.1 dec/s"', "experiment.target[2]"),
         ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kohm at 0.1 dec/s", "dwell"', "experiment.target[3]"),
         ("[limits]", "[limits", "is no TOML"),
     ],

@@ -1,0 +1,107 @@
+"""A table of arrays: numpy's, those of a data frame, and those of a MATLAB file (.mat, through scipy)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.faults import Faults, fault
+from rig.files.table import Column, Table
+
+MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
+
+
+def array_table(columns: Mapping[str, Any], source: str) -> Table:
+    """A table of columns by name. Raises Faults: none, of unequal length, or of more than one dimension."""
+    table = [Column(str(name), _fields(np.asarray(values), str(name), source)) for name, values in columns.items()]
+    lengths = {column.name: len(column.fields) for column in table}
+    if not table:
+        raise fault(source, "", "no columns; expected time_s and what was measured")
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise fault(source, "", f"columns of unequal length: {told}")
+    rows = next(iter(lengths.values()))
+    return Table(source, "", table, range(rows), row_word="row")
+
+
+def _fields(values: Any, name: str, source: str) -> Any:
+    """Numbers as float64; times as seconds from the first; all else as text."""
+    values = np.squeeze(values) if values.ndim > 1 else values
+    if values.ndim != 1:
+        raise fault(source, repr(name), f"{values.ndim} dimensions; expected one")
+    if values.dtype.kind == "M":
+        return ["" if np.isnat(value) else str(value) for value in values.astype("datetime64[us]")]
+    if values.dtype.kind == "m":
+        return values / np.timedelta64(1, "ns") * 1e-9
+    if values.dtype.kind in "biuf":
+        return values.astype(np.float64)
+    if values.dtype.kind == "O":
+        try:
+            return values.astype(np.float64)
+        except (TypeError, ValueError):
+            pass
+    return ["" if text in ("None", "nan", "NaN", "NaT", "<NA>") else text for text in map(str, values)]
+
+
+def columns_of_frame(frame: Any) -> dict[str, Any]:
+    """A data frame's columns by name, its index among them where it is one of dates or has a name."""
+    columns: dict[str, Any] = {}
+    index = getattr(frame, "index", None)
+    name = getattr(index, "name", None)
+    if index is not None and str(name) not in map(str, frame.columns):
+        values = np.asarray(index)
+        if values.dtype.kind == "M" or name is not None:
+            columns[str(name) if name is not None else "time"] = values
+    for name in frame.columns:
+        columns[str(name)] = np.asarray(frame[name])
+    return columns
+
+
+def matlab_table(path: Path) -> Table:
+    """The vectors of one length in a .mat file, in structs too. Raises Faults."""
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(str(path), squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    except NotImplementedError:
+        raise fault(path, "", "a .mat file of version 7.3; expected save(..., '-v7'), or a CSV file") from None
+    except FileNotFoundError:
+        raise fault(path, "", "no such file") from None
+    except Exception as error:  # scipy raises what its parser happened to meet in a broken file
+        raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {error}") from None
+    vectors = list(_vectors(content))
+    lengths = [values.size for _, values in vectors if values.size >= 2]
+    if not lengths:
+        raise fault(path, "", "no vectors of numbers; expected one for each column, in a struct or beside each other")
+    rows = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    chosen = [(name, values) for name, values in vectors if values.size == rows]
+    names = [name for name, _ in chosen]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise Faults([f"{path}: {name!r} appears in more than one struct; expected each name once" for name in twice])
+    table = array_table(dict(chosen), str(path))
+    left = sorted({name for name, values in vectors if values.size not in (1, rows)})
+    if left:
+        table.said.append(f"of another length and left: {', '.join(left[:8])}")
+    return table
+
+
+def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Names and vectors of numbers; a matrix gives one for each of its columns."""
+    items = content.items() if isinstance(content, dict) else ((n, getattr(content, n)) for n in content._fieldnames)
+    for name, value in items:
+        if name.startswith("__"):
+            continue
+        if hasattr(value, "_fieldnames") and depth < 3:
+            yield from _vectors(value, depth + 1)
+            continue
+        values = np.asarray(value)
+        if values.dtype.kind not in "biuf":
+            continue
+        if values.ndim == 1:
+            yield name, values
+        elif values.ndim == 2 and values.shape[1] <= MOST_COLUMNS:
+            yield from ((f"{name}{k + 1}", values[:, k]) for k in range(values.shape[1]))

@@ -1,0 +1,140 @@
+"""Columns that cannot be what they are taken for: times that go back, kelvins called degC, conductances called ohms.
+
+A unit that somebody typed with --column is believed; one that a name or a habit gave is not, where the numbers say
+otherwise. The refusal holds what to type, either way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from compensator.functions import Array
+from rig.files.column_mapping import typed
+from rig.files.table import Table
+
+MOST_FAULTS = 5  # of a kind
+FILM_K = (200.0, 500.0)  # a film's record that stays within these is one in K: as degC no Peltier plate reaches them
+ROOM_K = (270.0, 320.0)  # a plate's record that begins here and stays below FILM_K's end is one in K
+LEAST_DEGC = -150.0  # a record that stays below was taken for one in K and is not
+LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
+MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
+ABSOLUTE_ZERO_DEGC = -273.15
+MOST_DEGC, MOST_A = 1e6, 1e5  # beyond which not even an outlier is
+MOST_OHM = 1e30  # beyond which no ohmmeter reads; overrange is inf
+
+
+class Chosen(Protocol):
+    """What is known of a column that was taken: which it is, its unit, and whether somebody typed that unit."""
+
+    @property
+    def index(self) -> int: ...
+
+    @property
+    def unit(self) -> str: ...
+
+    @property
+    def unit_said(self) -> bool: ...
+
+
+def faults_in(
+    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str]
+) -> list[str]:
+    """A line for everything that cannot be."""
+    time = values["time_s"]
+    if time.size < 2:
+        return [f"{table.source}: {time.size} rows: expected at least 2"]
+    return [
+        *_time_faults(table, time, chosen, names),
+        *_resistance_faults(table, values, chosen, names),
+        *_temperature_faults(table, values, chosen, names),
+        *_size_faults(table, values),
+    ]
+
+
+def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names: Sequence[str]) -> list[str]:
+    faults = []
+    for k in np.flatnonzero(~np.isfinite(time))[:MOST_FAULTS]:
+        faults.append(f"{table.source}: {table.at(int(k))}: time_s: expected a finite number")
+    with np.errstate(over="ignore", invalid="ignore"):
+        back = np.flatnonzero(np.diff(time) <= 0.0)[:MOST_FAULTS]
+    for k in back:
+        after = f"{float(time[k + 1])!r} after {float(time[k])!r}"
+        faults.append(f"{table.source}: {table.at(int(k) + 1)}: time_s: {after}: expected increasing times")
+    if not faults and np.max(np.abs(time)) > MOST_S:
+        what = typed("time_s", names, chosen["time_s"].index, "ms") if "time_s" in chosen else ""
+        faults.append(
+            f"{table.source}: time_s: {float(np.max(np.abs(time)))!r} s is beyond any clock: expected seconds or {what}"
+        )
+    return faults
+
+
+def _resistance_faults(
+    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str]
+) -> list[str]:
+    resistance = values.get("resistance_ohm")
+    if resistance is None:
+        return []
+    faults = []
+    for k in np.flatnonzero(resistance <= 0.0)[:MOST_FAULTS]:
+        found = f"{float(resistance[k])!r}: expected > 0"
+        faults.append(f"{table.source}: {table.at(int(k))}: resistance_ohm: {found}")
+    finite = resistance[np.isfinite(resistance)]
+    choice = chosen.get("resistance_ohm")
+    if not faults and finite.size and choice is not None and not choice.unit_said and np.max(finite) < LEAST_OHM:
+        other = "ohm" if choice.unit.endswith("S") else "S"
+        what = f"{typed('resistance_ohm', names, choice.index, other)} or {_same(names, 'resistance_ohm', choice)}"
+        text = f"at most {float(np.max(finite)):.3g} ohm: conductance and resistance mixed up? expected {what}"
+        faults.append(f"{table.source}: resistance_ohm: {text}")
+    return faults
+
+
+def _same(names: Sequence[str], ours: str, choice: Chosen) -> str:
+    return f"{typed(ours, names, choice.index, choice.unit)} if it is so"
+
+
+def _temperature_faults(
+    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str]
+) -> list[str]:
+    temperature, choice = values.get("temperature_degC"), chosen.get("temperature_degC")
+    if temperature is None or choice is None or choice.unit_said:
+        return []
+    finite = temperature[np.isfinite(temperature)]
+    if not finite.size:
+        return []
+    low, high = (float(v) for v in np.percentile(finite, [2.0, 98.0]))
+    film = "resistance_ohm" in values and bool(np.any(np.isfinite(values["resistance_ohm"])))
+    begins = ROOM_K[0] <= float(finite[0]) <= ROOM_K[1]
+    other = ""
+    if choice.unit == "degC" and FILM_K[0] < low and high < FILM_K[1] and (film or begins):
+        other = "K"
+    elif choice.unit == "K" and high < LEAST_DEGC:
+        other = "degC"
+    if not other:
+        return []
+    what = f"{typed('temperature_degC', names, choice.index, other)} or {_same(names, 'temperature_degC', choice)}"
+    shown = f"{low:.1f} to {high:.1f} degC" if other == "K" else f"{low + 273.15:.1f} to {high + 273.15:.1f} K"
+    whose = "a film's" if film else "a plate's"
+    return [f"{table.source}: temperature_degC: {shown} is not {whose} temperature, in {other} it is: expected {what}"]
+
+
+def _size_faults(table: Table, values: Mapping[str, Array]) -> list[str]:
+    """Numbers that are none of the quantity, whatever the unit: each would carry a fit away."""
+    bounds = {
+        "temperature_degC": (ABSOLUTE_ZERO_DEGC, MOST_DEGC),
+        "current_A": (-MOST_A, MOST_A),
+        "resistance_ohm": (-math.inf, MOST_OHM),
+    }
+    faults = []
+    for name, (low, high) in bounds.items():
+        column = values.get(name)
+        if column is None:
+            continue
+        for k in np.flatnonzero(np.isfinite(column) & ((column < low) | (column > high)))[:MOST_FAULTS]:
+            bounds_told = f"at most {high:g}, or inf" if low == -math.inf else f"{low:g} to {high:g}, or an empty field"
+            found = f"{float(column[k])!r}: expected {bounds_told} for no reading"
+            faults.append(f"{table.source}: {table.at(int(k))}: {name}: {found}")
+    return faults

@@ -1,0 +1,84 @@
+"""A record in memory: columns by name, with units in the names."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from compensator.functions import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Columns by name, each of the shape (rows,); `drive` tells that current_A is a share of full drive.
+
+    said: what was taken for what, and what was left, a line each; empty where the names are ours.
+    """
+
+    columns: dict[str, Array]
+    source: str = "record"
+    drive: str | None = None
+    text_columns: dict[str, list[str]] = field(default_factory=dict)
+    said: tuple[str, ...] = ()
+
+    @classmethod
+    def from_arrays(
+        cls, columns: Mapping[str, Any], column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "arrays"
+    ) -> Record:
+        """A record of numpy arrays, or of anything that becomes one, by name. Raises Faults.
+
+        Names are read as those of a file: ours, or plain ones such as 'T [K]'. column: what --column would be given,
+        as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64.
+        """
+        from rig.files.array_table import array_table
+        from rig.files.column_mapping import ColumnMapping
+        from rig.files.taken_columns import record_of
+
+        return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
+
+    @classmethod
+    def from_frame(
+        cls, frame: Any, column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "data frame"
+    ) -> Record:
+        """A record of a pandas DataFrame, or of what has its `columns`, `index` and `[name]`. Raises as `from_arrays`.
+
+        An index of dates (or one with a name that is not a column's) is a column too.
+        """
+        from rig.files.array_table import columns_of_frame
+
+        return cls.from_arrays(columns_of_frame(frame), column, needs, source)
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return int(self.columns["time_s"].size)
+
+    def has(self, name: str) -> bool:
+        """Whether a column is there and holds at least one finite value."""
+        return name in self.columns and bool(np.any(np.isfinite(self.columns[name])))
+
+    def has_output(self, name: str = "minus_log10_ohm") -> bool:
+        """Whether the film's output is there."""
+        return self.has("resistance_ohm" if name == "minus_log10_ohm" else name)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def output(self, name: str = "minus_log10_ohm") -> Array:
+        """The film's output: -log10(R / 1 ohm), nan where there is no finite reading > 0; or a column of that name."""
+        if name != "minus_log10_ohm":
+            return self.columns[name]
+        resistance = self.columns["resistance_ohm"]
+        good = np.isfinite(resistance) & (resistance > 0.0)
+        output = np.full(resistance.size, math.nan)
+        output[good] = -np.log10(resistance[good])
+        return output
+
+
+def unit_of(output: str) -> str:
+    """The unit of a film's output, for people and for keys: decades of a resistance, else what the name ends in."""
+    return "dec" if output == "minus_log10_ohm" else output.partition("_")[2] or "1"

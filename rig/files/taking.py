@@ -1,0 +1,236 @@
+"""Which of a table's columns is taken for which of ours: as typed, by our own names, by names that are plain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensator.functions import Array
+from rig.files.column_mapping import ColumnMapping, ending_of, typed
+from rig.files.column_meaning import KNOWN, Meaning, meaning_of
+from rig.files.field_numbers import Numbers, blank_like, read_numbers, tidied, within_range
+from rig.files.field_times import clock_alone, date_alone, time_like
+from rig.files.table import Column, Table
+from rig.files.units import UNITS
+
+GUESSED = (
+    "time_s",
+    "temperature_degC",
+    "resistance_ohm",
+    "current_A",
+    "meter_current_A",
+    "setpoint_degC",
+    "target_ohm",
+    "ambient_degC",
+    "sink_degC",
+)
+SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}
+MOST_DUTY = 1.05  # a duty of 256 in 255 is written too
+LEAST_PLATE_A = 0.02  # a plate's current reaches more; an ohmmeter's test current does not
+SHOWN_NAMES = 30
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A column that was taken: its index, its unit, how (typed, own, guessed), dates' layout."""
+
+    index: int
+    unit: str
+    how: str
+    unit_said: bool = False
+    layout: str | None = None
+    note: str = ""
+
+
+class Taking:
+    """The columns of one table, taken one after the other."""
+
+    def __init__(self, table: Table, flags: bool = True) -> None:
+        self.table, self.flags = table, flags
+        self.names = [column.name for column in table.columns]
+        self.shown = table.names()
+        self.meanings = [meaning_of(column.name, column.unit) for column in table.columns]
+        self.chosen: dict[str, Choice] = {}
+        self.renamed: dict[int, str] = {}
+        self.faults: list[str] = []
+        self.said: list[str] = []
+        self._numbers: dict[tuple[int, str | None], Numbers] = {}
+
+    # what stands in the columns
+
+    def free(self) -> list[int]:
+        """Columns that nothing has taken."""
+        taken = {choice.index for choice in self.chosen.values()} | set(self.renamed)
+        return [k for k in range(len(self.names)) if k not in taken]
+
+    def first(self, k: int) -> str:
+        """The first field that says something, '' in a column of numbers or of none."""
+        texts = self.table.columns[k].texts
+        return next((text for text in texts if not blank_like(text)), "") if texts is not None else ""
+
+    def filled(self, k: int) -> bool:
+        """Whether a column holds anything."""
+        numbers = self.table.columns[k].numbers
+        return bool(np.any(np.isfinite(numbers))) if numbers is not None else bool(self.first(k))
+
+    def numbers(self, k: int, ending: str | None = None) -> Numbers:
+        """A column as numbers, read once. Raises ValueError."""
+        if (k, ending) not in self._numbers:
+            self._numbers[k, ending] = self._read(self.table.columns[k], ending)
+        return self._numbers[k, ending]
+
+    def _read(self, column: Column, ending: str | None) -> Numbers:
+        if column.texts is not None:
+            return read_numbers(column.texts, self.table.signs, ending)
+        assert column.numbers is not None
+        return within_range(column.numbers, ending)
+
+    def values(self, k: int) -> Array | None:
+        """A column's finite numbers; None where it holds something else."""
+        try:
+            values = self.numbers(k).values
+        except ValueError:
+            return None
+        values = values[np.isfinite(values)]
+        return values if values.size else None
+
+    def at_names(self, text: str) -> str:
+        """A fault's line about the names."""
+        place = f"{self.table.place}: " if self.table.place else ""
+        return f"{self.table.source}: {place}{text}"
+
+    def to_type(self, ours: str, k: int, units: Sequence[str]) -> str:
+        """What to type for a column, in each unit that it may have."""
+        return " or ".join(typed(ours, self.names, k, unit) for unit in units)
+
+    def there(self) -> str:
+        """The names that there are, as many as can be read."""
+        shown = ", ".join(name[:60] for name in self.shown[:SHOWN_NAMES])
+        more = len(self.shown) - SHOWN_NAMES
+        return shown + (f" and {more} more" if more > 0 else "")
+
+
+def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
+    """What somebody typed with --column; a name that is not there is a fault."""
+    for mapping in mappings:
+        k = mapping.found_in(taking.names)
+        if k is None:
+            there = taking.there()
+            taking.faults.append(taking.at_names(f"no column {mapping.theirs!r} for {mapping.ours}; there are {there}"))
+        elif mapping.ours not in KNOWN:
+            taking.renamed[k] = mapping.ours
+        else:
+            unit, note = mapping.unit, ""
+            meaning = taking.meanings[k]
+            if not mapping.unit_said and meaning.unit in UNITS[ending_of(mapping.ours)] and meaning.unit != unit:
+                unit, note = str(meaning.unit), "as its name says"
+            said = mapping.unit_said or bool(note)
+            taking.chosen[mapping.ours] = Choice(k, unit, "typed", said, mapping.layout, note)
+
+
+def take_own(taking: Taking) -> None:
+    """Our own names, and a name that stands twice where it matters."""
+    free = taking.free()
+    for name in KNOWN:
+        there = [k for k in free if taking.names[k].strip() == name]
+        if len(there) > 1:
+            taking.faults.append(taking.at_names(f"column {name!r} appears twice"))
+        elif there and name not in taking.chosen:
+            unit = ending_of(name)
+            taking.chosen[name] = Choice(there[0], unit, "own")
+
+
+def take_plain(taking: Taking) -> None:
+    """Names that are plain, where one column only has them."""
+    if "time_s" not in taking.chosen:
+        _take_time(taking)
+    for ours in GUESSED[1:]:
+        if ours in taking.chosen:
+            continue
+        there = [(k, m) for k in taking.free() if (m := _meaning(taking, k)).ours == ours and m.plain]
+        there = [(k, m) for k, m in there if taking.filled(k) and _credible(taking, ours, k, m)]
+        if len(there) == 1:
+            k, meaning = there[0]
+            taking.chosen[ours] = Choice(k, str(meaning.unit), "guessed")
+
+
+def _meaning(taking: Taking, k: int) -> Meaning:
+    """What a name says, or, where it says no unit, what the fields do that have units of their own."""
+    meaning = taking.meanings[k]
+    if meaning.unit is not None or meaning.said:
+        return meaning
+    if meaning.ours == "current_A" and "duty" in taking.names[k].lower():
+        values = taking.values(k)
+        within = values is not None and np.max(np.abs(values)) <= MOST_DUTY
+        return Meaning("current_A", "duty", True) if within else meaning
+    first = tidied(taking.first(k))
+    if not first or first[-1].isdigit():
+        return meaning
+    for ending, ours in (("ohm", "resistance_ohm"), ("degC", "temperature_degC"), ("A", "current_A")):
+        try:
+            found = taking.numbers(k, ending).ending
+        except ValueError:
+            continue
+        if found == ending and meaning.ours in (None, ours) and _nothing_strange(taking.names[k], ending):
+            return Meaning(ours, ending, True)
+    return meaning
+
+
+def _nothing_strange(name: str, ending: str) -> bool:
+    """Whether a name with the unit behind it is plain."""
+    return meaning_of(f"{name} ({ending})").plain
+
+
+def _credible(taking: Taking, ours: str, k: int, meaning: Meaning) -> bool:
+    """Whether numbers may be what a name and a unit make of them; where not, they are asked for."""
+    try:
+        numbers = taking.numbers(k, ending_of(ours))
+    except ValueError:
+        return True  # a fault that is told with its line
+    values = numbers.values[np.isfinite(numbers.values)]
+    if not values.size:
+        return False
+    if ours == "current_A":
+        largest = float(np.max(np.abs(values)))
+        if meaning.unit == "percent":
+            return largest == 0.0 or 1.0 < largest <= 110.0
+        if meaning.unit != "duty":
+            largest = float(np.max(np.abs(UNITS["A"][str(meaning.unit)](values))))
+            return largest == 0.0 or largest >= LEAST_PLATE_A
+    return True
+
+
+def _take_time(taking: Taking) -> None:
+    """The column of times: seconds that rise, else dates, else a clock's times, else seconds since 1970."""
+    there = [k for k in taking.free() if taking.meanings[k].ours == "time_s" and taking.filled(k)]
+    timed = [k for k in there if time_like(taking.first(k))]
+    rising = []
+    for k in there:
+        values = taking.values(k) if k not in timed else None
+        if values is not None and values.size >= 2 and taking.meanings[k].plain and np.all(np.diff(values) > 0.0):
+            rising.append(k)
+    if len(rising) == 1:
+        taking.chosen["time_s"] = Choice(rising[0], str(taking.meanings[rising[0]].unit), "guessed")
+        return
+    if rising:
+        return
+    plain = [k for k in there if k not in timed and taking.meanings[k].plain]
+    if len(plain) == 1 and not timed:  # its rows are told that do not rise, or are no numbers
+        taking.chosen["time_s"] = Choice(plain[0], str(taking.meanings[plain[0]].unit), "guessed")
+        return
+    if not there:
+        timed = [k for k in taking.free() if time_like(taking.first(k)) and not date_alone(taking.first(k))]
+    if timed:
+        dated = [k for k in timed if not clock_alone(taking.first(k))]
+        taking.chosen["time_s"] = Choice((dated or timed)[0], "s", "guessed")
+        return
+    for k in there:
+        values = taking.values(k)
+        if values is None or taking.meanings[k].said:
+            continue
+        for unit, (low, high) in SINCE_1970.items():
+            if low < np.min(values) and np.max(values) < high:
+                taking.chosen["time_s"] = Choice(k, unit, "guessed", note="since 1970")
+                return
