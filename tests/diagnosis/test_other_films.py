@@ -1,8 +1,9 @@
 """Films of another kind than the model's: an effect beside one is named, and one that has none blames nothing.
 
 Relays stand in for such a film, hundreds of them, and where a search among them ends hangs on the last digits of its
-sums: the evidence differs by some 5 between processors. So the cases here have several times that to spare, of the
-evidence and of what a softer or sharper bend fits worse than the effect's own (`sim/diagnosis/bends.py`).
+sums: evidence of 215 differs by 4 between processors. So a case here has to have to spare several times what it differs
+by, in its evidence and in how much better or worse than the effect's own a softer or sharper bend is
+(`sim/diagnosis/bends.py`): an evidence of 115 was once not named on one processor, where a softer bend was 4 better.
 """
 
 from __future__ import annotations
