@@ -1,4 +1,8 @@
-"""Shared fixtures: the folder of measured records, and the command line in this process."""
+"""Shared fixtures: the folder of measured records, and the command line in this process.
+
+Tests run side by side, a process a core. So each calculates with one thread; and each keeps the loops that numba
+compiles for itself: two that compile the same function for other arguments at once may mix up each other's files.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,12 @@ from pathlib import Path
 
 import pytest
 
-from rig.__main__ import main
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+if "PYTEST_XDIST_WORKER" in os.environ and "NUMBA_CACHE_DIR" in os.environ:
+    os.environ["NUMBA_CACHE_DIR"] = str(Path(os.environ["NUMBA_CACHE_DIR"], os.environ["PYTEST_XDIST_WORKER"]))
+
+from rig.__main__ import main  # noqa: E402 - numpy and numba read these where they are imported
 
 ROOT = Path(__file__).resolve().parent.parent
 

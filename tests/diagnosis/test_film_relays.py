@@ -98,6 +98,7 @@ def test_a_noisier_record_hides_more() -> None:
     assert np.isnan(loud[1]) or loud[1] > 1.5 * quiet[1]
 
 
+@pytest.mark.other_processor
 def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> None:
     """Of the penalized cost alone it would be 108 ohm, of 273."""
     blind = case("other_film_effect", 10500)
@@ -116,6 +117,7 @@ def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> No
     assert fit.score > search.ended(search.without(fit, "series_resistance")).score + 20.0
 
 
+@pytest.mark.other_processor
 def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> None:
     """Readings in steps of 0.18 K leave the plate's path some millikelvin off, and the film sees them."""
     blind = case("three", 10803)

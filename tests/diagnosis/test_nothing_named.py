@@ -1,0 +1,47 @@
+"""Records in which no effect is hidden, or none that is known: nothing is named. What gaps hide is not made up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.diagnose import diagnose
+from tests.diagnosis.cases import case
+from tests.diagnosis.said import covered, names
+
+
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.other_processor), 1])
+def test_nothing_hidden_nothing_named(seed: int) -> None:
+    document = diagnose(case("clean", seed).columns).document()
+    assert names(document) == set()
+    assert document["verdict"] == "clean"
+
+
+def test_something_that_no_effect_accounts_for() -> None:
+    document = diagnose(case("outside", 2).columns).document()
+    assert names(document) == set()
+    assert document["verdict"] == "unexplained"
+
+
+def test_what_the_film_went_through_in_gaps_is_no_effect() -> None:
+    blind = case("disturbed", 203)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden) == set()
+    assert document["verdict"] == "clean"
+    assert "gaps" in {warning["code"] for warning in document["warnings"]}
+
+
+@pytest.mark.parametrize("seed", [9701, 10007])
+def test_what_happens_in_gaps_is_not_made_up(seed: int) -> None:
+    """A delayed command of a missing row acts after it; a film went 5 K up and 8 K down in a gap with ends alike."""
+    blind = case("disturbed", seed)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden)
+    covered(document, blind)
+
+
+def test_a_record_that_says_nothing_is_told_so() -> None:
+    with pytest.raises(ValueError, match="time_s: missing"):
+        diagnose({"temperature_degC": np.ones(100)})
+    with pytest.raises(ValueError, match="finite readings; expected at least"):
+        diagnose({"time_s": np.arange(5.0), "temperature_degC": np.ones(5), "current_A": np.ones(5)})
