@@ -147,15 +147,16 @@ def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tm
         connection.close()
         shown.append(one["time_s"])
 
-    writer = Writer(Store(path, Retention()), publish, told.append)
+    writer = Writer(path, lambda: Store(path, Retention()), publish, told.append)
+    writer.open()
     writer.start()
     for k in range(50):
-        writer.row(row(NOON_S + k))
+        writer.row(row(NOON_S + k), float(k))
     assert writer.settle()
     assert shown == [NOON_S + k for k in range(50)]
     writer.do(lambda store: store.limit_size(1))
     for k in range(50, 2000):
-        writer.row(row(NOON_S + k))
+        writer.row(row(NOON_S + k), float(k))
     assert writer.settle()
     assert len(told) == 1
     assert "full" in told[0]
@@ -176,11 +177,13 @@ from rig.history.store import Retention, Store
 from rig.history.writer import Writer
 def show(row):
     sys.stdout.write(f"{row['time_s']}\\n"); sys.stdout.flush()
-writer = Writer(Store(Path(sys.argv[1]), Retention()), show, print)
+path = Path(sys.argv[1])
+writer = Writer(path, lambda: Store(path, Retention()), show, print)
+writer.open()
 writer.start()
 k = 0
 while True:
-    writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}); k += 1
+    writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}, float(k)); k += 1
 """
 
 
