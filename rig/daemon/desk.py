@@ -336,11 +336,19 @@ class Desk:
 
     def no_job_because(self) -> list[str]:
         """What keeps the next job from starting; nothing where it may."""
-        held, latch = self.latching.held, self.latching.trouble()
-        found = [f"{held.state}: {held.text}"] if held is not None else []
-        found += [f"the latch cannot be written: {latch}"] if latch is not None else []
-        found += [f"the history cannot be written: {self.writer.failure}"] if self.writer.failure is not None else []
-        return found if self.confirmed else [*found, "the output is not confirmed off"]
+        held, told, trouble = self.latching.held, self.latching.told, self.latching.trouble()
+        found = []
+        if told is not None:
+            found.append(f"{told.state}: {told.text}")
+        elif held is not None:
+            found.append("a stop or a trip is being written down")
+        if trouble is not None:
+            found.append(f"the latch cannot be written: {trouble}")
+        if self.writer.failure is not None:
+            found.append(f"the history cannot be written: {self.writer.failure}")
+        if not self.confirmed:
+            found.append("the output is not confirmed off")
+        return found
 
     def warnings(self) -> list[str]:
         """What people should know."""
