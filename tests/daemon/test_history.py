@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import signal
@@ -15,7 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rig.errors import PortHeld
 from rig.history import reading
+from rig.history.alone import Alone
 from rig.history.store import DAY_S, Retention, Store
 from rig.history.tables import connect_to_read
 from rig.history.writer import Writer
@@ -229,3 +232,30 @@ def test_a_reader_cannot_write(tmp_path: Path) -> None:
         connection.execute("DELETE FROM raw")
     connection.close()
     store.close()
+
+
+def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = Alone(tmp_path / "kept"), Alone(tmp_path / "kept")
+    first.take()
+    first.take()  # it has it already
+    with pytest.raises(PortHeld, match=f"process {os.getpid()}"):
+        second.take()
+    first.close()
+    (tmp_path / "kept" / "history.lock").unlink()
+    plain = os.open
+
+    def full(path: str | Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return plain(path, flags, mode)
+
+    monkeypatch.setattr("rig.history.alone.os.open", full)
+    second.take()
+    monkeypatch.undo()  # there is room by now
+    with pytest.raises(PortHeld):
+        first.take()
+    second.close()
+    first.take()
+    first.close()
