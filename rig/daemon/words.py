@@ -47,9 +47,8 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         done = f", {span(job['done_s'])} of {span(job['total_s'])}" if job["total_s"] else ""
         found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
     wanted = number(reading.get("setpoint_degC"), "degC", 3)
-    because = f"; no job starts: {'; '.join(state['no_job_because'])}" if state["no_job_because"] else ""
     found += [
-        ("queue", f"{state['queue']} waiting{because}"),
+        ("queue", f"{state['queue']} waiting" + ("; none starts" if state["no_job_because"] else "")),
         ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
         ("current", number(reading.get("current_A"), "A", 3)),
         ("resistance", f"{resistance(reading.get('resistance_ohm'))}, wanted {resistance(reading.get('target_ohm'))}"),
