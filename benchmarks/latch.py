@@ -159,7 +159,8 @@ def told(cases: list[Case], with_disks: bool) -> dict[str, Any]:
     print(f"properly reset benches: tripped at the next start {again} of {count}        asked: none")
     for case in cases:
         if case.failure is not None or case.lost or case.new_tripped or case.reset_tripped:
-            print(f"    {'; '.join(case.steps)}{'; ' + case.failure if case.failure else ''}")
+            print(f"    {'; '.join([*case.steps, *(case.failure or '').splitlines()[:1]])}")
+            print("".join(f"        {line}\n" for line in (case.failure or "").splitlines()[-1:]), end="")
     return {
         "count": count,
         "still_tripped": held,
