@@ -136,7 +136,8 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
     try:
         keeper.keep()
     except Stopped:
-        desk.writer.store.close()
+        if desk.writer.store is not None:
+            desk.writer.store.close()
 
 
 def resident_kB() -> int:

@@ -49,15 +49,15 @@ def write(path: Path, first_s: float, bytes_more: int, pages_more: int) -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         room = path.stat().st_size + bytes_more
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-    store = Store(path, Retention(raw_days=0.02))
-    if pages_more:
-        store.limit_size(path.stat().st_size // 4096 + pages_more)
-    writer = Writer(store, show, failed)
+    writer = Writer(path, lambda: Store(path, Retention(raw_days=0.02)), show, failed)
+    writer.open()
+    if pages_more and writer.store is not None:
+        writer.store.limit_size(path.stat().st_size // 4096 + pages_more)
     writer.start()
     k = 0
     while not ended:
         values = {"temperature_degC": 25.0 + k % 7, "resistance_ohm": 1e5 + k, "current_A": 0.1, "phase": "track"}
-        writer.row({"time_s": first_s + 0.01 * k, **values})
+        writer.row({"time_s": first_s + 0.01 * k, **values}, 0.01 * k)
         k += 1
 
 

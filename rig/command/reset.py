@@ -21,7 +21,7 @@ def main(options: argparse.Namespace) -> int:
     except NoDaemon as error:
         print(f"peltier reset: {error}", file=sys.stderr)
         return 1
-    if answer.get("status") == 409:
+    if answer.get("status") in (409, 503):  # nothing is latched; or it stays latched, as it cannot be written down
         print(f"peltier reset: {answer['faults'][0]}", file=sys.stderr)
         return 1
     waiting = checked(answer)["queue"]

@@ -11,6 +11,7 @@ from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.job import Job
+from rig.daemon.latching import NotCleared
 from rig.faults import Faults
 from rig.files.configuration import read_configuration
 
@@ -59,7 +60,11 @@ class Answers:
         reason = _text(question, "reason", "").strip()
         if not reason:
             raise Refusal(422, ["reason: missing; expected why it is safe to go on"])
-        if not self.desk.reset(reason[:LONGEST_REASON]):
+        try:
+            done = self.desk.reset(reason[:LONGEST_REASON])
+        except NotCleared as error:
+            raise Refusal(503, [f"not reset: {error}"]) from None
+        if not done:
             raise Refusal(409, ["nothing is latched; expected a trip or a stop"])
         return {"reset": True, "queue": len(self.desk.queue)}
 

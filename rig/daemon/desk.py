@@ -10,17 +10,24 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from rig.clock import Clock
 from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
+from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
 from rig.daemon.job import Job, JobStopped, Queue, new_id
-from rig.daemon.latch import STOPPED, Latch, after_restart, tripped
+from rig.daemon.latch import STOPPED, Latch, tripped
+from rig.daemon.latch_file import LATCH
+from rig.daemon.latch_found import found_at_start
+from rig.daemon.latching import Latching
 from rig.daemon.webhook import post
+from rig.daemon.words import span
 from rig.drivers.identity import Identity
+from rig.errors import PortHeld
 from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import default_folder
@@ -35,9 +42,20 @@ ENDED = "the daemon ended; nothing resumes by itself"
 
 
 class Desk:
-    """The bench's state, its queue, its latch and its history."""
+    """The bench's state, its queue, its latch and its history.
 
-    def __init__(self, file: ConfigurationFile, clock: Clock, notes: list[str]) -> None:
+    take_folder: makes the bench's folder this process's own, or raises PortHeld or OSError; log: where a line for
+    people goes beside the warnings.
+    """
+
+    def __init__(
+        self,
+        file: ConfigurationFile,
+        clock: Clock,
+        notes: list[str],
+        take_folder: Callable[[], None] = lambda: None,
+        log: Callable[[str], None] = lambda line: None,
+    ) -> None:
         serve = file.content.serve
         self.file, self.clock = file, clock
         self.folder = history_folder(file)
@@ -46,13 +64,9 @@ class Desk:
         self._epoch_s = time.time() - clock.now_s()  # of simulated time alone
         self.announcer = Announcer()
         self.gate = Gate(clock.now_s if not self.virtual else time.monotonic)
-        retention = Retention(serve.raw_days, serve.minute_days, serve.hour_days)
-        store = Store(self.folder / HISTORY, retention)
-        self.notes = [*notes, *([store.damage] if store.damage else [])]
-        self.queue = Queue(self._jobs_of_before(store))
-        last = store.last_trip()
-        self.latch: Latch | None = after_restart(last[1], last[0]) if last else None
-        self.writer = Writer(store, self._committed, self._history_failed)
+        self.notes = list(notes)
+        self.queue = Queue()
+        self._take_folder, self._log = take_folder, log
         self.recent: deque[dict[str, Any]] = deque(maxlen=200)
         self.wake = threading.Event()
         self.ticks = Ticks()
@@ -66,13 +80,29 @@ class Desk:
         self.has_dead_man = False
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
         self.last_cycle_s = clock.now_s()
-        self._began_s = self.label_s()
+        self.gaps = Gaps(self.steady_s())
+        self._began_s = self.steady_s()
         self._live: dict[str, Any] = {}
         self.lock = threading.RLock()
+        history = self.folder / HISTORY
+        was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
+        self.writer = Writer(history, self._open_history, self._committed, self._history_failed, self._clock_jumped)
+        self.writer.open()
+        found = found_at_start(self.folder / LATCH, was_there, self.writer.store, self.label_s())
+        self.latching = Latching(self.folder / LATCH, *found)
+
+    @property
+    def latch(self) -> Latch | None:
+        """What keeps jobs from starting until a reset."""
+        return self.latching.held
 
     def label_s(self) -> float:
         """Unix seconds now: a label, never a basis of control."""
         return self._epoch_s + self.clock.now_s() if self.virtual else time.time()
+
+    def steady_s(self) -> float:
+        """Seconds of a clock that never jumps, by which time spans are measured; it begins anywhere."""
+        return self._epoch_s + self.clock.now_s() if self.virtual else self.clock.now_s()
 
     def live_by(self, clock: Clock) -> None:
         """The clock of a bench that was opened; simulated time goes on where it was."""
@@ -80,6 +110,23 @@ class Desk:
         self.clock = clock
         self._epoch_s = label_s - clock.now_s()
         self.last_cycle_s = clock.now_s()
+
+    def _open_history(self) -> Store:
+        """Raises sqlite3.Error or OSError where there is no room for it."""
+        try:
+            self._take_folder()
+        except PortHeld as error:
+            raise OSError(str(error)) from None
+        serve = self.file.content.serve
+        store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
+        try:
+            self.queue.remember(self._jobs_of_before(store))
+        except BaseException:
+            store.close()
+            raise
+        if store.damage:
+            self.notes = [*self.notes, store.damage]
+        return store
 
     def _jobs_of_before(self, store: Store) -> list[dict[str, Any]]:
         """What waited or ran when the daemon ended does not go on."""
@@ -94,18 +141,53 @@ class Desk:
 
     def row(self, row: dict[str, Any]) -> None:
         """A completed control cycle: to the history, and published when it is committed there."""
+        now_s = self.steady_s()
         self.ticks.done += 1
         self.last_cycle_s = self.clock.now_s()
+        self.gaps.cycle(now_s, self._longest_between_s())
         self._live = row
-        self.writer.row(row)
+        self.writer.row(row, now_s)
+
+    def _longest_between_s(self) -> float:
+        """Between two cycles that belong together: of the idle loop, or of the job's own."""
+        job, period_s = self.queue.running, self.file.content.serve.idle_period_s
+        if job is not None:
+            period_s = max(period_s, job.file.content.experiment.period_s)
+        return 2.0 * period_s + 1.0
 
     def _committed(self, row: dict[str, Any]) -> None:
+        """In the writer's thread."""
         self.recent.append(row)
-        latch = self.latch
-        if latch is not None and latch.number is not None and latch.take(row):
+        store = self.writer.store
+        if store is not None:
             with contextlib.suppress(sqlite3.Error):  # the next row tells of a full disk
-                self.writer.store.save_trip(latch.document(), latch.number)
+                self._keep_beside(store, row)
         self.announcer.tell("row", row)
+
+    def _keep_beside(self, store: Store, row: dict[str, Any]) -> None:
+        """With a row go the trip that it follows, and, once, that the latch has a file of its own."""
+        if not store.has_latch and self.latching.on_disk:
+            store.mark_latch()
+        latch = self.latching.told
+        if latch is None or latch.state == STOPPED:
+            return
+        if latch.number is None:  # it came from the latch's file, or the history had no room for it
+            self._save_trip(store, latch)
+        if latch.take(row):
+            self._save_trip(store, latch)
+
+    def _save_trip(self, store: Store, latch: Latch) -> None:
+        """In the writer's thread: the trip with its rows, new or as it has become."""
+        last = store.last_trip() if latch.number is None else None
+        if last is not None and last[1].get("at_s") == latch.at_s:
+            latch.recall(*last)
+        latch.number = store.save_trip(latch.document(), latch.number)
+
+    def _clock_jumped(self, seconds: float) -> None:
+        """In the writer's thread."""
+        by = f"{'forward' if seconds > 0.0 else 'back'} by {span(abs(seconds))}"
+        now = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(self.label_s()))
+        self.note(f"the time of day jumped {by}, it is now {now}; nothing is deleted for that; check the clock")
 
     def _history_failed(self, text: str) -> None:
         """In the writer's thread: the output off first, then told."""
@@ -115,16 +197,13 @@ class Desk:
         self.changed()
 
     def trip(self, cause: str, text: str) -> None:
-        """Latch a trip with the rows around it, tell everybody, hold the queue."""
+        """Latch a trip with the rows around it, tell everybody once it is on disk, hold the queue."""
+        latch = tripped(cause, text, self.label_s(), self.recent)
         with self.lock:
-            if self.latch is not None and self.latch.state != STOPPED:
+            if not self.latching.hold(latch):
                 return
-            latch = self.latch = tripped(cause, text, self.label_s(), self.recent)
-
-        def save(store: Store) -> None:
-            latch.number = store.save_trip(latch.document(), latch.number)
-
-        self.writer.do(save)
+        self.latching.keep()
+        self.writer.do(lambda store: self._save_trip(store, latch))
         self.announcer.tell("trip", latch.table())
         self.changed()
         if self.file.content.serve.webhook is not None:
@@ -134,6 +213,7 @@ class Desk:
     def note(self, text: str) -> None:
         """Something that people should know, among the warnings; the last ten stay."""
         self.notes = [*[note for note in self.notes if note != text], text][-10:]
+        self._log(text)
         self.changed()
 
     def job_changed(self, job: Job) -> None:
@@ -152,9 +232,9 @@ class Desk:
     def stop(self, by: str) -> Off:
         """The output off at once, the running job ended, the queue held until a reset."""
         with self.lock:  # first, so that no job starts in between
-            if self.latch is None:
-                self.latch = Latch(STOPPED, "stop", f"stopped by {by}", self.label_s())
+            self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
         off = self._switched_off(JobStopped(f"stopped by {by}"))
+        self.latching.keep()
         self.wake.set()
         self.changed()
         return off
@@ -165,15 +245,13 @@ class Desk:
         return off
 
     def reset(self, reason: str) -> bool:
-        """Clear what is latched; False where nothing is."""
-        with self.lock:
-            latch = self.latch
-            if latch is None:
-                return False
-            latch.cleared_s, latch.cleared_because = self.label_s(), reason
-            self.latch = None
+        """Clear what is latched, on disk first; False where nothing is. Raises NotCleared where it stays latched."""
+        latch = self.latching.clear(reason, self.label_s())
+        if latch is None:
+            return False
+        latch.cleared_s, latch.cleared_because = self.label_s(), reason
         if latch.state != STOPPED:
-            self.writer.do(lambda store: store.save_trip(latch.document(), latch.number))
+            self.writer.do(lambda store: self._save_trip(store, latch))
         self.wake.set()
         self.changed()
         return True
@@ -215,7 +293,8 @@ class Desk:
 
     def state(self) -> dict[str, Any]:
         """The bench at this moment (docs/bench_api.md)."""
-        limits, latch, job, phase = self.file.content.limits, self.latch, self.queue.running, self.phase
+        limits, latch, job = self.file.content.limits, self.latching.told, self.queue.running
+        phase = self.phase
         word = latch.state if latch is not None else "running" if job is not None else "idle"
         if not self.online:
             word = "offline" if word in ("idle", "running") else word
@@ -234,7 +313,7 @@ class Desk:
             "time_s": label_s,
             "version": __version__,
             "name": self.file.content.serve.name,
-            "uptime_s": max(0.0, label_s - self._began_s),
+            "uptime_s": max(0.0, self.steady_s() - self._began_s),
             "state": word,
             "output": self.output,
             "output_confirmed": self.confirmed,
@@ -242,24 +321,45 @@ class Desk:
             "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
             "job": doing,
             "queue": len(self.queue),
+            "no_job_because": self.no_job_because(),
             "reading": reading,
             "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
             "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
             "instruments": {role: str(identity) for role, identity in self.identities.items()},
             "ticks": dict(self.ticks.__dict__),
+            "gaps": dict(self.gaps.table()),
             "memory_known": self.memory_since_s is not None,
             "viewers": 0,
             "warnings": self.warnings(),
             "cycle_age_s": now_s - self.last_cycle_s,
         }
 
+    def no_job_because(self) -> list[str]:
+        """What keeps the next job from starting; nothing where it may."""
+        held, told, trouble = self.latching.held, self.latching.told, self.latching.trouble()
+        found = []
+        if told is not None:
+            found.append(f"{told.state}: {told.text}")
+        elif held is not None:
+            found.append("a stop or a trip is being written down")
+        if trouble is not None:
+            found.append(f"the latch cannot be written: {trouble}")
+        if self.writer.failure is not None:
+            found.append(f"the history cannot be written: {self.writer.failure}")
+        if not self.confirmed:
+            found.append("the output is not confirmed off")
+        return found
+
     def warnings(self) -> list[str]:
         """What people should know."""
         found = list(self.notes)
+        if (trouble := self.latching.trouble()) is not None:
+            found.append(f"the latch cannot be written, no job starts: {trouble}")
         if not self.online and self.offline_because:
             found.append(f"offline: {self.offline_because}")
         if self.writer.failure is not None:
-            found.append(f"the history cannot be written, {self.writer.dropped} rows lost: {self.writer.failure}")
+            lost = f"{self.writer.dropped} rows lost, no job starts"
+            found.append(f"the history cannot be written, {lost}: {self.writer.failure}")
         if self.online and not self.has_dead_man:
             found.append("the controller has no dead man of its own")
         return found

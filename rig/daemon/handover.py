@@ -110,10 +110,13 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
     phase, held = "", ""
     for message in events:
         data = message["data"]
-        waits = message["event"] == "state" and data["job"] is None and data["state"] in HOLDING
-        if waits and held != data["state"]:
+        waits = message["event"] == "state" and data["job"] is None
+        if waits and data["state"] in HOLDING and held != data["state"]:
             held = data["state"]
             print(f"the bench is {held}: the job waits (`peltier status` tells why)", file=stream, flush=True)
+        elif waits and data["state"] not in HOLDING and data["no_job_because"] and held != data["no_job_because"][0]:
+            held = data["no_job_because"][0]
+            print(f"the job waits: {held}", file=stream, flush=True)
         if message["event"] == "say" and data["id"] == job["id"]:
             print(data["text"], file=stream, flush=True)
         if message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:

@@ -69,10 +69,10 @@ def new_id() -> str:
 class Queue:
     """Jobs that wait, the one that runs, and the last that ended; safe for any thread."""
 
-    def __init__(self, ended: list[dict[str, Any]]) -> None:
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._waiting: list[Job] = []
-        self._ended = ended[-KEPT:]
+        self._ended: list[dict[str, Any]] = []
         self._known: dict[str, Job] = {}
         self._followed: list[str] = []
         self.running: Job | None = None
@@ -88,6 +88,11 @@ class Queue:
             self._waiting.append(job)
             self._known[job.id] = job
             return True
+
+    def remember(self, ended: list[dict[str, Any]]) -> None:
+        """Jobs of before, the oldest first."""
+        with self._lock:
+            self._ended = [*ended, *self._ended][-KEPT:]
 
     def next(self) -> Job | None:
         """The job that is to run now, taken out of the queue."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.bench import Bench
@@ -23,6 +23,20 @@ from rig.loop import Tick
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.reading import Quality
 from rig.serial_numbers import strangers
+
+
+@dataclass(frozen=True)
+class _End:
+    """How a job ended: its state, why, its exit status; trip: the cause of a trip, None where it is none.
+
+    trip_text: what the trip says, where that is more than the job's reason.
+    """
+
+    state: str
+    reason: str | None
+    exit_status: int
+    trip: str | None = None
+    trip_text: str | None = None
 
 
 class JobRun(Watcher):
@@ -47,37 +61,35 @@ class JobRun(Watcher):
         desk, job = self._desk, self._job
         job.state, job.started_s = "running", desk.label_s()
         desk.job_changed(job)
-        trip: tuple[str, str] | None = None
         desk.model = model_of(job.file) or desk.model
+        self._conclude(self._end())
+
+    def _end(self) -> _End:
+        """Do the job's work; how it ended."""
         try:
-            if lines := strangers(job.file, self._raw.identities):  # the bench may have come back as another one
+            if lines := strangers(self._job.file, self._raw.identities):  # the bench may have come back as another one
                 raise Faults(lines)
-            self._configure(job.file.content)
+            self._configure(self._job.file.content)
             calibration = self._done()
-            job.state, job.exit_status = "done", 0
             if calibration is not None:
-                desk.model = calibration.model_path
+                self._desk.model = calibration.model_path
+            return _End("done", None, 0)
         except JobStopped as stopped:
-            job.state, job.reason, job.exit_status = "stopped", str(stopped), stopped.exit_status
+            return _End("stopped", str(stopped), stopped.exit_status)
         except Stopped as stopped:
-            job.state, job.reason, job.exit_status = "stopped", f"the daemon was {stopped}", stopped.exit_status
+            return _End("stopped", f"the daemon was {stopped}", stopped.exit_status)
         except Tripped as tripped:
-            job.state, job.reason, job.exit_status = "tripped", str(tripped), tripped.exit_status
-            trip = (tripped.cause, str(tripped))
+            return _End("tripped", str(tripped), tripped.exit_status, tripped.cause)
         except NotConfirmedOff as error:
-            job.state, job.reason, job.exit_status = "tripped", str(error), error.exit_status
-            desk.output, desk.confirmed = "unknown", False
-            trip = ("not_confirmed_off", str(error))
+            self._desk.output, self._desk.confirmed = "unknown", False
+            return _End("tripped", str(error), error.exit_status, "not_confirmed_off")
         except Faults as faults:
-            job.state, job.reason, job.exit_status = "failed", "; ".join(faults.lines), 2
+            return _End("failed", "; ".join(faults.lines), 2)
         except RigError as error:
-            job.state, job.reason, job.exit_status = "failed", str(error), 1
-            trip = (type(error).__name__.lower(), f"the run lost an instrument: {error}")
+            trip = f"the run lost an instrument: {error}"
+            return _End("failed", str(error), 1, type(error).__name__.lower(), trip)
         except BaseException as error:
-            job.state, job.exit_status = "failed", 1
-            job.reason = f"{type(error).__name__}: {error}"
-            trip = ("program_fault", job.reason)
-        self._conclude(trip)
+            return _End("failed", f"{type(error).__name__}: {error}", 1, "program_fault")
 
     def _done(self) -> Calibration | None:
         """The job's work to its end: its calibration, where it made one."""
@@ -90,17 +102,19 @@ class JobRun(Watcher):
         job.folder, job.result = result.folder, summary(result)
         return result.calibration
 
-    def _conclude(self, trip: tuple[str, str] | None) -> None:
+    def _conclude(self, end: _End) -> None:
+        """The trip, if it was one, before anybody is told how the job ended: it is on disk first."""
         desk, job = self._desk, self._job
         if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
             desk.in_loop, desk.phase = False, None
-            desk.output, desk.confirmed = ("off", True) if job.exit_status != 11 else ("unknown", False)
+            desk.output, desk.confirmed = ("off", True) if end.exit_status != 11 else ("unknown", False)
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
+        if end.trip is not None:
+            desk.trip(end.trip, end.trip_text or end.reason or end.trip)
+        job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
         if job.folder is None and part_of(job.out).is_dir():
             job.folder = part_of(job.out)
-        if trip is not None:
-            desk.trip(*trip)
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()

@@ -57,6 +57,7 @@ class Keeper:
             finally:
                 desk.online = False
                 desk.writer.stop()
+                desk.latching.close()
                 desk.announcer.close()
 
     def end(self) -> None:
@@ -179,7 +180,7 @@ class Keeper:
             with self._idling:
                 controller.configure(limits.current_A, limits.temperature_degC, dead_man_s)
         with desk.lock:
-            if desk.latch is not None or desk.writer.failure is not None or not desk.confirmed:
+            if desk.no_job_because():
                 return ended
             desk.gate.open()
             job = desk.queue.next()

@@ -7,7 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 ROWS_BEFORE, ROWS_AFTER = 40, 20
-STOPPED, TRIPPED = "stopped", "tripped"
+CLEAR, STOPPED, TRIPPED = "clear", "stopped", "tripped"
+UNKNOWN = "what was latched is not known: look at the bench before you reset it"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What the latch's file says. state: CLEAR, STOPPED or TRIPPED; text: why, also why it is clear; at_s: Unix s."""
+
+    state: str
+    cause: str
+    text: str
+    at_s: float
 
 
 @dataclass
@@ -33,6 +44,10 @@ class Latch:
         told = {"rows": self.rows, "cleared_s": self.cleared_s, "cleared_because": self.cleared_because}
         return {**self.table(), **told, "state": self.state}
 
+    def kept(self) -> Kept:
+        """As the latch's file keeps it: without the rows."""
+        return Kept(self.state, self.cause, self.text, self.at_s)
+
     def take(self, row: dict[str, Any]) -> bool:
         """A row after the trip; True when the last one that is kept has come."""
         if self.after >= ROWS_AFTER:
@@ -41,15 +56,30 @@ class Latch:
         self.after += 1
         return self.after == ROWS_AFTER
 
+    def recall(self, number: int, document: dict[str, Any]) -> None:
+        """The rows of this trip, which the history has under a number."""
+        self.number, self.rows, self.after = number, list(document.get("rows", [])), ROWS_AFTER
+
 
 def tripped(cause: str, text: str, at_s: float, recent: deque[dict[str, Any]]) -> Latch:
     """A trip with the rows before it."""
     return Latch(TRIPPED, cause, text, at_s, list(recent)[-ROWS_BEFORE:])
 
 
-def after_restart(document: dict[str, Any], number: int) -> Latch | None:
-    """A trip of before that nobody has cleared: a restart does not clear it either."""
+def not_known(why: str, at_s: float) -> Latch:
+    """A trip because what was latched cannot be found out. at_s: when that was noticed."""
+    return Latch(TRIPPED, "latch", f"{why}; {UNKNOWN}", at_s)
+
+
+def after_restart(kept: Kept) -> Latch | None:
+    """What was latched before and nobody has cleared: a restart does not clear it either."""
+    return None if kept.state == CLEAR else Latch(kept.state, kept.cause, kept.text, kept.at_s, after=ROWS_AFTER)
+
+
+def of_history(number: int, document: dict[str, Any]) -> Latch | None:
+    """The last trip of a history from before the latch had a file, where nobody has cleared it."""
     if document.get("cleared_s") is not None:
         return None
-    known = {key: document[key] for key in ("state", "cause", "text", "at_s", "rows")}
-    return Latch(**known, number=number, after=ROWS_AFTER)
+    latch = Latch(TRIPPED, *(document[key] for key in ("cause", "text", "at_s")))
+    latch.recall(number, document)
+    return latch

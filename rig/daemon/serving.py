@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 
 from rig.bench import open_bench
 from rig.clock import RealClock
@@ -18,7 +18,7 @@ from rig.errors import PortHeld, RigError
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
-from rig.history.alone import alone
+from rig.history.alone import Alone
 from rig.outcome import NotConfirmedOff
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -56,16 +56,22 @@ def _off_first(file: ConfigurationFile, guard: Guard) -> None:
         return
 
 
+def _log(line: str) -> None:
+    print(f"peltier serve: {line}", file=sys.stderr, flush=True)
+
+
 def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
     """The bench process: socket first, so that a second daemon is told; then the ports and the page. Until a signal."""
     with ExitStack() as stack:
         place = socket_to_make(file.content.serve.name)
         listener = stack.enter_context(closing(ControlSocket(place)))
-        stack.enter_context(alone(history_folder(file)))
+        folder = stack.enter_context(closing(Alone(history_folder(file))))
+        with suppress(OSError):  # a full disk: the desk tries again, and tells
+            folder.take()
         _off_first(file, guard)
-        desk = Desk(file, RealClock(), notes)
-        for note in desk.notes:
-            print(f"peltier serve: {note}", file=sys.stderr, flush=True)
+        desk = Desk(file, RealClock(), notes, folder.take, _log)
+        for line in [*desk.warnings(), *desk.no_job_because()[: 1 if desk.latch is not None else 0]]:
+            _log(line)
         notifier = stack.enter_context(closing(Notifier()))
         listener.start(Answers(desk))
         web = WebProcess(place, desk.note)

@@ -48,19 +48,26 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
     wanted = number(reading.get("setpoint_degC"), "degC", 3)
     found += [
-        ("queue", f"{state['queue']} waiting"),
+        ("queue", f"{state['queue']} waiting" + ("; none starts" if state["no_job_because"] else "")),
         ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
         ("current", number(reading.get("current_A"), "A", 3)),
         ("resistance", f"{resistance(reading.get('resistance_ohm'))}, wanted {resistance(reading.get('target_ohm'))}"),
         ("reading", f"{reading.get('quality')}, {_age(state)}"),
         ("film's memory", "known" if state["memory_known"] else "not known until the film was conditioned"),
         ("ticks", f"{ticks['done']} done, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.1f} ms late"),
+        ("gaps", _gaps(state["gaps"])),
         ("dead man", number(state["dead_man_s"], "s", 1) if state["dead_man_s"] else "none: the controller has none"),
         *[(role, text) for role, text in state["instruments"].items()],
         ("up", span(state["uptime_s"])),
         *[("warning", text) for text in state["warnings"]],
     ]
     return found
+
+
+def _gaps(gaps: dict[str, Any]) -> str:
+    if not gaps["count"]:
+        return "none in its readings"
+    return f"{gaps['count']} in its readings, the longest {span(gaps['longest_s'])}, {span(gaps['total_s'])} in all"
 
 
 def _age(state: dict[str, Any]) -> str:

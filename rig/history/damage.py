@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import json
 import sqlite3
 from pathlib import Path
 
-from rig.history.tables import connect_to_write, create
+from rig.history.tables import COLUMNS, connect_to_write, create
 
 SIDE_FILES = ("", "-wal", "-shm")
 
@@ -22,8 +23,13 @@ def opened(path: Path) -> tuple[sqlite3.Connection, str | None]:
     if fault is not None:
         aside = _put_aside(path)
         fault = f"history: {path.name} was damaged ({fault}); it is kept as {aside.name} and a new one was begun"
-    connection = connect_to_write(path)
-    create(connection)
+    try:
+        connection = connect_to_write(path)
+        create(connection)
+    except sqlite3.Error as error:
+        if fault is None:
+            raise
+        raise sqlite3.OperationalError(f"{fault}, which failed: {error}") from None
     return connection, fault
 
 
@@ -35,17 +41,29 @@ def what_is_wrong(path: Path) -> str | None:
     try:
         connection = connect_to_write(path)  # recovers what a killed writer left in the log
         lines = [str(row[0]) for row in connection.execute("PRAGMA quick_check(5)")]
-        return None if lines == ["ok"] else "; ".join(lines)[:300]
+        return _not_ours(connection) if lines == ["ok"] else "; ".join(lines)[:300]
     except sqlite3.OperationalError as error:
         if "locked" in str(error) or "disk" in str(error) or "unable to open" in str(error):
             raise
         return str(error)
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, ValueError) as error:
         return str(error)
     finally:
         if connection is not None:
             with contextlib.suppress(sqlite3.Error):
                 connection.close()
+
+
+def _not_ours(connection: sqlite3.Connection) -> str | None:
+    """What a whole database of SQLite lacks to be a history: columns, or documents that can be read (ValueError)."""
+    for table, expected in COLUMNS.items():
+        there = {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")}
+        if there and not there.issuperset(expected):
+            return f"its table {table} lacks {', '.join(sorted(set(expected) - there))}"
+        if there and "document" in expected:
+            for (document,) in connection.execute(f"SELECT document FROM {table}"):
+                json.loads(document)
+    return None
 
 
 def _put_aside(path: Path) -> Path:

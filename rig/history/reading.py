@@ -128,7 +128,16 @@ def trips(path: Path, count: int = 50) -> list[dict[str, Any]]:
     """The last trips with the rows around them and how they were cleared, the newest first."""
     with _reading(path) as connection:
         found = connection.execute("SELECT document FROM trip ORDER BY id DESC LIMIT ?", (count,)).fetchall()
-    return [json.loads(row[0]) for row in found]
+    return [document for row in found if (document := _document(row[0])) is not None]
+
+
+def _document(text: str) -> dict[str, Any] | None:
+    """A document of JSON; None where the file was damaged there since it was opened."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None
 
 
 def temperatures(path: Path, after_s: float, most: int) -> list[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""An hour of the fortnight, and a few of its kills: the benchmarks run small."""
+"""An hour of the fortnight, a few of its kills, and a few latched benches: the benchmarks run small."""
 
 from __future__ import annotations
 
@@ -30,3 +30,9 @@ def test_nothing_shown_is_lost_by_kills_and_full_disks(root: Path, tmp_path: Pat
     assert isinstance(found["full"], list)
     for full in found["full"]:
         assert (full["lost"], full["damage"], full["told"]) == (0, None, True)
+
+
+def test_a_trip_survives_kills_damage_and_full_disks_and_a_new_bench_has_none(root: Path, tmp_path: Path) -> None:
+    found = benchmark(root, tmp_path, "latch", "--count", "2")
+    assert (found["still_tripped"], found["not_ended"]) == (2, 0)
+    assert (found["new_tripped"], found["reset_tripped"]) == (0, 0)

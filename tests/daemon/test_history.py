@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import signal
@@ -15,7 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rig.errors import PortHeld
 from rig.history import reading
+from rig.history.alone import Alone
 from rig.history.store import DAY_S, Retention, Store
 from rig.history.tables import connect_to_read
 from rig.history.writer import Writer
@@ -147,15 +150,16 @@ def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tm
         connection.close()
         shown.append(one["time_s"])
 
-    writer = Writer(Store(path, Retention()), publish, told.append)
+    writer = Writer(path, lambda: Store(path, Retention()), publish, told.append)
+    writer.open()
     writer.start()
     for k in range(50):
-        writer.row(row(NOON_S + k))
+        writer.row(row(NOON_S + k), float(k))
     assert writer.settle()
     assert shown == [NOON_S + k for k in range(50)]
     writer.do(lambda store: store.limit_size(1))
     for k in range(50, 2000):
-        writer.row(row(NOON_S + k))
+        writer.row(row(NOON_S + k), float(k))
     assert writer.settle()
     assert len(told) == 1
     assert "full" in told[0]
@@ -176,11 +180,13 @@ from rig.history.store import Retention, Store
 from rig.history.writer import Writer
 def show(row):
     sys.stdout.write(f"{row['time_s']}\\n"); sys.stdout.flush()
-writer = Writer(Store(Path(sys.argv[1]), Retention()), show, print)
+path = Path(sys.argv[1])
+writer = Writer(path, lambda: Store(path, Retention()), show, print)
+writer.open()
 writer.start()
 k = 0
 while True:
-    writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}); k += 1
+    writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}, float(k)); k += 1
 """
 
 
@@ -226,3 +232,30 @@ def test_a_reader_cannot_write(tmp_path: Path) -> None:
         connection.execute("DELETE FROM raw")
     connection.close()
     store.close()
+
+
+def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = Alone(tmp_path / "kept"), Alone(tmp_path / "kept")
+    first.take()
+    first.take()  # it has it already
+    with pytest.raises(PortHeld, match=f"process {os.getpid()}"):
+        second.take()
+    first.close()
+    (tmp_path / "kept" / "history.lock").unlink()
+    plain = os.open
+
+    def full(path: str | Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_CREAT:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return plain(path, flags, mode)
+
+    monkeypatch.setattr("rig.history.alone.os.open", full)
+    second.take()
+    monkeypatch.undo()  # there is room by now
+    with pytest.raises(PortHeld):
+        first.take()
+    second.close()
+    first.take()
+    first.close()

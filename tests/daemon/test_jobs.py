@@ -108,7 +108,7 @@ def test_a_trip_latches_with_cause_and_rows_and_survives_a_restart(tmp_path: Pat
         bench.desk.writer.settle()
         kept = reading.trips(bench.desk.folder / "history.sqlite")[0]
         assert kept["cleared_because"].startswith("the limit")
-        assert kept["rows"][-1]["temperature_degC"] > 60.0
+        assert max(row["temperature_degC"] for row in kept["rows"]) > 61.0  # it cools down from there
     with running(path) as bench:
         assert bench.state()["state"] == "idle"
 

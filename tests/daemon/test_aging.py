@@ -1,0 +1,150 @@
+"""Rows grow old by time that has really passed: a clock that jumps deletes nothing, and the jump is told."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.history.aging import CATCH_UP, STEADY_S, Age, AgedClock, followed, jump_s
+from rig.history.store import DAY_S, Retention, Store
+from rig.history.tables import connect_to_read
+from rig.history.writer import Writer
+
+NOON_S = 1_790_000_000.0 // 3600 * 3600
+RETENTION = Retention(raw_days=2.0, minute_days=5.0, hour_days=10.0)
+BATCH_S = 200 * 60.0  # the writer deletes after a batch of rows, and here they come as fast as it takes them
+Moments = list[tuple[float, float]]  # time of day and time that has passed, s
+
+
+def life(path: Path, moments: Moments) -> list[float]:
+    """A daemon that writes a row at each moment; the jumps that it told of."""
+    told: list[float] = []
+    writer = Writer(path, lambda: Store(path, RETENTION), lambda row: None, lambda text: None, told.append)
+    writer.open()
+    writer.start()
+    for wall_s, clock_s in moments:
+        writer.row({"time_s": wall_s, "temperature_degC": 25.0}, clock_s)
+    assert writer.settle(60.0)
+    assert writer.failure is None
+    writer.stop()
+    return told
+
+
+def even(begin_s: float, lasts_s: float, step_s: float, clock_s: float = 0.0, off_s: float = 0.0) -> Moments:
+    """Moments of an even course; off_s: by how much the time of day is wrong."""
+    count = int(lasts_s / step_s)
+    return [(begin_s + off_s + k * step_s, clock_s + k * step_s) for k in range(count)]
+
+
+def labels(path: Path, table: str = "raw", column: str = "time_s") -> list[float]:
+    connection = connect_to_read(path)
+    found = [row[0] for row in connection.execute(f"SELECT {column} FROM {table} ORDER BY {column}")]
+    connection.close()
+    return found
+
+
+@pytest.mark.parametrize("off_days", [400.0, -400.0, 4000.0, -20000.0])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_clock_that_is_wrong_for_75_s_deletes_nothing_and_is_told(
+    tmp_path: Path, off_days: float, restarts: bool
+) -> None:
+    path, off_s = tmp_path / "h.sqlite", off_days * DAY_S
+    before = even(NOON_S, 1.5 * DAY_S, 60.0)
+    end_s, clock_s = NOON_S + 1.5 * DAY_S, 1.5 * DAY_S
+    wrong = even(end_s, 75.0, 1.0, clock_s, off_s)
+    after = even(end_s + 75.0, 600.0, 1.0, clock_s + 75.0)
+    if restarts:
+        life(path, before)
+        jumps = [*life(path, wrong), *life(path, after)]
+        assert jumps[0] < 0.0  # forward the daemon may have been away; back it was not
+        assert len(jumps) == 1
+    else:
+        jumps = life(path, [*before, *wrong, *after])
+        assert jumps == [pytest.approx(off_s), pytest.approx(-off_s)]
+    everything = sorted(wall_s for wall_s, _ in [*before, *wrong, *after])
+    assert labels(path) == everything
+    for table, width in (("minute", 60), ("hour", 3600)):  # and every row is in a roll-up
+        assert labels(path, table, "start_s") == sorted({wall_s // width * width for wall_s in everything})
+
+
+def test_after_a_jump_retention_goes_on_as_if_there_had_been_none(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    wrong = even(NOON_S + 6 * 3600.0, 75.0, 1.0, 6 * 3600.0, -900.0 * DAY_S)
+    later = even(NOON_S + 6 * 3600.0 + 100.0, 3.0 * DAY_S, 60.0, 6 * 3600.0 + 100.0)
+    life(path, [*even(NOON_S, 6 * 3600.0, 60.0), *wrong, *later])
+    end_s = later[-1][0]
+    assert labels(path)[0] == pytest.approx(end_s - 2.0 * DAY_S, abs=BATCH_S)
+    assert labels(path, "hour", "start_s")[0] < NOON_S - 899.0 * DAY_S  # what was measured then is kept as long as all
+
+
+def test_a_clock_that_stays_wrong_costs_ten_times_as_long_and_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    lasts_s = 3 * 3600.0
+    wrong = even(NOON_S + 1.9 * DAY_S, lasts_s, 60.0, 1.9 * DAY_S, 400.0 * DAY_S)
+    life(path, [*even(NOON_S, 1.9 * DAY_S, 60.0), *wrong])
+    gone_s = labels(path)[0] - NOON_S
+    assert 3600.0 < gone_s < CATCH_UP * lasts_s
+
+
+def test_a_bench_that_was_off_for_long_deletes_what_is_old_after_a_while(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    life(path, even(NOON_S, 3600.0, 60.0))
+    again_s = NOON_S + 4.0 * DAY_S
+    assert life(path, even(again_s, STEADY_S, 60.0)) == []
+    assert labels(path)[0] == NOON_S
+    life(path, even(again_s + STEADY_S, 16 * 3600.0, 60.0, 5e5))
+    assert labels(path)[0] == again_s
+
+
+def test_a_jump_back_into_hours_whose_rows_are_gone_leaves_their_roll_ups(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    life(path, even(NOON_S, 4.0 * DAY_S, 60.0))
+    hours = labels(path, "hour", "count")
+    back = even(NOON_S + 4.0 * DAY_S, 600.0, 1.0, 4.0 * DAY_S, -3.5 * DAY_S)
+    assert life(path, back) == [pytest.approx(-3.5 * DAY_S, abs=100.0)]
+    assert labels(path, "hour", "count") == hours
+    assert set(labels(path, "hour", "count")) == {60}
+
+
+@given(
+    steps=st.lists(st.tuples(st.floats(0.0, 4000.0), st.floats(-1e8, 1e8) | st.just(0.0)), min_size=1, max_size=60),
+)
+def test_the_aged_clock_never_runs_faster_than_it_may(steps: list[tuple[float, float]]) -> None:
+    age = Age(NOON_S, NOON_S, 0.0)
+    wall_s, clock_s, since_jump_s = NOON_S, 0.0, 0.0
+    for passed_s, off_s in steps:
+        wall_s, clock_s = wall_s + passed_s + off_s, clock_s + passed_s
+        since_jump_s = 0.0 if abs(jump_s(age, wall_s, clock_s)) else since_jump_s + passed_s
+        before_s, age = age.aged_s, followed(age, wall_s, clock_s)
+        most_s = passed_s * (CATCH_UP if since_jump_s >= STEADY_S else 1.0)
+        assert age.aged_s - before_s <= most_s + 1e-6
+        assert age.aged_s <= max(before_s, wall_s)
+
+
+def test_a_server_that_slews_and_a_busy_computer_are_no_jump() -> None:
+    clock = AgedClock()
+    wall_s = NOON_S
+    for k in range(10_000):
+        wall_s += 1.0005
+        assert clock.row(wall_s + (4.0 if k % 100 == 50 else 0.0), float(k)) == 0.0
+    aged_s = clock.aged_s()
+    assert aged_s is not None
+    assert aged_s == pytest.approx(wall_s, abs=6.0)
+
+
+def test_tables_of_an_older_program_are_taken_on(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite"
+    life(path, even(NOON_S, 7200.0, 60.0))
+    connection = sqlite3.connect(path)
+    for table in ("raw", "minute", "hour"):
+        connection.execute(f"ALTER TABLE {table} DROP COLUMN written_s")
+    connection.execute("DROP TABLE kept")
+    connection.commit()
+    connection.close()
+    life(path, even(NOON_S + 7200.0, 7200.0, 60.0))
+    assert len(labels(path)) == 240
+    assert labels(path, "hour", "count") == [60] * 4

@@ -1,0 +1,103 @@
+"""A daemon that starts on a full disk: the output off, the page there, everything told, no job until there is room."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import sqlite3
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.daemon import latching
+from rig.daemon.latch_file import LATCH, read
+from rig.files.configuration import read_configuration
+from tests.daemon.benches import RunningBench, until, write_current
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from benchmarks._small_disk import small_disk
+
+DISK_MB = 64
+
+
+@contextlib.contextmanager
+def closing(bench: RunningBench) -> Iterator[RunningBench]:
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+def bench_in(folder: Path, kept: Path) -> Path:
+    serve = f'[serve]\nport = 0\nfolder = "{kept}"\nidle_period_s = 0.1\n'
+    return write_current(folder, '["start 0 A", "hold 0.2 s"]', more=serve)
+
+
+def starts_and_waits_for_room(path: Path, make_room: Callable[[], None]) -> None:
+    with closing(RunningBench(path, path.parent / "bench.sock")) as bench:
+        state = bench.until_state("idle")
+        assert (state["output"], state["output_confirmed"]) == ("off", True)
+        until(lambda: bench.state()["reading"]["temperature_degC"], "a reading")
+        assert bench.state()["reading"]["quality"] == "not recorded"
+        for what in ("the history", "the latch"):
+            assert any(line.startswith(f"{what} cannot be written") for line in bench.state()["warnings"])
+        bench.serve()
+        assert bench.ask("GET", "/api/state")[1]["warnings"] == bench.state()["warnings"]
+        assert bench.ask("GET", "/health")[0] == 503
+        job = bench.desk.submit(read_configuration(path))
+        done = bench.state()["ticks"]["done"]
+        until(lambda: bench.state()["ticks"]["done"] > done + 10, "more readings")
+        assert job.state == "queued"
+        make_room()
+        until(lambda: job.state == "done", "the job")
+        assert bench.state()["no_job_because"] == []
+        assert not any("cannot be written" in line for line in bench.state()["warnings"])
+        assert read(bench.desk.folder / LATCH) is not None
+
+
+def test_a_first_start_without_room_for_latch_and_history(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full = [True]
+
+    def unless_full(real: Callable[..., Any], error: Exception) -> Callable[..., Any]:
+        def called(*given: Any) -> Any:
+            if full:
+                raise error
+            return real(*given)
+
+        return called
+
+    no_room = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(latching, "write", unless_full(latching.write, no_room))
+    full_database = sqlite3.OperationalError("database or disk is full")
+    monkeypatch.setattr("rig.history.store.opened", unless_full(sys.modules["rig.history.store"].opened, full_database))
+    starts_and_waits_for_room(bench_in(tmp_path, tmp_path / "kept"), full.clear)
+
+
+def test_a_first_start_on_a_disk_that_is_full(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", DISK_MB) as disk:
+        if disk is None:
+            pytest.skip("no small file system can be mounted here: that needs root")
+        disk.fill()
+        starts_and_waits_for_room(bench_in(tmp_path, disk.folder / "kept"), disk.free)
+
+
+def test_a_trip_on_a_full_disk_finds_the_room_that_was_taken_before(tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", DISK_MB) as disk:
+        if disk is None:
+            pytest.skip("no small file system can be mounted here: that needs root")
+        path = bench_in(tmp_path, disk.folder / "kept")
+        with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
+            until(lambda: bench.desk.recent, "rows")
+            disk.fill()
+            bench.desk.trip("temperature_limit", "too hot")
+            assert bench.state()["state"] == "tripped"
+            assert bench.desk.latching.on_disk
+        with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
+            assert bench.state()["trip"]["text"] == "too hot"
+            assert bench.desk.latching.on_disk
+            disk.free()
+            assert bench.desk.reset("there is room again")
