@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pydantic import SecretStr
+
 from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
@@ -114,7 +116,9 @@ class Answers:
             "pid": os.getpid(),
             "address": serve.address,
             "port": serve.port,
-            "token": serve.token,
+            "stop_port": desk.stop_port,
+            "token": _revealed(serve.token),
+            "metrics_token": _revealed(serve.metrics_token),
             "hosts": serve.hosts,
             "history": str(desk.folder / HISTORY),
             "period_s": serve.idle_period_s,
@@ -122,6 +126,11 @@ class Answers:
             "memory_since_s": desk.memory_since_s,
             "limits_degC": list(desk.file.content.limits.temperature_degC),
         }
+
+
+def _revealed(secret: SecretStr | None) -> str | None:
+    """For the web process, which compares it; the socket belongs to one user."""
+    return secret.get_secret_value() if secret is not None else None
 
 
 def _text(question: dict[str, Any], key: str, otherwise: str) -> str:

@@ -21,7 +21,7 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
 from rig.files.target import read_target
-from rig.files.toml_file import read_toml
+from rig.files.toml_file import read_text, read_toml
 from rig.loop import Loop, Policy
 
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
@@ -122,7 +122,7 @@ def _configuration(folder: Path) -> ConfigurationFile:
     raw = read_toml(path)
     raw.get("experiment", {}).update(model="model.toml", target="target.csv")
     raw.pop("simulation", None)
-    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+    return configuration_of(path, read_text(path), raw)
 
 
 def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:

@@ -18,7 +18,7 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
-from rig.files.toml_file import read_toml
+from rig.files.toml_file import read_text, read_toml
 from rig.loop import Progress
 from rig.outcome import Tripped
 from rig.simulation import simulated_world
@@ -76,7 +76,7 @@ def simulated_configuration(
         if seed < 0:
             raise fault("--seed", repr(seed), "expected a number >= 0")
         simulation["seed"] = seed
-    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+    return configuration_of(path, read_text(path), raw)
 
 
 def _table(table: dict[str, Any], name: str) -> dict[str, Any]:
