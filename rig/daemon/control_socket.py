@@ -122,12 +122,13 @@ class ControlSocket:
                     try:
                         question = _question(line)
                     except Refusal as refusal:
-                        connection.sendall(encoded(_refused(refusal)))
-                        continue
-                    if question.get("do") == "subscribe":
-                        self._stream(connection)
-                        return
-                    connection.sendall(encoded(self._answer(question)))
+                        answer = _refused(refusal)
+                    else:
+                        if question.get("do") == "subscribe":
+                            self._stream(connection)
+                            return
+                        answer = self._answer(question)
+                    connection.sendall(encoded(answer))
                     self._mark(connection, time.monotonic())
         except OSError:
             return

@@ -21,7 +21,7 @@ def without_secrets(text: str) -> str:
     raw = parsed_toml(text, Path("text"))
     table = raw.get("serve")
     values = [table[key] for key in SECRET_KEYS if key in table] if isinstance(table, dict) else []
-    if not values:
+    if not isinstance(table, dict) or not values:
         return text
     cut = "".join(line for line in text.splitlines(keepends=True) if line.partition("=")[0].strip() not in _spellings())
     wanted = {**raw, "serve": {key: value for key, value in table.items() if key not in SECRET_KEYS}}

@@ -63,6 +63,26 @@ export async function ask(method, path, body = undefined, { timeout_s = 10, sign
   }
 }
 
+let stopPort = null;
+
+/** The port of STOP's own listener on this host; null where there is none. */
+export const setStopPort = (port) => {
+  stopPort = Number.isInteger(port) ? port : null;
+};
+
+/** STOP, to every address that takes it at once; the first answer counts. Raises what the bench itself said, if it did. */
+export async function askStop(timeout_s) {
+  const ways = ["/api/stop"];
+  // behind a proxy with TLS a browser sends nothing without; there the page's own address has to do
+  if (stopPort !== null && location.protocol === "http:") ways.unshift(`//${location.hostname}:${stopPort}/api/stop`);
+  try {
+    return await Promise.any(ways.map((way) => ask("POST", way, {}, { timeout_s, urgent: true })));
+  } catch (all) {
+    const own = all.errors.at(-1);
+    throw own instanceof Refused ? own : all.errors.find((one) => one instanceof Refused) ?? own;
+  }
+}
+
 /** A cookie for what can set no header (the live stream, reports); nothing to do where no token is asked. */
 export async function makeSession() {
   if (token !== null) await ask("POST", "/api/session", { token });
