@@ -17,6 +17,7 @@ from rig.faults import Faults
 from rig.files.configuration import read_configuration
 
 LONGEST_REASON = 2000
+PRESSES_KEPT = 100
 
 
 class Refusal(Exception):
@@ -32,6 +33,7 @@ class Answers:
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
+        self._pressed: dict[str, dict[str, Any]] = {}  # presses of STOP that were confirmed, and their answers
         self._known: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
             "state": lambda _: {"state": desk.state()},
             "jobs": lambda _: {"jobs": desk.queue.tables()},
@@ -54,8 +56,17 @@ class Answers:
         return known(question)
 
     def _stop(self, question: dict[str, Any]) -> dict[str, Any]:
-        off = self.desk.stop(_text(question, "by", "somebody"))
-        return {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        press = question.get("press")
+        if isinstance(press, str) and press in self._pressed:
+            return self._pressed[press]  # one press on two ways: what was reset since is not stopped by the later one
+        by = question.get("by")
+        off = self.desk.stop(by if isinstance(by, str) else "somebody")
+        answer = {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        if isinstance(press, str) and off.confirmed:
+            self._pressed[press] = answer
+            while len(self._pressed) > PRESSES_KEPT:
+                self._pressed.pop(next(iter(self._pressed)), None)
+        return answer
 
     def _reset(self, question: dict[str, Any]) -> dict[str, Any]:
         reason = _text(question, "reason", "").strip()

@@ -1,6 +1,6 @@
 """The daemon's socket: newline-ended JSON from `peltier stop`, `status`, `run`, and from the web process.
 
-    {"do": "stop", "by": "..."}                  {"ok": true, "off": true, "confirmed": true, "took_s": 0.01}
+    {"do": "stop", "by": "...", "press": "..."}  {"ok": true, "off": true, "confirmed": true, "took_s": 0.01}
     {"do": "reset", "reason": "..."}             {"do": "state"}    {"do": "jobs"}    {"do": "configurations"}
     {"do": "submit", "configuration": "name"}    or "text" and "name"; or "path" and "out", of this computer
     {"do": "submit", ..., "kind": "calibration"}    calibrates instead

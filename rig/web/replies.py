@@ -80,7 +80,17 @@ async def given(request: Request) -> dict[str, Any]:
 
 async def stopped(link: BenchLink, request: Request) -> Response:
     """The output off."""
-    return said(await asked(link, "stop", by=f"the page ({client(request)})"))
+    more = {"press": press} if (press := await _press(request)) is not None else {}
+    return said(await asked(link, "stop", by=f"the page ({client(request)})", **more))
+
+
+async def _press(request: Request) -> str | None:
+    """Which press of STOP this is, where its body says so; a STOP is taken whatever its body is."""
+    try:
+        press = (await given(request)).get("press")
+    except Refusal:
+        return None
+    return press[:LONGEST_NAME] if isinstance(press, str) else None
 
 
 def client(request: Request) -> str:

@@ -70,16 +70,17 @@ export const setStopPort = (port) => {
   stopPort = Number.isInteger(port) ? port : null;
 };
 
-/** STOP, to every address that takes it at once; the first answer counts. Raises what the bench itself said, if it did. */
+/** STOP, to its own listener and to the page's address at once; the first answer counts. Both say which press they are
+ * of, so that the later one does not stop what a reset has let go on. Raises what the bench said, if it said something. */
 export async function askStop(timeout_s) {
+  const press = Array.from(crypto.getRandomValues(new Uint32Array(3)), (part) => part.toString(36)).join("");
   const ways = ["/api/stop"];
   // behind a proxy with TLS a browser sends nothing without; there the page's own address has to do
-  if (stopPort !== null && location.protocol === "http:") ways.unshift(`//${location.hostname}:${stopPort}/api/stop`);
+  if (stopPort !== null && location.protocol === "http:") ways.push(`//${location.hostname}:${stopPort}/api/stop`);
   try {
-    return await Promise.any(ways.map((way) => ask("POST", way, {}, { timeout_s, urgent: true })));
+    return await Promise.any(ways.map((way) => ask("POST", way, { press }, { timeout_s, urgent: true })));
   } catch (all) {
-    const own = all.errors.at(-1);
-    throw own instanceof Refused ? own : all.errors.find((one) => one instanceof Refused) ?? own;
+    throw all.errors.find((one) => one instanceof Refused) ?? all.errors[0];
   }
 }
 
