@@ -149,7 +149,6 @@ def measure(folder: Path, watched: Watched, url: str, options: argparse.Namespac
         try:
             time.sleep(SETTLED_S)
             for name, way in ways.items():
-                print(name, file=sys.stderr)
                 found[name] = [1e3 * once(folder, watched, way) for _ in range(options.stops)]
         finally:
             crowding.kill()
@@ -185,7 +184,7 @@ def main() -> int:
             finally:
                 daemon.terminate()
                 daemon.wait()
-        written = log.stat().st_size; print(log.read_text()[:6000])
+        written = log.stat().st_size
     questions = found.pop("questions")
     print(f"{'until the output is off, ms':<40}{'median':>8}{'most':>8}   asked {ASKED_MS:g}")
     for name, values in found.items():

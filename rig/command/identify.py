@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, writable_file
 from rig.command.say import Voice
 from rig.faults import Faults, fault
 from rig.files.record_file import ColumnMapping, Record, read_record, unit_of
@@ -57,7 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     voice = Voice(options.json)
     mappings = [ColumnMapping.parse(text) for text in options.column]
     records = [read_record(path, mappings, needs=("temperature_degC",)) for path in options.records]

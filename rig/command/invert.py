@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, parsed_limits, writable_parent
+from rig.command.record_arguments import add_json_argument, parsed_limits, writable_file
 from rig.command.say import Voice
 from rig.faults import Faults
 from rig.files.record_file import print_columns, read_record, write_columns
@@ -34,7 +34,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.files.model_file import read_model
 
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     low, high = parsed_limits(options.limits)
     voice = Voice("-" if options.out is None else options.json)
     film = read_model(options.model, needs=("film",)).film

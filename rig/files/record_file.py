@@ -125,6 +125,8 @@ class Record:
 def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Iterable[str] = ()) -> Record:
     """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase."""
     try:
+        if path.is_char_device():  # /dev/zero has no end
+            raise fault(path, "", "is a device; expected a file")
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
@@ -136,7 +138,7 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
         raise fault(path, "line 1", "expected a header line with column names, the file is empty")
     header_line = lines[0][1]
     delimiter = max("\t;,", key=header_line.count)
-    header = [name.strip() for name in next(csv.reader([header_line], delimiter=delimiter))]
+    header = [name.strip() for name in _fields(path, [header_line], delimiter)[0]]
     faults = [
         f"{path}: line {lines[0][0]}: column {name!r} appears twice" for name in set(header) if header.count(name) > 1
     ]
@@ -152,7 +154,7 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
             faults.append(f"{path}: line {lines[0][0]}: column {name!r} missing; there are {', '.join(header)}")
     if faults:
         raise Faults(faults)
-    rows = list(csv.reader(io.StringIO("\n".join(line for _, line in lines[1:])), delimiter=delimiter))
+    rows = _fields(path, io.StringIO("\n".join(line for _, line in lines[1:])), delimiter)
     values: dict[str, Array] = {}
     texts: dict[str, list[str]] = {}
     for k, row in enumerate(rows):
@@ -185,6 +187,14 @@ def read_record(path: Path, mappings: Iterable[ColumnMapping] = (), needs: Itera
     current = next((m for m in mapping.values() if m.ours == "current_A"), None)
     drive = current.unit if current and current.unit in ("duty", "percent", "pwm255") else None
     return Record(values, str(path), drive, texts)
+
+
+def _fields(path: Path, lines: Iterable[str], delimiter: str) -> list[list[str]]:
+    """Each line's fields. Raises Faults."""
+    try:
+        return list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:
+        raise fault(path, "", f"is no table: {error}") from None
 
 
 def unit_of(output: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Callable
@@ -21,7 +22,9 @@ class FewLines(logging.Filter):
         self._lines = self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the line is written."""
+        """Whether the line is written. What is cut short because the bench ends is no fault."""
+        if record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError):
+            return False
         now_s = self._now_s()
         if now_s - self._began_s >= MINUTE_S:
             if self._left_out:
