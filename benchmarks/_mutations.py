@@ -66,7 +66,7 @@ def by_bytes(content: bytes, chance: random.Random) -> bytes:
         lambda: content[:at] + chance.choice(JUNK) + content[at + wide :],
         lambda: content[:at] + chance.randbytes(wide) + content[at + wide :],
         lambda: _lines(content, chance),
-        lambda: content.decode("utf-8", "replace").encode(chance.choice(["utf-16", "utf-32", "cp037", "utf-8-sig"])),
+        lambda: content.decode("utf-8", "replace").encode(chance.choice(["utf-16", "utf-32", "cp037", "utf-8-sig"]), "replace"),
         lambda: content.replace(b"\n", chance.choice([b"\r\n", b"\r", b"", b"\x0b", b"\xe2\x80\xa8"])),
         lambda: b"",
     ]
@@ -89,9 +89,9 @@ def in_tree(tree: Any, chance: random.Random) -> None:
     elif way == 3:
         del holder[key]
     elif isinstance(holder, dict):
-        holder[f"{key}{chance.choice(['x', '', '.', ' '])}"] = holder.pop(key) if way == 4 else holder[key]
+        holder[f"{key}{chance.choice(['x', '', '.', ' '])}"] = holder.pop(key) if way == 4 else copy.deepcopy(holder[key])
     else:
-        holder.extend([holder[key]] * chance.choice([1, 50]))
+        holder.extend([copy.deepcopy(holder[key])] * chance.choice([1, 50]))
 
 
 def _places(tree: Any) -> list[tuple[Any, Any]]:
@@ -169,5 +169,5 @@ def mutated(name: str, content: bytes, chance: random.Random) -> bytes:
         return by_bytes(content, chance)
     try:
         return own(content, chance)
-    except (ValueError, IndexError, KeyError, TypeError, csv.Error):  # it is no TOML, JSON or CSV any more
+    except (ValueError, IndexError, KeyError, TypeError, RecursionError, csv.Error):  # it is no TOML, JSON or CSV any more
         return by_bytes(content, chance)

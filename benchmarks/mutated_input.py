@@ -35,7 +35,6 @@ from urllib.parse import urlsplit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks._mutations import DIGITS, by_bytes, json_text, mutated
-
 from rig.__main__ import main as peltier
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -362,8 +361,11 @@ def request(number: int, token: str, host: str) -> bytes:
     """The bytes of one mutated request."""
     chance = random.Random(number)
     path, method = chance.choice(PATHS), chance.choice(METHODS)
-    for _ in range(chance.choice([0, 0, 1, 2])):
-        path += chance.choice(PARTS)
+    if chance.random() < 0.6:
+        path, method = chance.choice(["/api/jobs", "/api/jobs", "/api/reset", "/api/session", "/api/stop"]), "POST"
+    else:
+        for _ in range(chance.choice([0, 0, 1, 2])):
+            path += chance.choice(PARTS)
     bodies = [
         {"configuration": "config"}, {"text": BENCH.format(kind="hold", target=TRACK), "name": "own"}, {"reason": "well"},
         {"token": token}, {"configuration": "config", "kind": "calibration"}, {"press": "x", "by": "y"},

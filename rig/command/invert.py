@@ -18,6 +18,7 @@ from rig.command.record_arguments import add_json_argument, parsed_limits, writa
 from rig.command.say import Voice
 from rig.faults import Faults
 from rig.files.record_file import print_columns, read_record, write_columns
+from rig.resistance import ohm
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,8 +88,8 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
             memory = solution.memory
         output = film.output_at(memory) if memory is not None else math.nan
         temperature = memory.input_degC if memory is not None else math.nan
-        resistance = 10.0**-output
-        nearest = resistance if solution.reachable else 10.0**-solution.nearest
+        resistance = ohm(output)
+        nearest = resistance if solution.reachable else ohm(solution.nearest)
         rows.append((temperature, int(solution.reachable), resistance, nearest))
     return {
         "temperature_degC": np.array([row[0] for row in rows]),

@@ -29,6 +29,7 @@ from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Decision, Loop
+from rig.resistance import ohm
 from sim.effects.effect import Switched
 
 HOT_DWELL_S = 3.0
@@ -131,8 +132,8 @@ def track(
         raise fault(
             "experiment.target",
             "its first value",
-            f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
-            f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
+            f"{ohm(float(target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
+            f"expected {ohm(high):.6g} to {ohm(low):.6g} ohm",
         )
     approach = to_temperature(loop, mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     assert approach.state is not None

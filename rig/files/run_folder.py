@@ -44,6 +44,8 @@ def part_of(path: Path) -> Path:
 
 def check_free(path: Path) -> None:
     """Raises Faults where no run folder can have this name at the end of its run."""
+    if not path.name:
+        raise fault(path, "--out", "is there already; expected a new folder")
     part = part_of(path)
     try:
         if path.is_symlink() or part.is_symlink():  # the folder gets its name at the end, and no link can be replaced
