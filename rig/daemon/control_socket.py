@@ -69,7 +69,7 @@ class ControlSocket:
     def start(self, answers: Answers) -> None:
         """Answer from now on."""
         self._answers = answers
-        self._listener.listen(16)
+        self._listener.listen(MOST_CONNECTIONS)
         threading.Thread(target=self._accept, name="control socket", daemon=True).start()
 
     def close(self) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from compensator.functions import Array
 from rig.faults import Faults
 from rig.files.record_file import read_record
+from rig.files.toml_file import shown
 
 COLUMNS = {"resistance": "target_ohm", "temperature": "setpoint_degC", "current": "current_A"}
 VALUE_UNITS = {
@@ -31,6 +32,8 @@ VALUE_UNITS = {
 CHANGE_UNITS = {"resistance": {"dec": 1.0}, "temperature": {"K": 1.0}, "current": {"A": 1.0, "mA": 1e-3}}
 TIME_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 SINE_STEPS = 64
+LONGEST_S = 366 * 86400.0  # nobody waits for longer, and a slip of the pen can say 1e300 s
+MOST_POINTS = 1_000_000
 NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
 
 
@@ -77,7 +80,7 @@ def target_in_words(words: list[str], quantity: str, where: str) -> Target:
         try:
             _append(sentence.strip(), quantity, times, values)
         except ValueError as error:
-            faults.append(f"{where}[{k}]: {sentence!r}: {error}")
+            faults.append(f"{where}[{k}]: {shown(sentence)}: {error}")
     if not faults and (not words or math.isnan(values[0])):
         faults.append(f"{where}: expected a first sentence such as {_example(quantity)!r}")
     if not faults and times[-1] <= 0.0:
@@ -95,6 +98,8 @@ def _value(number: str, unit: str, quantity: str) -> float:
     if unit not in VALUE_UNITS[quantity]:
         raise ValueError(f"unit {unit!r}: expected {', '.join(VALUE_UNITS[quantity])}")
     value = float(number) * VALUE_UNITS[quantity][unit]
+    if not math.isfinite(value):
+        raise ValueError("expected a finite number")
     if quantity == "resistance":
         if value <= 0.0:
             raise ValueError("a resistance is > 0")
@@ -106,8 +111,8 @@ def _change(number: str, unit: str, quantity: str) -> float:
     if unit not in CHANGE_UNITS[quantity]:
         raise ValueError(f"unit {unit!r}: expected {', '.join(CHANGE_UNITS[quantity])}")
     value = float(number) * CHANGE_UNITS[quantity][unit]
-    if value <= 0.0:
-        raise ValueError(f"{number}: expected > 0")
+    if not 0.0 < value < math.inf:
+        raise ValueError(f"{number}: expected a finite number > 0")
     return value
 
 
@@ -115,6 +120,13 @@ def _time(number: str, unit: str) -> float:
     if unit not in TIME_UNITS or float(number) <= 0.0:
         raise ValueError(f"{number} {unit}: expected a time > 0 in {', '.join(TIME_UNITS)}")
     return float(number) * TIME_UNITS[unit]
+
+
+def _steps(length_s: float, period_s: float) -> int:
+    """Of a sine."""
+    if not SINE_STEPS * length_s <= MOST_POINTS * period_s:
+        raise ValueError(f"expected at most {MOST_POINTS // SINE_STEPS} periods")
+    return max(2, math.ceil(SINE_STEPS * length_s / period_s))
 
 
 def _append(sentence: str, quantity: str, times: list[float], values: list[float]) -> None:
@@ -143,12 +155,14 @@ def _append(sentence: str, quantity: str, times: list[float], values: list[float
     elif match := re.fullmatch(rf"sine {NUMBER} *{unit} period {NUMBER} *{unit} for {NUMBER} *{unit}", sentence):
         amplitude = _change(match[1], match[2], quantity)
         period, length = _time(match[3], match[4]), _time(match[5], match[6])
-        steps = max(2, math.ceil(SINE_STEPS * length / period))
+        steps = _steps(length, period)
         for k in range(1, steps + 1):
             t = length * k / steps
             times.append(now + t)
             values.append(value + amplitude * math.sin(2.0 * math.pi * t / period))
     else:
         raise ValueError("expected start, hold, ramp to .. at/in .., step to .., or sine .. period .. for ..")
+    if not times[-1] <= LONGEST_S:
+        raise ValueError(f"ends after {times[-1]:g} s: expected a profile of a year at most")
     if times[-1] <= times[-2]:
         times[-1] = times[-2] + 1e-6

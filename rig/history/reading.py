@@ -57,7 +57,8 @@ def stretch(path: Path, from_s: float, to_s: float, points: int, ends_s: float =
         if rows <= points and has_raw:
             return _raw(connection, from_s, to_s)
         width = (to_s - from_s) / points
-        if has_raw and rows <= (MOST_RAW if width < BUCKETS_S["minute"] else FEW_RAW):
+        rolled = width >= BUCKETS_S["minute"] and _rolled_until(connection, to_s)
+        if has_raw and rows <= (FEW_RAW if rolled else MOST_RAW):
             return _averaged(connection, from_s, to_s, _rounded(width))
         table = "minute" if width <= 1200.0 else "hour"
         return _rolled(connection, table, from_s, to_s, max(BUCKETS_S[table], _rounded(width)))
@@ -74,6 +75,14 @@ def _rounded(width_s: float) -> int:
 def _rolled_before(connection: sqlite3.Connection, time_s: float) -> int | None:
     row = connection.execute("SELECT 1 FROM minute WHERE start_s < ? LIMIT 1", (time_s - 60.0,)).fetchone()
     return row[0] if row else None
+
+
+def _rolled_until(connection: sqlite3.Connection, to_s: float) -> bool:
+    """Whether the roll-ups hold what is there before a time, but for the minutes under way."""
+    last, newest = connection.execute(
+        "SELECT (SELECT max(start_s) FROM minute), (SELECT max(time_s) FROM raw WHERE time_s <= ?)", (to_s,)
+    ).fetchone()
+    return last is not None and (newest is None or newest - last <= 3 * BUCKETS_S["minute"])
 
 
 def _raw(connection: sqlite3.Connection, from_s: float, to_s: float) -> dict[str, Any]:
