@@ -13,7 +13,7 @@ import numpy as np
 from rig.experiment.extended_model import plate_extension
 from rig.experiment.policies import Follow
 from rig.experiment.session import QUANTITY
-from rig.experiment.simulated import simulated_configuration
+from rig.experiment.simulated import simulated_configuration, table_in
 from rig.experiment.tracking import law_and_design, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, configuration_of
@@ -150,7 +150,7 @@ def _configuration(folder: Path) -> ConfigurationFile:
     """The run's configuration; the files beside it may be gone, what matters of them is in the folder."""
     path = folder / "config.toml"
     raw = read_toml(path)
-    raw.get("experiment", {}).update(model="model.toml", target="target.csv")
+    table_in(raw, "experiment").update(model="model.toml", target="target.csv")
     raw.pop("simulation", None)
     return configuration_of(path, read_text(path), raw)
 
@@ -161,9 +161,8 @@ def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:
     model = read_model(where, needs=("film", "plate"))
     assert model.plate is not None
     raw = read_toml(other)
-    experiment = raw.setdefault("experiment", {})
-    experiment.setdefault("model", str(where))
-    simulation = raw.setdefault("simulation", {})
+    table_in(raw, "experiment").setdefault("model", str(where))
+    simulation = table_in(raw, "simulation")
     simulation |= {"film": {"kind": "model", "model": str(where)}, "plate": plate_table(model.plate)}
     simulation.pop("heat_sink_warmup", None)
     simulation.pop("effects", None)

@@ -63,15 +63,16 @@ def simulated_configuration(
     path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None
 ) -> ConfigurationFile:
     """The same from what TOML made of a file at `path`. Raises Faults."""
-    bench = _table(raw, "bench")
+    bench = table_in(raw, "bench")
     bench.pop("time", None)
     for role in ("controller", "meter"):
         if role in bench:
-            _table(bench, role)["port"] = "sim://"
-    _table(raw, "experiment")["compare"] = []
-    simulation = _table(raw, "simulation")
-    if effects:
-        simulation["effects"] = [*simulation.get("effects", []), *effects]
+            table_in(bench, role)["port"] = "sim://"
+    table_in(raw, "experiment")["compare"] = []
+    simulation = table_in(raw, "simulation")
+    there = simulation.get("effects", [])
+    if effects and isinstance(there, list):
+        simulation["effects"] = [*there, *effects]
     if seed is not None:
         if seed < 0:
             raise fault("--seed", repr(seed), "expected a number >= 0")
@@ -79,7 +80,7 @@ def simulated_configuration(
     return configuration_of(path, read_text(path), raw)
 
 
-def _table(table: dict[str, Any], name: str) -> dict[str, Any]:
+def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
     """A table inside another; what is no table is left for the schema to refuse."""
     inner = table.setdefault(name, {})
     return inner if isinstance(inner, dict) else {}
