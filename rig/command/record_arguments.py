@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from rig.faults import fault
-from rig.files.toml_file import shown
+from rig.files.toml_text import shown
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,8 @@ from rig.drivers.registry import is_own
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, configuration_of, read_configuration
 from rig.files.secret_keys import without_secrets
-from rig.files.toml_file import Table, parsed_toml, read_text, shown
+from rig.files.toml_file import Table
+from rig.files.toml_text import parsed_toml, read_text, shown
 from rig.serial_numbers import strangers
 
 LARGEST_FILE = 1_000_000  # bytes

@@ -21,7 +21,7 @@ from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
 from rig.files.target import read_target
-from rig.files.toml_file import read_text, read_toml, shown
+from rig.files.toml_text import read_text, read_toml, shown
 from rig.loop import Loop, Policy
 
 LAWS = ("full", "pid", "feedforward")

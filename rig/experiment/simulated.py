@@ -18,7 +18,7 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
-from rig.files.toml_file import read_text, read_toml
+from rig.files.toml_text import read_text, read_toml
 from rig.loop import Progress
 from rig.outcome import Tripped
 from rig.simulation import simulated_world

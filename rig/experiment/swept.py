@@ -19,7 +19,8 @@ from rig.faults import Faults, fault
 from rig.files.configuration import SweepTable
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import write_columns
-from rig.files.toml_file import checked, read_toml
+from rig.files.toml_file import checked
+from rig.files.toml_text import read_toml
 from rig.outcome import Outcome
 
 RESULTS = ("status", "rows", "rms_dec", "max_dec", "rms_K", "max_K", "text")

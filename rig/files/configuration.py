@@ -16,7 +16,8 @@ from pydantic import AfterValidator, Field, SecretStr, model_validator
 from rig.faults import Faults
 from rig.files.model_file import MemorylessTable, PlateTable
 from rig.files.secret_keys import without_secrets
-from rig.files.toml_file import Table, checked, parsed_toml, read_text
+from rig.files.toml_file import Table, checked
+from rig.files.toml_text import parsed_toml, read_text
 
 # Beyond these bounds a number is a slip of the pen: no rig has such currents, temperatures, noise or patience, and
 # nothing that is computed from them is a number. They are wide, so that whoever has a reason is not in their way.

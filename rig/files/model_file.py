@@ -12,7 +12,8 @@ from pydantic import Field, model_validator
 from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.plate import PlateModel
 from rig.faults import Faults
-from rig.files.toml_file import Table, checked, read_toml
+from rig.files.toml_file import Table, checked
+from rig.files.toml_text import read_toml
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched

@@ -21,7 +21,7 @@ import numpy as np
 from compensator.functions import Array
 from rig.faults import Faults
 from rig.files.record_file import read_record
-from rig.files.toml_file import shown
+from rig.files.toml_text import shown
 
 COLUMNS = {"resistance": "target_ohm", "temperature": "setpoint_degC", "current": "current_A"}
 VALUE_UNITS = {
