@@ -14,6 +14,8 @@ from typing import Any
 import tomli_w
 
 DIGITS = "9" * 5000
+ENCODINGS = ["utf-16", "utf-32", "cp037", "utf-8-sig"]
+BROKEN = (ValueError, IndexError, KeyError, TypeError, RecursionError, csv.Error)  # no TOML, JSON or CSV any more
 NUMBERS = [
     "0",
     "-1",
@@ -46,11 +48,74 @@ WORDS = [
     "#?%",
 ]
 VALUES: list[Any] = [
-    0, -1, 1, 2, 10**6, 10**9, 10**12, 2**63 - 1, -(2**63), 0.0, -0.0, 1e308, -1e308, 1e-9, 1e-320, 1e9, 5e-324, 0.5,
-    float("nan"), float("inf"), -float("inf"), True, False, "", "x", "\0", "é", "a" * 100_000, "../x", "/dev/zero", "/",
-    "1", "1e308", [], {}, [1], [1, 2], [2, 1], [1e308, -1e308], ["a"], [[]], [0.0] * 5000, {"a": 1}, [{"name": "x"}],
-]  # fmt: skip
-JUNK = [b"\0", b"\xff", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\r", b"\n\n", b'"', b"'''", b"[" * 3000, b"{a=" * 2000, b"a." * 3000 + b"a=1\n", b",", b";", b"=", b"#", DIGITS.encode(), b"1e308", b"-", b"inf", b"x" * 200_000, b'"' + b"y" * 140_000]  # fmt: skip
+    0,
+    -1,
+    1,
+    2,
+    10**6,
+    10**9,
+    10**12,
+    2**63 - 1,
+    -(2**63),
+    0.0,
+    -0.0,
+    1e308,
+    -1e308,
+    1e-9,
+    1e-320,
+    1e9,
+    5e-324,
+    0.5,
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    True,
+    False,
+    "",
+    "x",
+    "\0",
+    "é",
+    "a" * 100_000,
+    "../x",
+    "/dev/zero",
+    "/",
+    "1",
+    "1e308",
+    [],
+    {},
+    [1],
+    [1, 2],
+    [2, 1],
+    [1e308, -1e308],
+    ["a"],
+    [[]],
+    [0.0] * 5000,
+    {"a": 1},
+    [{"name": "x"}],
+]
+JUNK = [
+    b"\0",
+    b"\xff",
+    b"\xef\xbb\xbf",
+    b"\xed\xa0\x80",
+    b"\r",
+    b"\n\n",
+    b'"',
+    b"'''",
+    b"[" * 3000,
+    b"{a=" * 2000,
+    b"a." * 3000 + b"a=1\n",
+    b",",
+    b";",
+    b"=",
+    b"#",
+    DIGITS.encode(),
+    b"1e308",
+    b"-",
+    b"inf",
+    b"x" * 200_000,
+    b'"' + b"y" * 140_000,
+]
 
 
 def by_bytes(content: bytes, chance: random.Random) -> bytes:
@@ -66,7 +131,7 @@ def by_bytes(content: bytes, chance: random.Random) -> bytes:
         lambda: content[:at] + chance.choice(JUNK) + content[at + wide :],
         lambda: content[:at] + chance.randbytes(wide) + content[at + wide :],
         lambda: _lines(content, chance),
-        lambda: content.decode("utf-8", "replace").encode(chance.choice(["utf-16", "utf-32", "cp037", "utf-8-sig"]), "replace"),
+        lambda: content.decode("utf-8", "replace").encode(chance.choice(ENCODINGS), "replace"),
         lambda: content.replace(b"\n", chance.choice([b"\r\n", b"\r", b"", b"\x0b", b"\xe2\x80\xa8"])),
         lambda: b"",
     ]
@@ -89,7 +154,8 @@ def in_tree(tree: Any, chance: random.Random) -> None:
     elif way == 3:
         del holder[key]
     elif isinstance(holder, dict):
-        holder[f"{key}{chance.choice(['x', '', '.', ' '])}"] = holder.pop(key) if way == 4 else copy.deepcopy(holder[key])
+        value = holder.pop(key) if way == 4 else copy.deepcopy(holder[key])
+        holder[f"{key}{chance.choice(['x', '', '.', ' '])}"] = value
     else:
         holder.extend([copy.deepcopy(holder[key])] * chance.choice([1, 50]))
 
@@ -169,5 +235,5 @@ def mutated(name: str, content: bytes, chance: random.Random) -> bytes:
         return by_bytes(content, chance)
     try:
         return own(content, chance)
-    except (ValueError, IndexError, KeyError, TypeError, RecursionError, csv.Error):  # it is no TOML, JSON or CSV any more
+    except BROKEN:
         return by_bytes(content, chance)

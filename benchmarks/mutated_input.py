@@ -330,9 +330,25 @@ def verbs(first: int, count: int, tell: Callable[[str], None]) -> dict[str, Any]
 
 # -- over HTTP ------------------------------------------------------------------------------------------------------
 
-PATHS = ["/", "/api/state", "/api/history", "/api/history?from=0&to=1&points=5", "/api/loop", "/api/trips", "/api/jobs",
-         "/api/jobs/1", "/api/configurations", "/api/stop", "/api/reset", "/api/session", "/runs/1/report.html", "/metrics",
-         "/health", "/app.js", "/nothing"]  # fmt: skip
+PATHS = [
+    "/",
+    "/api/state",
+    "/api/history",
+    "/api/history?from=0&to=1&points=5",
+    "/api/loop",
+    "/api/trips",
+    "/api/jobs",
+    "/api/jobs/1",
+    "/api/configurations",
+    "/api/stop",
+    "/api/reset",
+    "/api/session",
+    "/runs/1/report.html",
+    "/metrics",
+    "/health",
+    "/app.js",
+    "/nothing",
+]
 METHODS = [
     "GET",
     "GET",
@@ -349,12 +365,46 @@ METHODS = [
     "get",
     "\x00",
 ]
-PARTS = ["%00", "%ff", "%ed%a0%80", "%2e%2e%2f", "..", "//", "?", "&points=", "&from=nan", "&to=1e308", "&points=" + DIGITS,
-         "&from=" + "9" * 400, "#", "é", "%", "x" * 3000]  # fmt: skip
-HEADERS = ["Host: evil", "Host:", "Origin: null", "Origin: http://", "Content-Length: -1", "Content-Length: 5", "Expect: 100-continue",
-           f"Content-Length: {DIGITS}", "Transfer-Encoding: chunked", "Cookie: peltier_session=\xff", "Cookie: " + "=;" * 500, "X: " + "y" * 70_000,
-           "Authorization: Bearer \xff", "Upgrade: websocket\r\nConnection: upgrade", "Range: bytes=5-1", "Range: bytes=0-", "If-None-Match: *",
-           "Content-Type: text/plain", "X-Forwarded-For: \xff\xfe", "Connection: close"]  # fmt: skip
+PARTS = [
+    "%00",
+    "%ff",
+    "%ed%a0%80",
+    "%2e%2e%2f",
+    "..",
+    "//",
+    "?",
+    "&points=",
+    "&from=nan",
+    "&to=1e308",
+    "&points=" + DIGITS,
+    "&from=" + "9" * 400,
+    "#",
+    "é",
+    "%",
+    "x" * 3000,
+]
+HEADERS = [
+    "Host: evil",
+    "Host:",
+    "Origin: null",
+    "Origin: http://",
+    "Content-Length: -1",
+    "Content-Length: 5",
+    "Expect: 100-continue",
+    f"Content-Length: {DIGITS}",
+    "Transfer-Encoding: chunked",
+    "Cookie: peltier_session=\xff",
+    "Cookie: " + "=;" * 500,
+    "X: " + "y" * 70_000,
+    "Authorization: Bearer \xff",
+    "Upgrade: websocket\r\nConnection: upgrade",
+    "Range: bytes=5-1",
+    "Range: bytes=0-",
+    "If-None-Match: *",
+    "Content-Type: text/plain",
+    "X-Forwarded-For: \xff\xfe",
+    "Connection: close",
+]
 
 
 def request(number: int, token: str, host: str) -> bytes:
@@ -367,9 +417,13 @@ def request(number: int, token: str, host: str) -> bytes:
         for _ in range(chance.choice([0, 0, 1, 2])):
             path += chance.choice(PARTS)
     bodies = [
-        {"configuration": "config"}, {"text": BENCH.format(kind="hold", target=TRACK), "name": "own"}, {"reason": "well"},
-        {"token": token}, {"configuration": "config", "kind": "calibration"}, {"press": "x", "by": "y"},
-    ]  # fmt: skip
+        {"configuration": "config"},
+        {"text": BENCH.format(kind="hold", target=TRACK), "name": "own"},
+        {"reason": "well"},
+        {"token": token},
+        {"configuration": "config", "kind": "calibration"},
+        {"press": "x", "by": "y"},
+    ]
     tree = chance.choice(bodies)
     body = json.dumps(tree).encode()
     if "text" in tree and chance.random() < 0.7:
@@ -472,8 +526,10 @@ def main() -> int:
     if options.http:
         figures["http"] = over_http(options.first, options.http)
     for name, found in figures.items():
-        print(f"{name}: {found['inputs']} mutated inputs, {len(found['wrong'])} wrong (asked: 0), the longest took "
-              f"{found['longest_s']:.1f} s (asked: 60); by status: {found['statuses']}")  # fmt: skip
+        print(
+            f"{name}: {found['inputs']} mutated inputs, {len(found['wrong'])} wrong (asked: 0), the longest took "
+            f"{found['longest_s']:.1f} s (asked: 60); by status: {found['statuses']}"
+        )
         for line in found["wrong"][:50]:
             print(f"  {line}")
     if options.json:
