@@ -1,4 +1,4 @@
-"""The small form of `benchmark mutated_input`: inputs made bad by bytes and by structure end in a line, over many verbs."""
+"""The small form of `benchmark mutated_input`: inputs made bad by bytes and by structure end in a line."""
 
 from __future__ import annotations
 
@@ -74,7 +74,9 @@ def test_an_output_that_cannot_be_written_is_told_of_first(good: Path, capsys: p
         ('"hold 1 s"', '"sine 0.1 dec period 1e-9 s for 1e3 s"', "experiment.target[1]"),
     ],
 )
-def test_numbers_that_nobody_means(good: Path, old: str, new: str, place: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_numbers_that_nobody_means(
+    good: Path, old: str, new: str, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     text = (good / "config.toml").read_text()
     assert old in text
     (good / "odd.toml").write_text(text.replace(old, new, 1))
