@@ -110,6 +110,8 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     fit = SimulationError(stretches, PLACES[kind])
     near = [fit.descend(fit.evaluate(start), 6) for start in rough_balances(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
+    if not best.residual.size:
+        raise ValueError("records: no reading that can be trusted, expected at least 3 rows of them")
     for _ in range(2):
         start = best.par
         limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)

@@ -124,7 +124,8 @@ def track(
     hot = calibration_range(configuration)[1]
     state = to_temperature(loop, mover, None, hot, HOT_DWELL_S, "condition", setpoints)
     inverse = Inverse(film, *configuration.limits.temperature_degC)
-    assert state.state is not None
+    if state.state is None:  # of a record: a loop waits for a reading
+        raise fault("the run", "condition", "expected rows with a reading in this phase")
     own = own_target(target, film, effects if extension is not None else ())
     first = inverse.solve(float(own.values[0]), state.state.memory)
     if not first.reachable:
@@ -136,7 +137,8 @@ def track(
             f"expected {ohm(high):.6g} to {ohm(low):.6g} ohm",
         )
     approach = to_temperature(loop, mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
-    assert approach.state is not None
+    if approach.state is None:
+        raise fault("the run", "approach", "expected rows with a reading in this phase")
     follow = Follow(law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, law)
     if e.settle_s > 0.0:
@@ -157,7 +159,8 @@ def to_temperature(
         start, state = probe.temperature_degC, None
         memory = law.film.initial_memory(start) if law.film is not None else None
     else:
-        assert before.state is not None
+        if before.state is None:
+            raise fault("the run", name, "expected rows with a reading in the phase before")
         start, state, memory = before.state.reference_degC, before.state, None
     limit = law.settings.current_limit_A
     rates = [law.plate.rate_range_K_per_s(t, limit) for t in (start, temperature_degC)]
