@@ -42,6 +42,7 @@ from rig.ports.pseudo_terminal import PseudoTerminals
 
 ASKED_MS = 200.0
 BATCH = 50_000  # rows
+AGAIN_S = 2.0  # before a connection that was dropped is opened anew
 SETTLED_S = 3.0  # until all connections are there
 
 
@@ -60,7 +61,11 @@ def fill(path: Path, days: float) -> None:
 
 
 def crowd(host: str, port: int, half_open: int, queries: int, days: float, told: Any) -> None:
-    """In a process of its own: crowd the door until it is ended. told: gets how long each question took, s."""
+    """In a process of its own: crowd the door until it is ended. told: gets how long each question took, s.
+
+    It stands for other computers, so it gets what this one has left.
+    """
+    os.nice(19)
 
     async def stay() -> None:
         """A connection that says half a line, and another one when it is dropped."""
@@ -70,7 +75,7 @@ def crowd(host: str, port: int, half_open: int, queries: int, days: float, told:
                 writer.write(b"GET /api/sta")
                 await reader.read()
                 writer.close()
-            await asyncio.sleep(0.5)
+            await asyncio.sleep(AGAIN_S)
 
     async def ask() -> None:
         while True:

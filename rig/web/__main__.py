@@ -13,7 +13,11 @@ from pathlib import Path
 
 from rig.web.serving import serve
 
+BEHIND = 5  # the page's process lets the bench's, STOP's and `peltier stop` go first where processors are short
+
 if __name__ == "__main__":
     tell = lambda url: print(f"page {url}", flush=True)  # noqa: E731
     listener = socket.socket(fileno=int(sys.argv[2])) if len(sys.argv) > 2 else None
+    if listener is None:
+        os.nice(BEHIND)
     sys.exit(asyncio.run(serve(Path(sys.argv[1]), tell, lambda: os._exit(0), listener)))
