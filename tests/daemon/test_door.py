@@ -303,11 +303,9 @@ def test_half_open_connections_shut_nobody_out(tmp_path: Path, monkeypatch: pyte
 def test_a_request_that_is_never_whole_is_dropped(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connections, "WHOLE_REQUEST_S", 0.1)
     place = urlsplit(bench.url)
-    for begun in (
-        b"",
-        b"GET /api/state HT",
-        b"POST /api/stop HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9\r\n\r\n{",
-    ):
+    named = {**HEADERS, "Host": "127.0.0.1", "Content-Length": "9"}
+    head = "".join(f"{name}: {value}\r\n" for name, value in named.items())
+    for begun in (b"", b"GET /api/state HT", f"POST /api/session HTTP/1.1\r\n{head}\r\n{{".encode()):
         with socket.create_connection((str(place.hostname), place.port or 0), timeout=10.0) as connection:
             connection.sendall(begun)
             with contextlib.suppress(ConnectionResetError):
