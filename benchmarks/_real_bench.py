@@ -1,7 +1,7 @@
 """Emulated instruments on pseudo-terminals that note what is on and when it was read: `_real_bench.py CONFIG OUT`.
 
-Prints the instruments' ports as `peltier emulate` does; writes OUT (JSON) once a second and at SIGTERM: the longest time
-with a current on and no reading of the thermometer, at this end of the wire.
+Prints the instruments' ports as `peltier emulate` does; writes OUT (JSON) once a second: the longest time with a
+current on and no reading of the thermometer, at this end of the wire.
 """
 
 from __future__ import annotations
@@ -85,7 +85,12 @@ def main() -> None:
             p = plants[0]
             out.write_text(
                 json.dumps(
-                    {"unread_s": p.unread_s, "hottest_degC": p.hottest_degC, "readings": p.readings, "on_A": p.current_A}
+                    {
+                        "unread_s": p.unread_s,
+                        "hottest_degC": p.hottest_degC,
+                        "readings": p.readings,
+                        "on_A": p.current_A,
+                    }
                 )
             )
 

@@ -1,6 +1,7 @@
 """A plate, its thermometer and its film, written apart from `sim`, with faults that begin in the middle of a run.
 
-    C dT/dt = S I T + R_e I^2 / 2 - G (T - T_s)          C_s dT_s/dt = -S I T_s + R_e I^2 / 2 + G (T - T_s) - G_s (T_s - T_a)
+    C dT/dt = S I T + R_e I^2 / 2 - G (T - T_s)
+    C_s dT_s/dt = -S I T_s + R_e I^2 / 2 + G (T - T_s) - G_s (T_s - T_a)
 
 integrated by Euler steps of `STEP_S`. The film is a sum of two shifted tanh branches with a simple first-order memory:
 enough for an experiment to run. It implements the plant's side of `sim.instruments.instrument.Plant`.
@@ -69,7 +70,9 @@ def drawn(seed: int, capacity: float, limit_A: float) -> Rig:
 class WatchedPlant:
     """The rig's state. fault: one of FAULTS, from `breaks_at` (called with the plant) on."""
 
-    def __init__(self, rig: Rig, seed: int, start_s: float, fault: str | None, breaks: Callable[[WatchedPlant], bool]) -> None:
+    def __init__(
+        self, rig: Rig, seed: int, start_s: float, fault: str | None, breaks: Callable[[WatchedPlant], bool]
+    ) -> None:
         self.rig, self.fault, self._breaks = rig, fault, breaks
         self.time_s = start_s
         self.plate_degC = self.sink_degC = rig.ambient_degC

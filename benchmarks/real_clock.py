@@ -38,7 +38,9 @@ temperature_degC = [5, 95]
 current_A = 4.0
 [experiment]
 kind = "track_resistance"
-target = ["start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.05 dec/s", "hold 10 s", "ramp to 20 kohm at 0.05 dec/s", "hold 16 s"]
+target = [
+    "start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.05 dec/s", "hold 10 s", "ramp to 20 kohm at 0.05 dec/s", "hold 16 s"
+]
 {model}
 [calibration]
 temperature_degC = [30, 80]
@@ -116,7 +118,9 @@ def trial(number: int, folder: Path) -> dict[str, Any]:
                 timeout=LONGEST_S,
             )
             found[verb], found[f"{verb}_s"] = done.returncode, time.monotonic() - begin
-            document = next((p for p in (out / "run.json", folder / f"{out.name}.part" / "run.json") if p.is_file()), None)
+            document = next(
+                (p for p in (out / "run.json", folder / f"{out.name}.part" / "run.json") if p.is_file()), None
+            )
             if document is not None:
                 found[f"{verb}_ticks"] = json.loads(document.read_text()).get("stop", {}).get("ticks")
             if done.returncode:

@@ -213,11 +213,7 @@ def counted(result: dict[str, Any]) -> bool:
 
 
 def caught(result: dict[str, Any]) -> bool:
-    return (
-        result["status"] == 10
-        and result["rose_K"] <= BY_K
-        and result["hottest_degC"] <= LIMIT_DEGC + ABOVE_LIMIT_K
-    )
+    return result["status"] == 10 and result["rose_K"] <= BY_K and result["hottest_degC"] <= LIMIT_DEGC + ABOVE_LIMIT_K
 
 
 def faults(seeds: range, workers: int, which: str) -> bool:
@@ -242,10 +238,13 @@ def faults(seeds: range, workers: int, which: str) -> bool:
         late = max((r["after_s"] for r in some), default=math.nan)
         causes = Counter(r["cause"] or f"exit {r['status']}" for r in some)
         words = f"{fault:22s} {'with' if model else 'none':6s} {'holding' if holding else 'heating':8s}"
-        print(f"{words} {len(ok):3d} of {len(some):3d} ({len(results)} run)  {rose:7.1f} K {late:7.1f} s   {dict(causes)}")
+        print(
+            f"{words} {len(ok):3d} of {len(some):3d} ({len(results)} run)  {rose:7.1f} K {late:7.1f} s   {dict(causes)}"
+        )
         for r in some:
             if not caught(r):
-                print(f"      missed: {r['case']} rose {r['rose_K']:.1f} K to {r['hottest_degC']:.1f} degC, {r['text'][-160:]!r}")
+                how = f"rose {r['rose_K']:.1f} K to {r['hottest_degC']:.1f} degC"
+                print(f"      missed: {r['case']} {how}, {r['text'][-160:]!r}")
     return good
 
 
@@ -254,7 +253,9 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=20, help="rigs for each fault")
     parser.add_argument("--quiet-cases", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--which", default="", help="only these: words of the fault's name, 'with' or 'none', 'heating'")
+    parser.add_argument(
+        "--which", default="", help="only these: words of the fault's name, 'with' or 'none', 'heating'"
+    )
     parser.add_argument("--only", choices=("faults", "quiet"))
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()

@@ -121,6 +121,8 @@ def identify_plate_records(
     fit = SimulationError(stretches, PLACES[kind])
     near = [fit.descend(fit.evaluate(start), 6) for start in rough_balances(stretches, kind)]
     best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
+    if not best.residual.size:
+        raise ValueError("records: no reading that can be trusted, expected at least 3 rows of them")
     if lag:
         best = _with_lag(fit, best)
     for _ in range(2):

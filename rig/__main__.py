@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import os
 import sys
 
@@ -44,6 +45,8 @@ def overview() -> str:
 def main(arguments: list[str] | None = None) -> int:
     """Run a verb; the return value is the exit status (interfaces, names and exits)."""
     words = sys.argv[1:] if arguments is None else arguments
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text, as stderr knows already
     if not words or words[0] in ("-h", "--help", "help"):
         print(overview())
         return 0 if words else 2

@@ -12,7 +12,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
+from rig.command.record_arguments import (
+    add_json_argument,
+    add_record_arguments,
+    read_records,
+    writable_file,
+    writable_parent,
+)
 from rig.command.say import Voice
 from rig.faults import Faults, fault
 from rig.files.record_file import Record
@@ -57,7 +63,7 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         if several:
             raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a model for each")
-        writable_parent(options.out)
+        writable_file(options.out)
     if options.report is not None:
         writable_parent(options.report)
     voice = Voice(options.json)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from rig.faults import fault
 
+FASTEST = 1e4  # times real time: beyond it, no computer keeps up with the simulated plant
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)
@@ -21,8 +23,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.files.configuration import read_configuration
 
-    if not options.speed > 0.0:
-        raise fault("--speed", repr(options.speed), "expected a number > 0")
+    if not 1e-6 <= options.speed <= FASTEST:
+        raise fault("--speed", repr(options.speed), f"expected a number from 1e-6 to {FASTEST:g}")
     file = read_configuration(options.config)
     from rig.bench import emulated_instruments
     from rig.ports.pseudo_terminal import PseudoTerminals

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_file
 from rig.command.say import Voice
 from rig.faults import Faults, fault
 from rig.files.record_file import Record, unit_of
@@ -57,7 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     voice = Voice(options.json)
     records = read_records(options.records, options)
     with_film = [r for r in records if r.has_output(options.output)]

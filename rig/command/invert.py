@@ -19,11 +19,12 @@ from rig.command.record_arguments import (
     add_record_arguments,
     parsed_limits,
     read_records,
-    writable_parent,
+    writable_file,
 )
 from rig.command.say import Voice
 from rig.faults import Faults
 from rig.files.record_file import print_columns, write_columns
+from rig.resistance import ohm
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +42,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.files.model_file import read_model
 
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     low, high = parsed_limits(options.limits)
     voice = Voice("-" if options.out is None else options.json)
     film = read_model(options.model, needs=("film",)).film
@@ -94,8 +95,8 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
             memory = solution.memory
         output = film.output_at(memory) if memory is not None else math.nan
         temperature = memory.input_degC if memory is not None else math.nan
-        resistance = 10.0**-output
-        nearest = resistance if solution.reachable else 10.0**-solution.nearest
+        resistance = ohm(output)
+        nearest = resistance if solution.reachable else ohm(solution.nearest)
         rows.append((temperature, int(solution.reachable), resistance, nearest))
     return {
         "temperature_degC": np.array([row[0] for row in rows]),

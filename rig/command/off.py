@@ -52,23 +52,17 @@ def main(options: argparse.Namespace) -> int:
 
 def _controller(path: Path) -> Held:
     """What opens the controller, without the schema, which takes longer to load than the rest."""
-    import tomllib
-
+    from rig.files.toml_text import read_toml
     from rig.guard.takeover import Held
 
     try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)["bench"]["controller"]
+        table = read_toml(path)["bench"]["controller"]
         driver, port = table["driver"], table["port"]
-    except OSError as error:
-        raise fault(path, "", f"cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise fault(path, "", f"is no TOML: {error}") from None
-    except (KeyError, TypeError):
+        more = dict(table.get("options", {}))
+    except (KeyError, TypeError, ValueError, AttributeError):
         raise fault(path, "bench.controller", "expected driver and port") from None
     if not (isinstance(driver, str) and isinstance(port, str)):
         raise fault(path, "bench.controller", "expected driver and port as text")
-    more = dict(table.get("options", {}))
     if "baud" in table:
         more["baud"] = table["baud"]
     dead_man_s = table.get("dead_man_s", DEAD_MAN_S)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_parent
+from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_file
 from rig.command.say import Voice
 from rig.faults import fault
 from rig.files.record_file import Record, unit_of, write_columns
@@ -45,7 +45,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.files.model_file import read_model
 
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     voice = Voice(options.json)
     if options.effect_file:
         from rig.files.effect_tables import add_effect_files

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.faults import Faults, fault
+from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
     from rig.files.record import Record
@@ -59,13 +61,28 @@ def parsed_limits(text: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in text.split(","))
     except ValueError:
-        raise fault("--limits", repr(text), "expected LOW,HIGH in degC, as in -50,200") from None
-    if not low < high:
-        raise fault("--limits", repr(text), "expected LOW < HIGH")
+        raise fault("--limits", shown(text), "expected LOW,HIGH in degC, as in -50,200") from None
+    if not -273.15 <= low < high <= 1e6:
+        raise fault("--limits", repr(text), "expected LOW < HIGH, degC")
     return low, high
 
 
 def writable_parent(path: Path) -> None:
-    """Refuse an output file whose folder is not there. Raises Faults."""
-    if not path.resolve().parent.is_dir():
-        raise fault(path, "", f"its folder {path.resolve().parent} does not exist")
+    """Refuse an output that cannot be written, before anything is computed. Raises Faults."""
+    try:
+        folder = path.resolve().parent
+        there = folder.is_dir()
+        path.exists()  # whether a name is too long
+    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead in a circle
+        raise fault(shown(str(path)), "", f"cannot be written: {getattr(error, 'strerror', None) or error}") from None
+    if not there:
+        raise fault(path, "", f"its folder {folder} does not exist")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise fault(path, "", "cannot be written: permission denied")
+
+
+def writable_file(path: Path) -> None:
+    """The same for a file, which no folder may stand in the way of."""
+    writable_parent(path)
+    if path.is_dir():
+        raise fault(path, "", "is a folder; expected a file")

@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rig.command.record_arguments import add_json_argument, writable_parent
+from rig.command.record_arguments import add_json_argument, writable_file
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def _twin(options: argparse.Namespace, voice: object) -> int:
 
     assert isinstance(voice, Voice)
     if options.out is not None:
-        writable_parent(options.out)
+        writable_file(options.out)
     file = twin_configuration(options.run, options.config)
     with voice.progress(virtual=True) as progress:
         simulated = simulate(file, lambda text: print(text, file=sys.stderr, flush=True), progress)

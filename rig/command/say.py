@@ -8,14 +8,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rig.command.record_arguments import writable_file
 from rig.files.run_folder import plain_json
 
 
 class Voice:
-    """Lines for people; on stderr where stdout belongs to --json."""
+    """Lines for people; on stderr where stdout belongs to --json. Raises Faults where its file cannot be written."""
 
     def __init__(self, json_target: str | None) -> None:
         self._json = json_target
+        if json_target not in (None, "-"):
+            writable_file(Path(str(json_target)))
         self._stream = sys.stderr if json_target == "-" else sys.stdout
 
     def say(self, text: str) -> None:

@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rig.command.record_arguments import add_json_argument, writable_parent
+from rig.command.record_arguments import add_json_argument, writable_file
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.experiment.simulated import read_simulation, simulate
     from rig.files.record_file import write_columns
 
-    writable_parent(options.out)
+    writable_file(options.out)
     voice = Voice(options.json)
     file = read_simulation(options.config, options.effect, options.effect_file, options.seed)
 

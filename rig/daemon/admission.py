@@ -1,9 +1,12 @@
-"""Whether a configuration may run on this bench: the same instruments, limits no wider, files where they may be."""
+"""Whether a configuration may run on this bench: the same instruments, guarded no less, files where they may be.
+
+A job may differ from the bench in what is listed here and in nothing else, so that a key that comes to the schema later
+guards from its first day. Where a smaller number is the tighter guard, a job may be guarded tighter.
+"""
 
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,10 +14,33 @@ from typing import Any
 from rig.drivers.identity import Identity
 from rig.drivers.registry import is_own
 from rig.faults import Faults, fault
-from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable, configuration_of, read_configuration
+from rig.files.configuration import ConfigurationFile, configuration_of, read_configuration
+from rig.files.secret_keys import without_secrets
+from rig.files.toml_file import Table
+from rig.files.toml_text import parsed_toml, read_text, shown
 from rig.serial_numbers import strangers
 
 LARGEST_FILE = 1_000_000  # bytes
+# What to do and how to compute it. [simulation] is of a rig that is built already, [serve] is the daemon's own: a job's
+# has no effect.
+FREE_TABLES = {"experiment", "control", "calibration", "simulation", "sweep", "serve"}
+FREE = {
+    "bench.time",  # a daemon's is always real
+    "bench.controller.serial_number",  # where it is given, it has to be that of the instrument that answered
+    "bench.meter.serial_number",
+    "bench.meter.four_wire",  # how the film is read; the output is guarded by the thermometer
+    "bench.meter.nplc",
+}
+PORTS = {"bench.controller.port", "bench.meter.port"}
+AT_MOST = {  # the smaller, the sooner it trips or the less may flow
+    "bench.controller.dead_man_s",
+    "limits.current_A",
+    "limits.meter_current_A",
+    "limits.stale_s",
+    "limits.rate_K_per_s",
+    "limits.runaway_s",
+}
+WITHIN = {"limits.temperature_degC"}
 
 
 def configurations(folder: Path) -> list[dict[str, Any]]:
@@ -22,15 +48,13 @@ def configurations(folder: Path) -> list[dict[str, Any]]:
     found = []
     for path in sorted(folder.glob("*.toml")):
         try:
-            if path.stat().st_size > LARGEST_FILE:
-                continue
-            text = path.read_text(encoding="utf-8")
-            content = tomllib.loads(text)
-        except (OSError, ValueError):
+            text = read_text(path, LARGEST_FILE)
+            content = parsed_toml(text, path)
+        except Faults:
             continue
         if isinstance(content.get("bench"), dict) and isinstance(content.get("experiment"), dict):
             kind = content["experiment"].get("kind", "track_resistance")
-            found.append({"name": path.stem, "kind": str(kind), "text": text})
+            found.append({"name": path.stem, "kind": str(kind), "text": without_secrets(text)})
     return found
 
 
@@ -38,7 +62,7 @@ def by_name(name: object, folder: Path) -> ConfigurationFile:
     """The configuration of a name from `configurations`. Raises Faults."""
     known = [entry["name"] for entry in configurations(folder)]
     if not isinstance(name, str) or name not in known:
-        raise fault("configuration", repr(name)[:80], f"expected one of {', '.join(known) or 'none: there is none'}")
+        raise fault("configuration", shown(name), f"expected one of {', '.join(known) or 'none: there is none'}")
     return read_configuration(folder / f"{name}.toml")
 
 
@@ -49,17 +73,15 @@ def by_text(text: object, name: object, folder: Path) -> ConfigurationFile:
     if name is not None and not isinstance(name, str):
         raise fault("name", type(name).__name__, "expected text")
     where = Path(name or "job")
-    try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise fault(where, "", f"is no TOML: {error}") from None
-    except RecursionError:
-        raise fault(where, "", "is no TOML: nested too deeply") from None
+    raw = parsed_toml(text, where)
     lines = [
-        f"{where}: {place}: {value!r}: expected a file in the configurations' folder, without a path"
+        f"{where}: {place}: {shown(value)}: expected a file in the configurations' folder, without a path"
         for place, value in _files_of(raw)
         if isinstance(value, str) and Path(value).name != value
     ]
+    target = dict(_files_of(raw))["experiment.target"]
+    if isinstance(target, str) and target.lower().endswith(".toml"):  # whose first line a fault would quote
+        lines.append(f"{where}: experiment.target: {shown(target)}: expected a file with columns, or words")
     lines += [f"{where}: {place}: names Python code; expected a job started by its name" for place in _code_of(raw)]
     if lines:
         raise Faults(lines)
@@ -95,38 +117,37 @@ def _files_of(raw: dict[str, Any]) -> list[tuple[str, Any]]:
 
 
 def admit(job: ConfigurationFile, bench: ConfigurationFile, identities: Mapping[str, Identity]) -> None:
-    """Raises Faults where a job asks for other instruments than the bench has, or for wider limits. identities: who
-    answered at the bench's ports, as far as it was ever there."""
+    """Raises Faults where a job asks for other instruments than the bench has, or loosens what guards it. identities:
+    who answered at the bench's ports, as far as it was ever there."""
     lines = strangers(job, identities)
-    ours, theirs = bench.content, job.content
-    pairs: list[tuple[str, ControllerTable | MeterTable | None, ControllerTable | MeterTable | None]] = [
-        ("controller", ours.bench.controller, theirs.bench.controller),
-        ("meter", ours.bench.meter, theirs.bench.meter),
-    ]
-    for role, have, want in pairs:
-        if want is None:
-            continue
-        if have is None:
-            lines.append(f"{job.path}: bench.{role}: the bench has none; expected no [bench.{role}]")
-            continue
-        for key in ("driver", "options", "baud"):
-            if getattr(want, key) != getattr(have, key):
-                expected = f"{getattr(want, key)!r}: expected the bench's, {getattr(have, key)!r}"
-                lines.append(f"{job.path}: bench.{role}.{key}: {expected}")
-        if not same_port(want.port, have.port):
-            lines.append(f"{job.path}: bench.{role}.port: {want.port!r}: expected the bench's, {have.port!r}")
-    limit, wanted = ours.limits, theirs.limits
-    if not (limit.temperature_degC[0] <= wanted.temperature_degC[0] <= wanted.temperature_degC[1]) or (
-        wanted.temperature_degC[1] > limit.temperature_degC[1]
-    ):
-        expected = f"expected within the bench's, {list(limit.temperature_degC)}"
-        lines.append(f"{job.path}: limits.temperature_degC: {list(wanted.temperature_degC)}: {expected}")
-    for key in ("current_A", "meter_current_A"):
-        if getattr(wanted, key) > getattr(limit, key):
-            expected = f"expected at most the bench's, {getattr(limit, key):g}"
-            lines.append(f"{job.path}: limits.{key}: {getattr(wanted, key):g}: {expected}")
+    for table in type(bench.content).model_fields:
+        if table not in FREE_TABLES:
+            lines += _differences(job.path, table, getattr(job.content, table), getattr(bench.content, table))
     if lines:
         raise Faults(lines)
+
+
+def _differences(path: Path, place: str, want: Any, have: Any) -> list[str]:
+    """A line for each key below a place in which a job's value is none that it may have."""
+    if want == have or place in FREE:
+        return []
+    if isinstance(want, Table) and isinstance(have, Table):
+        keys = type(have).model_fields
+        return [line for key in keys for line in _differences(path, f"{place}.{key}", *_both(key, want, have))]
+    if place == "bench.meter":
+        return [] if want is None else [f"{path}: {place}: the bench has none; expected no [bench.meter]"]
+    if place in PORTS and same_port(want, have):
+        return []
+    if place in AT_MOST:
+        return [f"{path}: {place}: {want:g}: expected at most the bench's, {have:g}"] if want > have else []
+    if place in WITHIN:
+        inside = have[0] <= want[0] and want[1] <= have[1]
+        return [] if inside else [f"{path}: {place}: {list(want)}: expected within the bench's, {list(have)}"]
+    return [f"{path}: {place}: {shown(want)}: expected the bench's, {shown(have)}"]
+
+
+def _both(key: str, want: Table, have: Table) -> tuple[Any, Any]:
+    return getattr(want, key), getattr(have, key)
 
 
 def same_port(one: str, other: str) -> bool:

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from pydantic import SecretStr
+
 from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
@@ -16,6 +18,7 @@ from rig.faults import Faults
 from rig.files.configuration import read_configuration
 
 LONGEST_REASON = 2000
+PRESSES_KEPT = 100
 
 
 class Refusal(Exception):
@@ -31,6 +34,7 @@ class Answers:
 
     def __init__(self, desk: Desk) -> None:
         self.desk = desk
+        self._pressed: dict[str, dict[str, Any]] = {}  # presses of STOP that were confirmed, and their answers
         self._known: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
             "state": lambda _: {"state": desk.state()},
             "jobs": lambda _: {"jobs": desk.queue.tables()},
@@ -53,8 +57,17 @@ class Answers:
         return known(question)
 
     def _stop(self, question: dict[str, Any]) -> dict[str, Any]:
-        off = self.desk.stop(_text(question, "by", "somebody"))
-        return {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        press = question.get("press")
+        if isinstance(press, str) and press in self._pressed:
+            return self._pressed[press]  # one press on two ways: what was reset since is not stopped by the later one
+        by = question.get("by")
+        off = self.desk.stop(by if isinstance(by, str) else "somebody")
+        answer = {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        if isinstance(press, str) and off.confirmed:
+            self._pressed[press] = answer
+            while len(self._pressed) > PRESSES_KEPT:
+                self._pressed.pop(next(iter(self._pressed)), None)
+        return answer
 
     def _reset(self, question: dict[str, Any]) -> dict[str, Any]:
         reason = _text(question, "reason", "").strip()
@@ -119,7 +132,9 @@ class Answers:
             "pid": os.getpid(),
             "address": serve.address,
             "port": serve.port,
-            "token": serve.token,
+            "stop_port": desk.stop_port,
+            "token": _revealed(serve.token),
+            "metrics_token": _revealed(serve.metrics_token),
             "hosts": serve.hosts,
             "history": str(desk.folder / HISTORY),
             "period_s": serve.idle_period_s,
@@ -127,6 +142,11 @@ class Answers:
             "memory_since_s": desk.memory_since_s,
             "limits_degC": list(desk.file.content.limits.temperature_degC),
         }
+
+
+def _revealed(secret: SecretStr | None) -> str | None:
+    """For the web process, which compares it; the socket belongs to one user."""
+    return secret.get_secret_value() if secret is not None else None
 
 
 def _text(question: dict[str, Any], key: str, otherwise: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,7 @@ from typing import Any
 from rig.daemon.places import sockets_there
 
 CALIBRATION = "calibration"  # a kind of job
+CROWDED_S = 5.0  # for a place in a line that moves within milliseconds
 ANSWER_S = 15.0  # an instrument that does not answer is tried for some seconds before `stop` says so
 
 
@@ -30,7 +32,7 @@ class Client:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.settimeout(timeout_s)
         try:
-            self._socket.connect(str(path))
+            _connect(self._socket, path, time.monotonic() + min(timeout_s, CROWDED_S))
         except OSError as error:
             self._socket.close()
             raise NoDaemon(f"no daemon listens at {path} ({error.strerror or error})") from None
@@ -76,6 +78,18 @@ class Client:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _connect(end: socket.socket, path: Path, until_s: float) -> None:
+    """Again and again where too many ask at this moment: a Unix socket says so at once. Raises OSError."""
+    while True:
+        try:
+            end.connect(str(path))
+            return
+        except BlockingIOError:
+            if time.monotonic() >= until_s:
+                raise
+            time.sleep(0.005)
 
 
 def daemons(timeout_s: float = ANSWER_S) -> list[Client]:

@@ -30,7 +30,7 @@ from rig.drivers.identity import Identity
 from rig.errors import PortHeld
 from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
-from rig.files.run_folder import default_folder
+from rig.files.run_folder import check_free, default_folder
 from rig.history.store import Retention, Store
 from rig.history.writer import Writer
 from rig.loop import Ticks
@@ -78,6 +78,7 @@ class Desk:
         self.model = model_of(file)
         self.identities: dict[str, Identity] = {}
         self.has_dead_man = False
+        self.stop_port: int | None = None  # of STOP's own listener
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
         self.last_cycle_s = clock.now_s()
         self.gaps = Gaps(self.steady_s())
@@ -206,9 +207,10 @@ class Desk:
         self.writer.do(lambda store: self._save_trip(store, latch))
         self.announcer.tell("trip", latch.table())
         self.changed()
-        if self.file.content.serve.webhook is not None:
+        webhook = self.file.content.serve.webhook
+        if webhook is not None:
             told = {"name": self.file.content.serve.name, **latch.table(), "output": self.output}
-            post(self.file.content.serve.webhook, {"event": "trip", **told}, self.note)
+            post(webhook.get_secret_value(), {"event": "trip", **told}, self.note)
 
     def note(self, text: str) -> None:
         """Something that people should know, among the warnings; the last ten stay."""
@@ -262,8 +264,8 @@ class Desk:
         """Put an experiment into the queue, or, with a kind of "calibration", its calibration. Raises Faults."""
         admit(file, self.file, self.identities)
         e = file.content.experiment
-        if out is not None and (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-            raise Faults([f"{out}: --out: exists and is not empty; expected a new folder"])
+        if out is not None:
+            check_free(out)
         folder = out if out is not None else default_folder(kind or e.name, self.folder)
         job = Job(new_id(), name or kind or e.name, kind or e.kind, file, folder, self.label_s())
         if not self.queue.add(job):
@@ -330,6 +332,7 @@ class Desk:
             "gaps": dict(self.gaps.table()),
             "memory_known": self.memory_since_s is not None,
             "viewers": 0,
+            "stop_port": self.stop_port,
             "warnings": self.warnings(),
             "cycle_age_s": now_s - self.last_cycle_s,
         }

@@ -13,7 +13,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import tomllib
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,6 +20,7 @@ from typing import Any
 from rig.daemon.asking import report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.faults import Faults
+from rig.files.toml_text import read_toml
 
 NOT_CONFIRMED = 11
 HOLDING = ("tripped", "stopped", "offline")
@@ -45,10 +45,9 @@ def handed_over(verb: str, config: Path, out: Path | None, json_target: str | No
 def _ports(config: Path) -> set[str]:
     """Real ports that the configuration names; none where it cannot be read: whoever reads it in earnest tells why."""
     try:
-        with config.open("rb") as file:
-            bench = tomllib.load(file)["bench"]
+        bench = read_toml(config)["bench"]
         ports = [bench[role]["port"] for role in ("controller", "meter") if role in bench]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (Faults, KeyError, TypeError):
         return set()
     return {os.path.realpath(port) for port in ports if isinstance(port, str) and not port.startswith("sim://")}
 

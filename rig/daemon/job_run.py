@@ -121,7 +121,7 @@ class JobRun(Watcher):
 
     def _configure(self, content: Any) -> None:
         """The job's limits and integration time; the output stays off."""
-        dead_man_s = self._desk.file.content.bench.controller.dead_man_s
+        dead_man_s = content.bench.controller.dead_man_s  # no longer than the bench's: see rig.daemon.admission
         with self._idling:
             self._bench.controller.configure(content.limits.current_A, content.limits.temperature_degC, dead_man_s)
             table = content.bench.meter

@@ -1,9 +1,10 @@
-"""`peltier serve` put together: the bench process, its socket, and the web process."""
+"""`peltier serve` put together: the bench process, its socket, and the web processes."""
 
 from __future__ import annotations
 
 import sys
 from contextlib import ExitStack, closing, suppress
+from pathlib import Path
 
 from rig.bench import open_bench
 from rig.clock import RealClock
@@ -13,7 +14,7 @@ from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import Notifier
-from rig.daemon.web_process import WebProcess
+from rig.daemon.web_process import WebProcess, stop_listener
 from rig.errors import PortHeld, RigError
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
@@ -22,6 +23,8 @@ from rig.history.alone import Alone
 from rig.outcome import NotConfirmedOff
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+TOKEN = "serve.token is set: the page and its interface ask for it, on the loopback too"
+METRICS = "; /metrics takes serve.metrics_token as well"
 REAL_TIME = "bench.time: a daemon lives in real time, whatever the configuration says"
 
 
@@ -60,6 +63,27 @@ def _log(line: str) -> None:
     print(f"peltier serve: {line}", file=sys.stderr, flush=True)
 
 
+def _told_of_tokens(file: ConfigurationFile) -> list[str]:
+    """Who has to bring a token, for the first lines of `serve`; not the tokens."""
+    table = file.content.serve
+    if table.token is None:
+        return []
+    return [TOKEN + (METRICS if table.metrics_token is not None else "")]
+
+
+def _web_processes(file: ConfigurationFile, place: Path, desk: Desk, stack: ExitStack) -> list[WebProcess]:
+    """The page's process, and the one of STOP's own listener, where there is room for that."""
+    table = file.content.serve
+    pages = [WebProcess(place, desk.note)]
+    try:
+        listener = stack.enter_context(stop_listener(table.address, table.port, table.stop_port))
+    except OSError as error:
+        desk.note(f"STOP has no listener of its own (serve.stop_port): {error.strerror or error}")
+        return pages
+    desk.stop_port = int(listener.getsockname()[1])
+    return [WebProcess(place, desk.note, listener), *pages]
+
+
 def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
     """The bench process: socket first, so that a second daemon is told; then the ports and the page. Until a signal."""
     with ExitStack() as stack:
@@ -70,12 +94,13 @@ def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
             folder.take()
         _off_first(file, guard)
         desk = Desk(file, RealClock(), notes, folder.take, _log)
-        for line in [*desk.warnings(), *desk.no_job_because()[: 1 if desk.latch is not None else 0]]:
+        held = desk.no_job_because()[: 1 if desk.latch is not None else 0]
+        for line in [*desk.warnings(), *held, *_told_of_tokens(file)]:
             _log(line)
         notifier = stack.enter_context(closing(Notifier()))
         listener.start(Answers(desk))
-        web = WebProcess(place, desk.note)
-        stack.callback(web.stop)
-        web.start()
+        for web in _web_processes(file, place, desk, stack):
+            stack.callback(web.stop)
+            web.start()
         Keeper(file, desk, notifier, guard).keep()
     return 0

@@ -1,7 +1,13 @@
-"""The web process as the bench process sees it: begun, begun again when it dies, ended last. It holds no port."""
+"""The web processes as the bench process sees them: begun, begun again when they die, ended last. They hold no port.
+
+Two of them: one serves the page and its interface, the other takes STOP and nothing else, at a TCP port of its own with
+connections of its own, so that whatever is done to the first, STOP still gets through. The second one's listening
+socket is made here, so that its port is known at once and its callers wait, unrefused, while it is begun again.
+"""
 
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 import threading
@@ -12,35 +18,39 @@ from pathlib import Path
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
 LONG_LIFE_S = 60.0
 ENDS_S = 2.0
+CALLERS = 128  # that wait to be accepted
 
 
 class WebProcess:
-    """`python -m rig.web SOCKET`, kept alive from `start` to `stop`."""
+    """`python -m rig.web SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP."""
 
-    def __init__(self, socket: Path, note: Callable[[str], None]) -> None:
-        self._socket, self._note = socket, note
+    def __init__(self, place: Path, note: Callable[[str], None], listener: socket.socket | None = None) -> None:
+        self._place, self._note, self._listener = place, note, listener
+        self._name = "page" if listener is None else "STOP's own listener"
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = threading.Event()
 
     def start(self) -> None:
         """Begin, in a thread that waits for its end."""
-        threading.Thread(target=self._keep, name="web process", daemon=True).start()
+        threading.Thread(target=self._keep, name=self._name, daemon=True).start()
 
     def _keep(self) -> None:
         wait_s = FIRST_WAIT_S
+        command = [sys.executable, "-m", "rig.web", str(self._place)]
+        files = [] if self._listener is None else [self._listener.fileno()]
         while not self._ending.is_set():
             began = time.monotonic()
             try:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "rig.web", str(self._socket)], stdin=subprocess.DEVNULL
+                    [*command, *map(str, files)], stdin=subprocess.DEVNULL, pass_fds=tuple(files)
                 )
             except OSError as error:
-                self._note(f"the page cannot be served: {error}")
+                self._note(f"the {self._name} cannot be served: {error}")
             else:
                 status = self._process.wait()
                 if self._ending.is_set():
                     return
-                self._note(f"the web process ended with status {status} and is begun again")
+                self._note(f"the process of the {self._name} ended with status {status} and is begun again")
             wait_s = FIRST_WAIT_S if time.monotonic() - began > LONG_LIFE_S else min(2.0 * wait_s, LONGEST_WAIT_S)
             self._ending.wait(wait_s)
 
@@ -56,3 +66,19 @@ class WebProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+def stop_listener(address: str, port: int, stop_port: int | None) -> socket.socket:
+    """A listening socket for STOP: at the port that is asked for (OSError where that is taken), else at the one after
+    the page's, or at any where that is taken."""
+    if stop_port is not None:
+        return _listening(address, stop_port)
+    try:
+        return _listening(address, port + 1 if 0 < port < 65535 else 0)
+    except OSError:
+        return _listening(address, 0)
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    return socket.create_server((address, port), family=family, backlog=CALLERS)

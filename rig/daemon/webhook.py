@@ -17,7 +17,7 @@ WAITS_S = (0.0, 1.0, 5.0, 30.0)  # before each try
 def post(
     url: str, document: dict[str, Any], told: Callable[[str], None], waits_s: tuple[float, ...] = WAITS_S
 ) -> threading.Thread:
-    """Send it in the background; `told` gets a line where every try failed."""
+    """Send it in the background; `told` gets a line where every try failed, without the address, which is a secret."""
     thread = threading.Thread(target=_send, args=(url, document, told, waits_s), name="webhook", daemon=True)
     thread.start()
     return thread
@@ -33,5 +33,5 @@ def _send(url: str, document: dict[str, Any], told: Callable[[str], None], waits
             with urllib.request.urlopen(request, timeout=TIMEOUT_S):
                 return
         except (OSError, ValueError) as error:  # URLError and time-outs are OSErrors
-            failure = str(error)
-    told(f"webhook {url}: {failure} ({len(waits_s)} tries)")
+            failure = str(error).replace(url, "its address")
+    told(f"webhook: {failure} ({len(waits_s)} tries)")

@@ -13,6 +13,7 @@ from compensator.plate import PlateModel
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.target import Target
+from rig.resistance import ohm
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
@@ -50,8 +51,8 @@ def check_target(target: Target, film: FilmModel, configuration: Configuration, 
         if not solution.reachable:
             low, high = solution.interval or (math.nan, math.nan)
             limits = "{:g} to {:g} degC".format(*configuration.limits.temperature_degC)
-            text = f"{10.0**-value:.6g} ohm is outside the film's range within limits.temperature_degC ({limits}), "
-            text += f"coming from {memory.input_degC:.1f} degC; expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm"
+            text = f"{ohm(value):.6g} ohm is outside the film's range within limits.temperature_degC ({limits}), "
+            text += f"coming from {memory.input_degC:.1f} degC; expected {ohm(high):.6g} to {ohm(low):.6g} ohm"
             raise fault(where, f"at {time:g} s", text)
         memory = solution.memory
         temperatures.append(solution.temperature_degC)

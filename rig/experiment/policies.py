@@ -12,6 +12,7 @@ from compensator.film import Memory
 from compensator.law import Law, LawState
 from rig.files.target import Target
 from rig.loop import Decision, Loop
+from rig.resistance import ohm
 
 
 class CurrentProfile:
@@ -64,8 +65,8 @@ class Follow:
             setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
             use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
-            target_ohm=10.0**-now if resistance else math.nan,
-            predicted_ohm=10.0**-command.output_model if math.isfinite(command.output_model) else math.nan,
+            target_ohm=ohm(now) if resistance else math.nan,
+            predicted_ohm=ohm(command.output_model) if math.isfinite(command.output_model) else math.nan,
         )
 
 

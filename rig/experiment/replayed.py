@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,17 +13,19 @@ import numpy as np
 from rig.experiment.extended_model import known_plate, plate_extension
 from rig.experiment.policies import Follow
 from rig.experiment.session import QUANTITY
-from rig.experiment.simulated import simulated_configuration
+from rig.experiment.simulated import simulated_configuration, table_in
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, configuration_of
+from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
 from rig.files.target import read_target
-from rig.files.toml_file import read_toml
+from rig.files.toml_text import read_text, read_toml, shown
 from rig.loop import Loop, Policy
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
+LAWS = ("full", "pid", "feedforward")
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
 
 
@@ -102,17 +103,13 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     model = read_model(folder / "model.toml", needs=("plate",))
     assert model.plate is not None
     target = read_target(folder / "target.csv", QUANTITY[e.kind])
-    lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()
-    events = [json.loads(line) for line in lines]
-    loop = RecordedLoop(read_record(folder / "record.csv"), [event for event in events if event["event"] == "phase"])
+    loop = RecordedLoop(_record(folder / "record.csv"), _phases(folder / "events.jsonl"))
     stand_in = cast(Loop, loop)
     fastest = watchable_rate_K_per_s(known_plate(model.plate, model.switched()))
     if e.kind == "track_resistance":
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
-        started = json.loads((folder / "run.json").read_text(encoding="utf-8"))["start"]["what"]
-        law = started.removeprefix("law ")
-        plan = plan_tracking(stand_in.bench, file.content, target, model, law, fastest)
+        plan = plan_tracking(stand_in.bench, file.content, target, model, _law(folder / "run.json"), fastest)
         track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
         extension = plate_extension(model.switched(), model.plate, e.period_s)
@@ -126,13 +123,45 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     return loop.replay, file
 
 
+def _record(path: Path) -> Record:
+    """The run's rows. Raises Faults where a column is missing that the law saw or set."""
+    return read_record(
+        path, needs=("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
+    )
+
+
+def _phases(path: Path) -> list[dict[str, Any]]:
+    """When each phase began and what it was, in order. Raises Faults."""
+    found = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        try:
+            event = parsed_json(line)
+            if event["event"] == "phase":
+                found.append({"time_s": float(event["time_s"]), "text": str(event["text"])})
+        except (ValueError, TypeError, KeyError, IndexError, OverflowError):
+            raise fault(path, f"line {number}", "expected an event: JSON with time_s, event and text") from None
+    return found
+
+
+def _law(path: Path) -> Any:
+    """Which law ran. Raises Faults."""
+    try:
+        what = str(parsed_json(read_text(path))["start"]["what"])
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise fault(path, "start.what", f"expected the law that ran, as in 'law full' ({error})") from None
+    law = what.removeprefix("law ")
+    if law not in LAWS:
+        raise fault(path, "start.what", f"{shown(what)}: expected 'law' and one of {', '.join(LAWS)}")
+    return law
+
+
 def _configuration(folder: Path) -> ConfigurationFile:
     """The run's configuration; the files beside it may be gone, what matters of them is in the folder."""
     path = folder / "config.toml"
     raw = read_toml(path)
-    raw.get("experiment", {}).update(model="model.toml", target="target.csv")
+    table_in(raw, "experiment").update(model="model.toml", target="target.csv")
     raw.pop("simulation", None)
-    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+    return configuration_of(path, read_text(path), raw)
 
 
 def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:
@@ -141,9 +170,8 @@ def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:
     model = read_model(where, needs=("film", "plate"))
     assert model.plate is not None
     raw = read_toml(other)
-    experiment = raw.setdefault("experiment", {})
-    experiment.setdefault("model", str(where))
-    simulation = raw.setdefault("simulation", {})
+    table_in(raw, "experiment").setdefault("model", str(where))
+    simulation = table_in(raw, "simulation")
     simulation |= {"film": {"kind": "model", "model": str(where)}, "plate": plate_table(model.plate)}
     simulation.pop("heat_sink_warmup", None)
     simulation.pop("effects", None)

@@ -18,7 +18,7 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
-from rig.files.toml_file import read_toml
+from rig.files.toml_text import read_text, read_toml
 from rig.loop import Progress
 from rig.outcome import Tripped
 from rig.simulation import simulated_world
@@ -63,23 +63,24 @@ def simulated_configuration(
     path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None
 ) -> ConfigurationFile:
     """The same from what TOML made of a file at `path`. Raises Faults."""
-    bench = _table(raw, "bench")
+    bench = table_in(raw, "bench")
     bench.pop("time", None)
     for role in ("controller", "meter"):
         if role in bench:
-            _table(bench, role)["port"] = "sim://"
-    _table(raw, "experiment")["compare"] = []
-    simulation = _table(raw, "simulation")
-    if effects:
-        simulation["effects"] = [*simulation.get("effects", []), *effects]
+            table_in(bench, role)["port"] = "sim://"
+    table_in(raw, "experiment")["compare"] = []
+    simulation = table_in(raw, "simulation")
+    there = simulation.get("effects", [])
+    if effects and isinstance(there, list):
+        simulation["effects"] = [*there, *effects]
     if seed is not None:
         if seed < 0:
             raise fault("--seed", repr(seed), "expected a number >= 0")
         simulation["seed"] = seed
-    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+    return configuration_of(path, read_text(path), raw)
 
 
-def _table(table: dict[str, Any], name: str) -> dict[str, Any]:
+def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
     """A table inside another; what is no table is left for the schema to refuse."""
     inner = table.setdefault(name, {})
     return inner if isinstance(inner, dict) else {}

@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import RigError
-from rig.experiment.simulated import simulate, simulated_configuration, tracking_error
+from rig.experiment.simulated import simulate, simulated_configuration, table_in, tracking_error
 from rig.faults import Faults, fault
 from rig.files.configuration import SweepTable
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import write_columns
-from rig.files.toml_file import checked, read_toml
+from rig.files.toml_file import checked
+from rig.files.toml_text import read_toml
 from rig.outcome import Outcome
 
 RESULTS = ("status", "rows", "rms_dec", "max_dec", "rms_K", "max_K", "text")
@@ -60,7 +61,10 @@ def sweep(
     table = checked(SweepTable, raw["sweep"], path)
     points = list(points_of(table))
     _check(path, raw, points)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise fault(out, "--out", f"cannot be made: {error.strerror}") from None
     file = out / "sweep.csv"
     names = [*points[0].table(), *RESULTS]
     done = {int(row["number"]): row for row in _read(file, names, points)}
@@ -100,12 +104,13 @@ def experiment(path: Path, point: Point, records: Path | None) -> dict[str, str]
 def _varied(path: Path, raw: dict[str, Any], point: Point) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
     """What TOML would have made of the configuration with the point's values; its effects; its seed."""
     raw = copy.deepcopy(raw)
-    add_effect_files(path.parent / name for name in raw.get("simulation", {}).get("effect_files", []))
+    files = table_in(raw, "simulation").get("effect_files", [])
+    add_effect_files(path.parent / name for name in (files if isinstance(files, list) else []) if isinstance(name, str))
     for key, value in point.parameters.items():
         *tables, last = key.split(".")
         inner = raw
         for name in tables:
-            inner = inner.setdefault(name, {})
+            inner = table_in(inner, name)
         inner[last] = value
     return raw, [effect_in_words(text) for text in point.effects], point.seed
 

@@ -30,6 +30,7 @@ from rig.files.model_file import Model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Loop
+from rig.resistance import ohm
 
 HOT_DWELL_S = 3.0
 FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
@@ -144,18 +145,20 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     e, target, setpoints = configuration.experiment, plan.target, plan.setpoints
     hot = calibration_range(configuration)[1]
     state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints)
-    assert state.state is not None
+    if state.state is None:  # of a record: a loop waits for a reading
+        raise fault("the run", "condition", "expected rows with a reading in this phase")
     first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
     if not first.reachable:
         low, high = first.interval or (math.nan, math.nan)
         raise fault(
             "experiment.target",
             "its first value",
-            f"{10.0 ** -float(target.values[0]):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
-            f"expected {10.0**-high:.6g} to {10.0**-low:.6g} ohm",
+            f"{ohm(float(target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
+            f"expected {ohm(high):.6g} to {ohm(low):.6g} ohm",
         )
     approach = to_temperature(loop, plan.mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
-    assert approach.state is not None
+    if approach.state is None:
+        raise fault("the run", "approach", "expected rows with a reading in this phase")
     follow = Follow(plan.law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, plan.law)
     if e.settle_s > 0.0:
@@ -174,7 +177,8 @@ def to_temperature(
         start, state = temperature_now(loop, name, period), None
         memory = law.film.initial_memory(start) if law.film is not None else None
     else:
-        assert before.state is not None
+        if before.state is None:
+            raise fault("the run", name, "expected rows with a reading in the phase before")
         start, state, memory = before.state.reference_degC, before.state, None
     limit = law.settings.current_limit_A
     rates = [law.plate.rate_range_K_per_s(t, limit) for t in (start, temperature_degC)]

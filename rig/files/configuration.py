@@ -6,24 +6,38 @@ Every key has its unit in its name and its default here; `peltier init` writes c
 from __future__ import annotations
 
 import difflib
-import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 
 from rig.faults import Faults
 from rig.files.model_file import MemorylessTable, PlateTable
-from rig.files.toml_file import Table, checked, read_toml
+from rig.files.secret_keys import without_secrets
+from rig.files.toml_file import Table, checked
+from rig.files.toml_text import parsed_toml, read_text
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
+# Beyond these bounds a number is a slip of the pen: no rig has such currents, temperatures, noise or patience, and
+# nothing that is computed from them is a number. They are wide, so that whoever has a reason is not in their way.
+LARGEST = 1e6
+DAY_S = 86400.0
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=1e-12, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Wait = Annotated[float, Field(ge=0.0, le=DAY_S)]  # s: for something that is over within a day
+Period = Annotated[float, Field(ge=1e-3, le=3600.0)]  # s: no line carries a thousand exchanges a second
+Span = Annotated[float, Field(ge=1e-3, le=DAY_S)]  # s: of a watch or a forecast that has to end
+Days = Annotated[float, Field(gt=0.0, le=100_000.0)]
+Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
 def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     if not pair[0] < pair[1]:
         raise ValueError("expected [low, high] with low < high")
+    if not -273.15 <= pair[0] <= pair[1] <= LARGEST:
+        raise ValueError(f"expected degC, -273.15 to {LARGEST:g}")
     return pair
 
 
@@ -39,10 +53,10 @@ class ControllerTable(Table):
 
     driver: str
     port: str
-    baud: int | None = Field(default=None, gt=0)
+    baud: int | None = Field(default=None, gt=0, le=100_000_000)
     options: dict[str, bool | int | float | str] = {}
     serial_number: str | None = None
-    dead_man_s: Positive = 5.0
+    dead_man_s: Span = 5.0
 
 
 class MeterTable(Table):
@@ -54,11 +68,11 @@ class MeterTable(Table):
 
     driver: str
     port: str
-    baud: int | None = Field(default=None, gt=0)
+    baud: int | None = Field(default=None, gt=0, le=100_000_000)
     options: dict[str, bool | int | float | str] = {}
     serial_number: str | None = None
     four_wire: bool = True
-    nplc: Positive = 1.0
+    nplc: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     quantity: Literal["resistance", "voltage"] = "resistance"
     output: str | None = None
     formula: str | None = None
@@ -100,9 +114,9 @@ class LimitsTable(Table):
     temperature_degC: Range = (5.0, 100.0)
     current_A: Positive
     meter_current_A: Positive = 1e-3
-    stale_s: Positive = 2.0
+    stale_s: Span = 2.0
     rate_K_per_s: Positive = 20.0
-    runaway_s: Positive = 20.0
+    runaway_s: Span = 20.0
     polarity_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.25
 
 
@@ -114,9 +128,9 @@ class ExperimentTable(Table):
     target: str | list[str] | None = None
     model: str | None = None
     law: Literal["full", "pid", "feedforward", "instrument_pid"] = "full"
-    period_s: Positive = 0.1
+    period_s: Period = 0.1
     compare: list[Literal["pid", "feedforward", "instrument_pid"]] = []
-    settle_s: NotNegative = 10.0
+    settle_s: Wait = 10.0
 
 
 class ControlTable(Table):
@@ -127,10 +141,10 @@ class ControlTable(Table):
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
-    dead_time_s: NotNegative | None = None
-    preview_s: Positive = 4.0
+    dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
+    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] = 4.0
     band_dec: NotNegative | None = None
-    disturbance_time_s: Positive | None = None
+    disturbance_time_s: Span | None = None
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
 
 
@@ -140,8 +154,8 @@ class CalibrationTable(Table):
     temperature_degC: Range | None = None
     transition_degC: Range | None = None
     rate_K_per_s: Positive = 1.0
-    period_s: Positive = 0.25
-    dwell_s: NotNegative = 4.0
+    period_s: Period = 0.25
+    dwell_s: Wait = 4.0
     minor_loops: int = Field(default=14, ge=2, le=200)
     seed: int = Field(default=0, ge=0)
 
@@ -150,8 +164,8 @@ class RelayFilmTable(Table):
     """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
-    relays: int = Field(default=4000, ge=1)
-    mean_degC: float = 61.0
+    relays: Count = 4000
+    mean_degC: Number = 61.0
     spread_K: Positive = 3.2
     halfwidth_K: Positive = 2.8
     halfwidth_sigma: Positive = 0.4
@@ -177,8 +191,8 @@ class HeatSinkTable(Table):
 class DetectorTable(Table):
     """[simulation.detector]: what a voltmeter sees of the film's output, see sim.detector."""
 
-    volts_per_unit: float
-    offset_V: float = 0.0
+    volts_per_unit: Number
+    offset_V: Number = 0.0
     noise_V: NotNegative = 0.0
 
 
@@ -202,7 +216,7 @@ class SimulationTable(Table):
     meter_current_A: NotNegative | None = None
     film: RelayFilmTable | ModelFilmTable = Field(default=RelayFilmTable(), discriminator="kind")
     detector: DetectorTable | None = None
-    first_degC: float = 25.0
+    first_degC: Number = 25.0
     thermometer_noise_K: NotNegative = 0.005
     ohmmeter_noise_dec: NotNegative = 0.001
     seed: int = Field(default=0, ge=0)
@@ -222,31 +236,47 @@ class SweepTable(Table):
     them. parameters: lists of values for keys of this file, as in "control.ms" = [1.2, 1.4].
     """
 
-    seeds: int | list[int] = Field(default=1)
+    seeds: Annotated[int, Field(ge=0, le=1_000_000)] | list[int] = Field(default=1)
     effects: list[list[str]] = [[]]
     parameters: dict[str, list[Any]] = {}
+
+
+def _reachable_name(text: str) -> str:
+    if not re.fullmatch(r"(https?://)?([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", text):
+        raise ValueError("expected a name, as in bench.lab.example, or an origin, as in https://bench.lab.example")
+    return text
+
+
+def _web_address(secret: SecretStr) -> SecretStr:
+    if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
+        raise ValueError("expected an address that begins with http:// or https://")
+    return secret
 
 
 class ServeTable(Table):
     """[serve]: the bench daemon, see docs/daemon.md.
 
     folder: run folders and history.sqlite; configurations: those that may be started; both beside this file, by
-    default runs/ where the daemon was started, and this file's folder. token: for addresses beyond the loopback.
-    hosts: further names by which browsers reach it. port 0: any that is free.
+    default runs/ where the daemon was started, and this file's folder. token: asked for wherever it is set, on the
+    loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
+    /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
+    port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
     address: str = "127.0.0.1"
     port: int = Field(default=8765, ge=0, le=65535)
-    token: str | None = Field(default=None, min_length=16)
-    hosts: list[str] = []
+    stop_port: int | None = Field(default=None, ge=0, le=65535)
+    token: Annotated[SecretStr, Field(min_length=16)] | None = None
+    metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
+    hosts: list[Annotated[str, AfterValidator(_reachable_name)]] = []
     folder: str | None = None
     configurations: str = "."
     idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
-    raw_days: Positive = 30.0
-    minute_days: Positive = 400.0
-    hour_days: Positive = 4000.0
-    webhook: str | None = Field(default=None, pattern=r"^https?://")
+    raw_days: Days = 30.0
+    minute_days: Days = 400.0
+    hour_days: Days = 4000.0
+    webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
 
 
 class Configuration(Table):
@@ -297,14 +327,17 @@ class ConfigurationFile:
 
 def read_configuration(path: Path) -> ConfigurationFile:
     """Read and check a configuration. Raises Faults with a line for each fault."""
-    raw = read_toml(path)
-    return configuration_of(path, path.read_text(encoding="utf-8"), raw)
+    text = read_text(path)
+    return configuration_of(path, text, parsed_toml(text, path))
 
 
 def configuration_of(path: Path, text: str, raw: dict[str, Any]) -> ConfigurationFile:
-    """A configuration from its text and what TOML makes of it, as if it were at `path`. Raises Faults."""
+    """A configuration from its text and what TOML makes of it, as if it were at `path`. Raises Faults.
+
+    The text that it keeps, and that run folders and people get, is without the secrets of [serve].
+    """
     content = checked(Configuration, _with_own_drivers(path, raw), path)
-    file = ConfigurationFile(path, text, content)
+    file = ConfigurationFile(path, without_secrets(text), content)
     lines = []
     for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
         if isinstance(name, str) and not file.beside(name).is_file():
@@ -316,8 +349,6 @@ def configuration_of(path: Path, text: str, raw: dict[str, Any]) -> Configuratio
             f"{path}: calibration.temperature_degC: {list(span)}: "
             f"expected within limits.temperature_degC [{low}, {high}]"
         )
-    if not math.isfinite(low + high):
-        lines.append(f"{path}: limits.temperature_degC: expected finite numbers")
     lines += _unknown_drivers(path, content)
     lines += _effect_faults(file)
     if lines:

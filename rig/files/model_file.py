@@ -12,20 +12,23 @@ from pydantic import Field, model_validator
 from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.plate import PlateModel
 from rig.faults import Faults
-from rig.files.toml_file import Table, checked, read_toml
+from rig.files.toml_file import Table, checked
+from rig.files.toml_text import read_toml
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched
 
-NotNegative = Annotated[float, Field(ge=0.0)]
+LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no number any more
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
 class EnvelopeTable(Table):
     """gamma(v) = f(a v + b), v in degC: paper eqs (28), (29)."""
 
     function: Literal["tanh", "linear"]
-    a: float = Field(gt=0.0)
-    b: float
+    a: float = Field(gt=0.0, le=LARGEST)
+    b: Number
 
     def envelope(self) -> Envelope:
         return Envelope(self.function, self.a, self.b)
@@ -35,11 +38,11 @@ class MemorylessTable(Table):
     """D(v), in the output's unit: paper eqs (30), (31)."""
 
     function: Literal["none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius"] = "none"
-    amplitude: float = 0.0
-    a: float = 1.0
-    b: float = 0.0
-    offset: float = 0.0
-    coefficients: list[float] = []
+    amplitude: Number = 0.0
+    a: Number = 1.0
+    b: Number = 0.0
+    offset: Number = 0.0
+    coefficients: list[Number] = []
 
     def memoryless(self) -> Memoryless:
         return Memoryless(self.function, self.amplitude, self.a, self.b, self.offset, tuple(self.coefficients))
@@ -48,8 +51,8 @@ class MemorylessTable(Table):
 class OperatorTable(Table):
     """One operator of kind "mixed_envelopes"."""
 
-    radius: float = Field(ge=0.0)
-    weight: float = Field(ge=0.0)
+    radius: NotNegative
+    weight: NotNegative
     rising: EnvelopeTable
     falling: EnvelopeTable
 
@@ -106,11 +109,11 @@ class PlateTable(Table):
     """[plate]."""
 
     kind: Literal["peltier", "heater"] = "peltier"
-    seebeck_over_capacity_per_A_s: float = Field(default=0.0, ge=0.0)
-    resistance_over_capacity_K_per_A2_s: float = Field(default=0.0, ge=0.0)
-    conductance_over_capacity_per_s: float = Field(ge=0.0)
-    drive_over_capacity_K_per_s: float = Field(default=0.0, ge=0.0)
-    ambient_degC: float
+    seebeck_over_capacity_per_A_s: NotNegative = 0.0
+    resistance_over_capacity_K_per_A2_s: NotNegative = 0.0
+    conductance_over_capacity_per_s: NotNegative
+    drive_over_capacity_K_per_s: NotNegative = 0.0
+    ambient_degC: Annotated[float, Field(ge=-273.15, le=LARGEST)]
 
     @model_validator(mode="after")
     def _whole(self) -> PlateTable:

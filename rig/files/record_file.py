@@ -59,6 +59,8 @@ def _table(path: Path, decimal: str) -> Table:
 
         return matlab_table(path)
     try:
+        if path.is_char_device():  # /dev/zero has no end
+            raise fault(path, "", "is a device; expected a file")
         data = path.read_bytes()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None

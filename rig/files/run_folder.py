@@ -42,17 +42,30 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
+def check_free(path: Path) -> None:
+    """Raises Faults where no run folder can have this name at the end of its run."""
+    if not path.name:
+        raise fault(path, "--out", "is there already; expected a new folder")
+    part = part_of(path)
+    try:
+        if path.is_symlink() or part.is_symlink():  # the folder gets its name at the end, and no link can be replaced
+            raise fault(path if path.is_symlink() else part, "--out", "is a link; expected a new folder")
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise fault(path, "--out", "exists and is not empty; expected a new folder")
+        if part.exists():
+            raise fault(part, "--out", "is of a run that did not finish, its rows are in it; move or delete it first")
+    except OSError as error:
+        raise fault(path, "--out", f"cannot be made: {error.strerror}") from None
+
+
 @contextmanager
 def prepared_folder(path: Path) -> Iterator[None]:
     """Room for a run folder and those inside it, given back at the end where nothing was written into it.
 
     Raises Faults where the folder is taken or cannot be made.
     """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise fault(path, "--out", "exists and is not empty; expected a new folder")
+    check_free(path)
     part = part_of(path)
-    if part.exists():
-        raise fault(part, "--out", "is of a run that did not finish, its rows are in it; move or delete it first")
     try:
         part.mkdir(parents=True)
     except OSError as error:

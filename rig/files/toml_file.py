@@ -1,15 +1,22 @@
-"""Reading a TOML file into a checked pydantic schema: every fault at once, with file and key."""
+"""Reading a TOML file into a checked pydantic schema: every fault at once, with file and key.
+
+A value is shown with its fault, shortened; one that is secret, never.
+"""
 
 from __future__ import annotations
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
 
-from rig.faults import Faults, fault
+from rig.faults import Faults
+from rig.files.toml_text import shown
+
+MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB
+DEEPEST = 20  # tables and lists inside each other; a configuration needs five
+SHOWN = 80  # characters of a value that is told of
 
 
 class Table(BaseModel):
@@ -19,21 +26,6 @@ class Table(BaseModel):
 
 
 T = TypeVar("T", bound=BaseModel)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """The file's content. Raises Faults where it is missing, unreadable or no TOML."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except FileNotFoundError:
-        raise fault(path, "", "no such file") from None
-    except OSError as error:
-        raise fault(path, "", f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise fault(path, f"byte {error.start}", "expected UTF-8 text") from None
-    except tomllib.TOMLDecodeError as error:
-        raise fault(path, "", f"is no TOML: {error}") from None
 
 
 def checked(schema: type[T], content: dict[str, Any], path: Path) -> T:
@@ -58,8 +50,24 @@ def _line(schema: type[BaseModel], content: dict[str, Any], path: Path, error: A
     message = message.removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     value = error.get("input")
-    shown = "" if isinstance(value, dict) else f"{value!r}: "
-    return f"{path}: {where}: {shown}{message}"
+    told = "" if isinstance(value, dict) or _holds_secrets(schema, place) else f"{shown(value)}: "
+    return f"{path}: {where}: {told}{message}"
+
+
+def _holds_secrets(schema: type[BaseModel], place: list[str]) -> bool:
+    """Whether what stands at a place is a secret, or should be a table with one."""
+    annotation: Any = schema
+    for part in place:
+        model = next((a for a in _arguments(annotation) if hasattr(a, "model_fields")), None)
+        field = getattr(model, "model_fields", {}).get(part)
+        if field is None:
+            return False
+        annotation = field.annotation
+    inner = _arguments(annotation)
+    tables = [a for a in inner if hasattr(a, "model_fields")]
+    return SecretStr in inner or any(
+        SecretStr in _arguments(field.annotation) for table in tables for field in table.model_fields.values()
+    )
 
 
 def _keys(schema: type[BaseModel], place: list[str]) -> list[str]:

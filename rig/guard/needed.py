@@ -7,12 +7,12 @@ neither, nothing runs on real ports, unless the user says that it may.
 from __future__ import annotations
 
 import argparse
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.faults import fault
+from rig.faults import Faults, fault
+from rig.files.toml_text import read_toml
 from rig.guard.line import UNGUARDED, Guard
 from rig.guard.process import guarded
 
@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 def has_real_ports(configuration: Path) -> bool:
     """False for sim:// ports, and for a file that does not say: whoever reads it in earnest tells what is wrong."""
     try:
-        with configuration.open("rb") as file:
-            port = tomllib.load(file)["bench"]["controller"]["port"]
-    except (OSError, ValueError, KeyError, TypeError):
+        port = read_toml(configuration)["bench"]["controller"]["port"]
+    except (Faults, KeyError, TypeError):
         return False
     return isinstance(port, str) and not port.startswith("sim://")
 

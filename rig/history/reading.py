@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,29 +15,39 @@ from rig.history.tables import BUCKETS_S, QUANTITIES, connect_to_read
 
 MOST_POINTS = 5000
 SHOWN = tuple(name for name in QUANTITIES if name != "meter_current_A")
-MOST_RAW = 400_000  # rows that are averaged for one answer; beyond, the roll-ups answer
+MOST_RAW = 200_000  # rows that are averaged for one answer; beyond, the roll-ups answer
+FEW_RAW = 20_000  # the same where the roll-ups are as fine as the picture
+STEPS_BETWEEN_LOOKS = 20_000  # of sqlite's machine, about a millisecond
 ROUND_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600)
 
 
 @contextmanager
-def _reading(path: Path) -> Iterator[sqlite3.Connection]:
+def _reading(path: Path, ends_s: float = math.inf) -> Iterator[sqlite3.Connection]:
+    """ends_s: the time.monotonic at which a question is given up (sqlite3.OperationalError)."""
     connection = connect_to_read(path)
+    connection.set_progress_handler(lambda: time.monotonic() >= ends_s, STEPS_BETWEEN_LOOKS)
     try:
         yield connection
     finally:
         connection.close()
 
 
-def stretch(path: Path, from_s: float, to_s: float, points: int) -> dict[str, Any]:
+def check_stretch(from_s: float, to_s: float) -> None:
+    """Raises ValueError where there is nothing between two times."""
+    if not (math.isfinite(from_s) and math.isfinite(to_s) and from_s < to_s):
+        raise ValueError("expected two finite times, from < to")
+
+
+def stretch(path: Path, from_s: float, to_s: float, points: int, ends_s: float = math.inf) -> dict[str, Any]:
     """Columns from `from_s` to `to_s` (Unix seconds) in at most `points` buckets.
 
     Raw rows (bucket_s 0) where they are few enough, else mean, low and high of a bucket of `bucket_s` seconds, from raw
-    rows or from the roll-ups. Raises sqlite3.Error, and ValueError for an empty stretch.
+    rows or from the roll-ups. Raises sqlite3.Error, also where it is not done at `ends_s` (time.monotonic), and
+    ValueError for an empty stretch.
     """
-    if not (math.isfinite(from_s) and math.isfinite(to_s) and from_s < to_s):
-        raise ValueError("from, to: expected two finite times, from < to")
+    check_stretch(from_s, to_s)
     points = max(2, min(points, MOST_POINTS))
-    with _reading(path) as connection:
+    with _reading(path, ends_s) as connection:
         rows = connection.execute(
             "SELECT count(*) FROM (SELECT 1 FROM raw WHERE time_s >= ? AND time_s <= ? LIMIT ?)",
             (from_s, to_s, MOST_RAW + 1),
@@ -46,7 +57,8 @@ def stretch(path: Path, from_s: float, to_s: float, points: int) -> dict[str, An
         if rows <= points and has_raw:
             return _raw(connection, from_s, to_s)
         width = (to_s - from_s) / points
-        if has_raw and rows <= MOST_RAW:
+        rolled = width >= BUCKETS_S["minute"] and _rolled_until(connection, to_s)
+        if has_raw and rows <= (FEW_RAW if rolled else MOST_RAW):
             return _averaged(connection, from_s, to_s, _rounded(width))
         table = "minute" if width <= 1200.0 else "hour"
         return _rolled(connection, table, from_s, to_s, max(BUCKETS_S[table], _rounded(width)))
@@ -63,6 +75,14 @@ def _rounded(width_s: float) -> int:
 def _rolled_before(connection: sqlite3.Connection, time_s: float) -> int | None:
     row = connection.execute("SELECT 1 FROM minute WHERE start_s < ? LIMIT 1", (time_s - 60.0,)).fetchone()
     return row[0] if row else None
+
+
+def _rolled_until(connection: sqlite3.Connection, to_s: float) -> bool:
+    """Whether the roll-ups hold what is there before a time, but for the minutes under way."""
+    last, newest = connection.execute(
+        "SELECT (SELECT max(start_s) FROM minute), (SELECT max(time_s) FROM raw WHERE time_s <= ?)", (to_s,)
+    ).fetchone()
+    return last is not None and (newest is None or newest - last <= 3 * BUCKETS_S["minute"])
 
 
 def _raw(connection: sqlite3.Connection, from_s: float, to_s: float) -> dict[str, Any]:

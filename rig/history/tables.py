@@ -85,4 +85,5 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
     """A connection that cannot write; a writer at the same time is fine."""
-    return sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=BUSY_S, check_same_thread=False)
+    address = f"{path.absolute().as_uri()}?mode=ro"  # a folder's name may hold ?, # and %
+    return sqlite3.connect(address, uri=True, timeout=BUSY_S, check_same_thread=False)

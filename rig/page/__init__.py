@@ -2,7 +2,8 @@
 
 `STATIC` is the folder to serve. `index.html` belongs at `/` and refers to its neighbours by relative addresses
 (`style.css`, `app.js`, `vendor/...`); requests for data go to `/api/...`. `CONTENT_SECURITY_POLICY` is the strictest
-header that the page works under: no inline script or style, nothing from another origin, no frame around it.
+header that the page works under: no inline script or style, nothing from another origin, no frame around it. Who serves
+the page may add a `connect-src` with the address of STOP's own listener, which the state names as `stop_port`.
 """
 
 from __future__ import annotations

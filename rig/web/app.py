@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator
 from importlib import resources
@@ -15,17 +14,15 @@ from starlette.routing import Mount, Route
 
 from rig.web.answers import Requests
 from rig.web.bench_link import BenchLink
+from rig.web.names import Names
 from rig.web.page_files import PageFiles
-from rig.web.protection import LOOPBACK, Protection, Sessions
+from rig.web.protection import Protection, Sessions
+from rig.web.replies import Refusal, refused
 
 
 def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
     """The bench's interface. settings: what the bench process tells of [serve]."""
-    loopback = settings["address"] in LOOPBACK
-    hosts = {name.lower() for name in settings["hosts"]} | LOOPBACK
-    if not loopback and settings["address"] not in ("0.0.0.0", "::"):
-        hosts.add(settings["address"].lower())
-    sessions = Sessions(settings["token"])
+    sessions = Sessions(settings["token"], settings["metrics_token"])
     requests = Requests(link, settings, sessions)
     post = ["POST"]
     routes: list[Route | Mount] = [
@@ -47,21 +44,20 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
     ]
     page = Path(str(resources.files("rig"))) / "page" / "static"
     if page.is_dir():
-        routes.append(Mount("/", PageFiles(directory=page, html=True)))
-    protection = Middleware(Protection, hosts=hosts, needs_token=not loopback, sessions=sessions)
-    return Starlette(routes=routes, middleware=[protection], lifespan=_lifespan(link))
+        routes.append(Mount("/", PageFiles(page, settings["stop_port"])))
+    names = Names(settings["address"], settings["hosts"])
+    protection = Middleware(Protection, names=names, sessions=sessions)
 
-
-def _lifespan(link: BenchLink) -> Any:
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(link.follow()), asyncio.create_task(link.tell_now_and_then())]
-        try:
+        async with link.living(link.follow(), link.tell_now_and_then()):
             yield
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.wait(tasks, timeout=1.0)
-            await link.close()
+        requests.close()
 
-    return lifespan
+    return Starlette(
+        routes=routes,
+        middleware=[protection],
+        lifespan=lifespan,
+        exception_handlers={Refusal: refused},
+    )
+

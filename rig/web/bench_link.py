@@ -11,6 +11,7 @@ import contextlib
 import json
 import time
 from collections import deque
+from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ WAITING = 60  # events for one viewer
 ROWS_A_SECOND = 10
 STATE_EVERY_S = 5.0
 LONGEST_LINE = 4_000_000
+MOST_QUESTIONS = 16  # at a time; a STOP does not wait for its turn
 
 
 class BenchGone(Exception):
@@ -63,17 +65,19 @@ class BenchLink:
         self._sent: deque[float] = deque(maxlen=ROWS_A_SECOND)
         self._told_s = 0.0
         self._idle: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = []
+        self._turns = asyncio.Semaphore(MOST_QUESTIONS)
 
     async def ask(self, do: str, **more: Any) -> dict[str, Any]:
         """The bench process's answer. Raises BenchGone."""
         try:
             async with asyncio.timeout(ANSWER_S):
-                return await self._ask(do, more)
+                async with contextlib.nullcontext() if do == "stop" else self._turns:
+                    return await self._ask(do, more)
         except (OSError, ValueError) as error:
             raise BenchGone(f"the bench process does not answer: {str(error) or type(error).__name__}") from None
 
     async def _ask(self, do: str, more: dict[str, Any]) -> dict[str, Any]:
-        reader, writer = self._idle.pop() if self._idle else await self._connect()
+        reader, writer = self._line() or await self._connect()
         try:
             writer.write(json.dumps({"do": do, **more}).encode() + b"\n")
             await writer.drain()
@@ -85,6 +89,27 @@ class BenchLink:
         self._idle.append((reader, writer))
         assert isinstance(answer, dict)
         return answer
+
+    def _line(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter] | None:
+        """One that is open already."""
+        while self._idle:
+            reader, writer = self._idle.pop()
+            if not reader.at_eof():
+                return reader, writer
+            writer.close()
+        return None
+
+    @contextlib.asynccontextmanager
+    async def living(self, *work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+        """Work that goes on meanwhile, such as `follow`."""
+        tasks = [asyncio.create_task(one) for one in work]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks, timeout=1.0)
+            await self.close()
 
     async def _connect(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         return await asyncio.open_unix_connection(str(self.path), limit=LONGEST_LINE)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.history.reading import loop_points, temperatures
+from rig.resistance import ohm
 
 HOUR_S = 3600.0
 POINTS = 1500
@@ -102,7 +103,7 @@ class _Followed:
         if self._memory is None:
             return None
         interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
-        reachable = sorted(10.0**-output for output in interval) if interval is not None else None
+        reachable = sorted(ohm(output) for output in interval) if interval is not None else None
         return {"temperature_degC": self._memory.input_degC, "branch": self._branch, "reachable_ohm": reachable}
 
     def _look_where_it_goes(self, degC: float) -> None:

@@ -1,28 +1,33 @@
 """Who may ask what: names of this host, the same origin, the header that no form can set, the token, the body's size.
 
+address   valid Unicode, as far as it goes
 Host      one of ours: another name that leads here (DNS rebinding) is refused
-Origin    where it is there, this very host
+Origin    where it is there, one of ours, with its scheme (rig.web.names)
 X-Peltier and application/json on whatever changes something: another site's page can send neither unasked
-token     beyond the loopback, compared in constant time; as Bearer or as the session's cookie
+token     wherever one is set, compared in constant time; as Bearer or as the session's cookie
 body      1 MB
 """
 
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import secrets
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
+from urllib.parse import unquote_to_bytes
 
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rig.files.json_text import usable
+from rig.web.names import Names
+
 LARGEST_BODY = 1_000_000  # bytes
-LOOPBACK = {"127.0.0.1", "localhost", "::1", "[::1]"}
+METRICS = "/metrics"
 COOKIE = "peltier_session"
 SAFE = {"GET", "HEAD"}
+FORBIDDEN = 403
 MOST_SESSIONS = 1000
 HEADERS = [
     (b"x-content-type-options", b"nosniff"),
@@ -34,8 +39,8 @@ HEADERS = [
 class Sessions:
     """Cookies that stand for the token, until the process ends."""
 
-    def __init__(self, token: str | None) -> None:
-        self._token = token
+    def __init__(self, token: str | None, metrics_token: str | None = None) -> None:
+        self._token, self._metrics_token = token, metrics_token
         self._open: dict[str, None] = {}
 
     def begin(self, token: object) -> str | None:
@@ -48,12 +53,17 @@ class Sessions:
             self._open.pop(next(iter(self._open)))
         return name
 
-    def knows(self, headers: Headers) -> bool:
-        """Whether the request brings the token or a session's cookie."""
-        if self._token is None:
-            return True
+    def needed(self, path: str) -> bool:
+        """Whether a path asks for a token."""
+        if path == METRICS:
+            return self._token is not None or self._metrics_token is not None
+        return self._token is not None and path.startswith(("/api/", "/runs/")) and path != "/api/session"
+
+    def knows(self, path: str, headers: Headers) -> bool:
+        """Whether the request brings the token or a session's cookie; for the metrics, their token."""
         kind, _, given = headers.get("authorization", "").partition(" ")
-        if kind.lower() == "bearer" and same(given.strip(), self._token):
+        known = [self._token, self._metrics_token] if path == METRICS else [self._token]
+        if kind.lower() == "bearer" and any(same(given.strip(), token) for token in known if token is not None):
             return True
         try:
             cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
@@ -68,11 +78,10 @@ def same(one: str, other: str) -> bool:
 
 
 class Protection:
-    """The outermost layer. needs_token: beyond the loopback, where the host's numbers are accepted as its name, too,
-    because no other site's name is a number; hosts: names by which this host is reached."""
+    """The outermost layer. elsewhere: whether pages of other addresses of this bench may read the answers (CORS)."""
 
-    def __init__(self, app: ASGIApp, hosts: set[str], needs_token: bool, sessions: Sessions) -> None:
-        self._app, self._hosts, self._needs_token, self._sessions = app, hosts, needs_token, sessions
+    def __init__(self, app: ASGIApp, names: Names, sessions: Sessions, elsewhere: bool = False) -> None:
+        self._app, self._names, self._sessions, self._elsewhere = app, names, sessions, elsewhere
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -83,33 +92,39 @@ class Protection:
                 await send({"type": "websocket.close", "code": 1008})
             return
         status, text = self._refused(scope)
+        origin = Headers(scope=scope).get("origin") if self._elsewhere else None
+        told = _with_headers(send, origin if status != FORBIDDEN else None)
         if status:
-            await _answer(status, text)(scope, receive, send)
+            await _answer(status, text)(scope, receive, told)
             return
         body = _Body(receive)
         try:
-            await self._app(scope, body.receive, _with_headers(send))
+            await self._app(scope, body.receive, told)
         except TooLarge:
             await _answer(413, f"body: expected at most {LARGEST_BODY} bytes")(scope, receive, send)
 
     def _refused(self, scope: Scope) -> tuple[int, str]:
         headers = Headers(scope=scope)
-        host = _host(headers.get("host", ""))
-        if host not in self._hosts and not (self._needs_token and _is_number(host)):
-            return 403, "host: expected a name of this bench (serve.hosts)"
+        host = headers.get("host", "")
+        if not self._names.reach(host):
+            return FORBIDDEN, "host: expected a name of this bench (serve.hosts)"
         origin = headers.get("origin")
-        if origin is not None and origin.rpartition("://")[2].lower() != headers.get("host", "").lower():
-            return 403, "origin: expected this bench's own page"
+        if origin is not None and not self._names.allow(origin, host):
+            return FORBIDDEN, "origin: expected this bench's own page, or an origin of serve.hosts"
+        if not (_is_text(scope.get("raw_path", b"")) and _is_text(scope["query_string"])):
+            return 400, "address: expected valid Unicode"
+        if self._elsewhere and scope["method"] == "OPTIONS":
+            return 0, ""  # a browser that asks whether it may ask; it brings no token
         path = str(scope["path"])
-        if self._needs_token and _secret(path) and not self._sessions.knows(headers):
+        if self._sessions.needed(path) and not self._sessions.knows(path, headers):
             return 401, "token: missing or wrong; expected Authorization: Bearer TOKEN"
         if scope["method"] not in SAFE:
             if headers.get("x-peltier") != "1":
-                return 403, "x-peltier: missing; expected X-Peltier: 1"
+                return FORBIDDEN, "x-peltier: missing; expected X-Peltier: 1"
             if headers.get("content-type", "").partition(";")[0].strip().lower() != "application/json":
                 return 415, "content-type: expected application/json"
         length = headers.get("content-length", "0")
-        if not (length.isascii() and length.isdigit()):
+        if not (length.isascii() and length.isdigit() and len(length) < 20):
             return 400, "content-length: expected a number"
         if int(length) > LARGEST_BODY:
             return 413, f"body: expected at most {LARGEST_BODY} bytes"
@@ -134,23 +149,12 @@ class _Body:
         return message
 
 
-def _secret(path: str) -> bool:
-    return path.startswith(("/api/", "/runs/", "/metrics")) and path != "/api/session"
-
-
-def _host(text: str) -> str:
-    """The name in a Host header, without its port."""
-    if text.startswith("["):
-        return text.partition("]")[0].lower() + "]"
-    return text.partition(":")[0].lower()
-
-
-def _is_number(host: str) -> bool:
+def _is_text(quoted: bytes) -> bool:
+    """Whether a part of an address is text once its percent signs are resolved."""
     try:
-        ipaddress.ip_address(host.strip("[]"))
-    except ValueError:
+        return usable(unquote_to_bytes(quoted).decode("utf-8"))
+    except UnicodeDecodeError:
         return False
-    return True
 
 
 def _answer(status: int, text: str) -> Any:
@@ -158,10 +162,13 @@ def _answer(status: int, text: str) -> Any:
     return JSONResponse({"faults": [text]}, status, headers=more)
 
 
-def _with_headers(send: Send) -> Send:
+def _with_headers(send: Send, origin: str | None) -> Send:
+    """origin: of a page elsewhere that may read the answer."""
+    told = [(b"access-control-allow-origin", origin.encode("latin-1")), (b"vary", b"origin")] if origin else []
+
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            message["headers"] = [*message.get("headers", []), *HEADERS]
+            message["headers"] = [*message.get("headers", []), *HEADERS, *told]
         await send(message)
 
     return sending

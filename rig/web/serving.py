@@ -1,57 +1,80 @@
-"""The web process's own loop: serve until the bench process ends."""
+"""A web process's own loop: serve until the bench process ends."""
 
 from __future__ import annotations
 
 import asyncio
+import socket
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import uvicorn
 
 from rig.daemon.client import Client, NoDaemon
-from rig.web.app import application
 from rig.web.bench_link import BenchLink
+from rig.web.connections import bounded
+from rig.web.few_lines import quieten
 
 CLOSES_S = 1  # for open connections; no safety waits for it
+PAGE_CONNECTIONS = 500  # half of the descriptors that a process has by default
+STOP_CONNECTIONS = 100  # nobody needs one for longer than a moment
+LONGEST_HEAD = 64_000  # bytes
 
 
-async def serve(socket: Path, told: Callable[[str], None], ends: Callable[[], None]) -> int:
-    """Serve the bench at a socket. told: given the page's address when it is there. ends: called some time after the
-    bench process has gone, whatever is still open then."""
+async def serve(
+    place: Path, told: Callable[[str], None], ends: Callable[[], None], listener: socket.socket | None = None
+) -> int:
+    """Serve the bench at a socket: its page, or with a listener STOP alone. told: given the page's address when it is
+    there. ends: called some time after the bench process has gone, whatever is still open then."""
     try:
-        with Client(socket) as client:
+        with Client(place) as client:
             settings = client.ask("web")
     except NoDaemon as error:
         print(f"peltier serve: page: {error}", file=sys.stderr)
         return 1
-    link = BenchLink(socket)
+    link = BenchLink(place)
     config = uvicorn.Config(
-        application(link, settings),
+        _application(link, settings, listener is not None),
         host=settings["address"],
         port=settings["port"],
         log_level="warning",
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=CLOSES_S,
-        limit_concurrency=1000,
-        h11_max_incomplete_event_size=64_000,
+        http=bounded(PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS),
+        ws="none",
+        backlog=256,
+        h11_max_incomplete_event_size=LONGEST_HEAD,
     )
+    quieten()
     server = uvicorn.Server(config)
-    telling = asyncio.create_task(_tell_where(server, told))
+    telling = asyncio.create_task(_tell_where(server, told)) if listener is None else None
     ending = asyncio.create_task(_end_with(link, server, ends))
-    await server.serve()
-    telling.cancel()
+    await server.serve([listener] if listener is not None else None)
+    if telling is not None:
+        telling.cancel()
     ending.cancel()
     return 0 if server.started else 1
+
+
+def _application(link: BenchLink, settings: dict[str, Any], stop_alone: bool) -> Any:
+    """STOP's process does not load what the page's needs."""
+    if stop_alone:
+        from rig.web.stop_door import stop_application
+
+        return stop_application(link, settings)
+    from rig.web.app import application
+
+    return application(link, settings)
 
 
 async def _tell_where(server: uvicorn.Server, told: Callable[[str], None]) -> None:
     while not server.started:
         await asyncio.sleep(0.02)
     for listening in server.servers:
-        for socket in listening.sockets:
-            address, port = socket.getsockname()[:2]
+        for one in listening.sockets:
+            address, port = one.getsockname()[:2]
             told(f"http://[{address}]:{port}/" if ":" in address else f"http://{address}:{port}/")
 
 

@@ -265,7 +265,7 @@ def test_beyond_the_loopback_everything_needs_the_token(open_bench: RunningBench
 
 
 def test_a_session_stands_for_the_token(open_bench: RunningBench) -> None:
-    for body in ({"token": TOKEN[:-1]}, {"token": 5}, {}, {"token": "\ud800"}):
+    for body in ({"token": TOKEN[:-1]}, {"token": 5}, {}):
         assert open_bench.ask("POST", "/api/session", body)[0] == 401
     status, headers, _ = open_bench.ask_fully("POST", "/api/session", {"token": TOKEN})
     cookie = headers["set-cookie"]

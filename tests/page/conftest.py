@@ -49,7 +49,8 @@ def open_page(browser: Any, server: Server) -> Iterator[Callable[..., Any]]:
         page = context.new_page()
         page.on("pageerror", lambda fault: complaints.append(f"error: {fault}"))
         page.on("console", lambda said: "Content Security" in said.text and complaints.append(said.text))
-        page.on("request", lambda asked: asked.url.startswith(server.address) or complaints.append(f"asks {asked.url}"))
+        ours = (server.address, f"http://127.0.0.1:{server.bench.stop_port}/api/stop")
+        page.on("request", lambda asked: asked.url.startswith(ours) or complaints.append(f"asks {asked.url}"))
         page.goto(server.address)
         return page
 

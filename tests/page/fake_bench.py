@@ -56,6 +56,7 @@ class FakeBench:
         self.viewers: set[asyncio.Queue[str | None]] = set()
         self.stops: list[float] = []
         self.answers_stop_after_s = 0.0
+        self.stop_port: int | None = None  # of STOP's own listener
         self.reset_reasons: list[str] = []
         self.started_s = time.time()
         self.warnings: list[str] = []
@@ -86,6 +87,7 @@ class FakeBench:
             "instruments": {"controller": "Meerstetter TEC-1091 SN 1234", "meter": "Keithley 2000 SN 0812345"},
             "ticks": {"done": self.cycles, "missed": 0, "latest_s": 0.004},
             "memory_known": self.known, "viewers": len(self.viewers), "warnings": self.warnings,
+            "stop_port": self.stop_port,
         }  # fmt: skip
 
     # what happens to it
@@ -284,9 +286,9 @@ class FakeBench:
         async def with_policy(scope: Any, receive: Any, send: Any) -> None:
             async def sending(message: Any) -> None:
                 if message["type"] == "http.response.start":
-                    message["headers"] = [
-                        *message["headers"], (b"content-security-policy", CONTENT_SECURITY_POLICY.encode())
-                    ]  # fmt: skip
+                    more = f"; connect-src 'self' http://127.0.0.1:{self.stop_port}" if self.stop_port else ""
+                    policy = (CONTENT_SECURITY_POLICY + more).encode()
+                    message["headers"] = [*message["headers"], (b"content-security-policy", policy)]
                 await send(message)
 
             await application(scope, receive, sending)

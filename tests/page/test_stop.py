@@ -92,6 +92,31 @@ def test_what_a_screen_reader_is_told(running: Any, bench: FakeBench) -> None:
     assert f"- status: {OFF}" in running.locator("#top").aria_snapshot()
 
 
+def test_it_goes_to_stops_own_listener_too(open_page: Callable[..., Any], bench: FakeBench, server: Server) -> None:
+    bench.stop_port = 9  # where nothing listens: the browser's request is answered here
+    server.call(bench.add_job, "film 7", "track_resistance")
+    page = open_page()
+    expect(page.locator("#output")).to_have_text("output on")
+    presses: list[dict[str, str]] = []
+
+    def answer(route: Any) -> None:
+        if route.request.method == "POST":
+            presses.append(route.request.post_data_json)
+            bench.stops.append(0.0)
+            server.call(bench.end, "stopped", "stopped", "STOP was pressed")
+        allowed = {"Access-Control-Allow-Origin": "*", "Access-Control-Allow-Headers": "*"}
+        route.fulfill(json={"off": True, "confirmed": True, "took_s": 0.01}, headers=allowed)
+
+    page.route("http://127.0.0.1:9/api/stop", answer)
+    page.route(f"{server.address}api/stop", lambda route: presses.append(route.request.post_data_json))  # never answers
+    page.get_by_role("button", name="STOP", exact=True).click()
+    expect(page.locator("#output")).to_have_text(OFF)
+    expect(page.locator("#stop")).not_to_have_attribute("data-busy", "")
+    expect(page.locator("#stop-said")).to_be_hidden()
+    assert len(presses) == 2
+    assert presses[0]["press"] == presses[1]["press"] != ""
+
+
 def test_not_confirmed_is_said_loudly(running: Any, bench: FakeBench) -> None:
     running.route("**/api/stop", lambda route: route.fulfill(json={"off": False, "confirmed": False, "took_s": 1.0}))
     running.get_by_role("button", name="STOP", exact=True).click()

@@ -63,6 +63,27 @@ export async function ask(method, path, body = undefined, { timeout_s = 10, sign
   }
 }
 
+let stopPort = null;
+
+/** The port of STOP's own listener on this host; null where there is none. */
+export const setStopPort = (port) => {
+  stopPort = Number.isInteger(port) ? port : null;
+};
+
+/** STOP, to its own listener and to the page's address at once; the first answer counts. Both say which press they are
+ * of, so that the later one does not stop what a reset has let go on. Raises what the bench said, if it said something. */
+export async function askStop(timeout_s) {
+  const press = Array.from(crypto.getRandomValues(new Uint32Array(3)), (part) => part.toString(36)).join("");
+  const ways = ["/api/stop"];
+  // behind a proxy with TLS a browser sends nothing without; there the page's own address has to do
+  if (stopPort !== null && location.protocol === "http:") ways.push(`//${location.hostname}:${stopPort}/api/stop`);
+  try {
+    return await Promise.any(ways.map((way) => ask("POST", way, { press }, { timeout_s, urgent: true })));
+  } catch (all) {
+    throw all.errors.find((one) => one instanceof Refused) ?? all.errors[0];
+  }
+}
+
 /** A cookie for what can set no header (the live stream, reports); nothing to do where no token is asked. */
 export async function makeSession() {
   if (token !== null) await ask("POST", "/api/session", { token });

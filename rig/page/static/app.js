@@ -1,6 +1,6 @@
 // The page of the bench: joins the live stream to what is shown.
 
-import { ask, inWords } from "./api.js";
+import { ask, inWords, setStopPort } from "./api.js";
 import { latestState, setUpGlance, showLink, showReading, showState } from "./glance.js";
 import { historyRow, refetch, setClock, setUpHistory } from "./history.js";
 import { refreshJobs, setUpJobs } from "./jobs.js";
@@ -33,6 +33,7 @@ const TAKES = {
   state: (state) => {
     const before = latestState();
     setClock(state.time_s);
+    setStopPort(state.stop_port);
     showState(state);
     describeStart();
     const changed = before?.state !== state.state || before?.queue !== state.queue || before?.job?.id !== state.job?.id;

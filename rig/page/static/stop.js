@@ -1,6 +1,6 @@
 // STOP: one press, no question asked, said again until the bench has answered or ten seconds have passed.
 
-import { ask, inWords, Refused } from "./api.js";
+import { askStop, inWords, Refused } from "./api.js";
 import { $, sayOrHide } from "./dom.js";
 import { duration } from "./format.js";
 
@@ -22,7 +22,7 @@ async function press(answered) {
   let wait_ms = 100;
   for (let count = 1; mine === latest; count += 1) {
     try {
-      const answer = await ask("POST", "/api/stop", {}, { timeout_s: ANSWER_S, urgent: true });
+      const answer = await askStop(ANSWER_S);
       if (mine !== latest) break;
       const took_ms = performance.now() - begin;
       const took = took_ms < 1000 ? `${Math.round(took_ms)} ms` : duration(took_ms / 1000);

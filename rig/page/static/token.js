@@ -1,4 +1,4 @@
-// The token of a bench that is reached from another computer: asked once, when the bench answers 401.
+// The token of a bench that has one: asked once, when the bench answers 401.
 
 import { hasToken, inWords, makeSession, Refused, setToken } from "./api.js";
 import { $, sayOrHide } from "./dom.js";
