@@ -39,7 +39,8 @@ current_A = 4.0
 [experiment]
 kind = "track_resistance"
 target = [
-    "start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.05 dec/s", "hold 10 s", "ramp to 20 kohm at 0.05 dec/s", "hold 16 s"
+    "start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.05 dec/s", "hold 10 s",
+    "ramp to 20 kohm at 0.05 dec/s", "hold 16 s"
 ]
 {model}
 [calibration]

@@ -35,6 +35,7 @@ from rig.history.store import Retention, Store
 from rig.history.writer import Writer
 from rig.loop import Ticks
 from rig.outcome import Tripped
+from rig.safety.after_off import AfterOff
 from rig.version import __version__
 
 HISTORY = "history.sqlite"
@@ -71,6 +72,8 @@ class Desk:
         self.wake = threading.Event()
         self.ticks = Ticks()
         self.output, self.confirmed = "unknown", False
+        self.after_off: AfterOff | None = None  # what the temperature says of an output that went off
+        self.contradicted = False  # it says that the output is not off: nobody is believed until a reset
         self.online = False
         self.offline_because = ""
         self.in_loop = False
@@ -252,6 +255,7 @@ class Desk:
         if latch is None:
             return False
         latch.cleared_s, latch.cleared_because = self.label_s(), reason
+        self.contradicted = False
         if latch.state != STOPPED:
             self.writer.do(lambda store: self._save_trip(store, latch))
         self.wake.set()

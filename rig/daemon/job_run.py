@@ -22,7 +22,11 @@ from rig.files.run_folder import part_of
 from rig.loop import Tick
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.reading import Quality
+from rig.safety.after_off import NO_VOICE, after_off
+from rig.safety.plate_watch import PlateWatch
 from rig.serial_numbers import strangers
+
+LOOK_S = 30.0  # that the temperature is looked at after a job
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class JobRun(Watcher):
             watched_after=True,
         )
         self._conditioned = False
+        self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
 
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
@@ -111,6 +116,8 @@ class JobRun(Watcher):
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
         if end.trip is not None:
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
+            if end.trip in NO_VOICE:
+                desk.after_off = None
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
         if job.folder is None and part_of(job.out).is_dir():
@@ -153,6 +160,7 @@ class JobRun(Watcher):
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
         desk, decision, resistance = self._desk, tick.decision, tick.resistance
+        self._last = (tick.watch.plate, tick.current_A)
         known = tick.temperature.is_number
         seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
         meter = self._bench.meter
@@ -178,6 +186,8 @@ class JobRun(Watcher):
         """The bench belongs to the idle loop again."""
         desk = self._desk
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
+        if confirmed and self._last is not None:
+            desk.after_off = after_off(*self._last, self._bench.clock.now_s(), LOOK_S)
         desk.ticks.missed += missed
         desk.in_loop, desk.phase = False, None
         desk.changed()

@@ -209,6 +209,7 @@ class _Idle:
         desk.ticks.latest_s = max(desk.ticks.latest_s, late_s)
         self._see_that_it_is_off()
         temperature = self._reading("thermometer", self._controller.read_temperature)
+        self._ask_the_temperature(temperature)
         resistance = None
         if bench.meter is not None:
             resistance = self._reading("ohmmeter", bench.meter.read)
@@ -245,9 +246,21 @@ class _Idle:
             except InstrumentError:
                 return
             desk.note("the output was on though nothing ran, by somebody else's hand; it was switched off")
-        confirmed = self._controller.off()
+        confirmed = self._controller.off() and not desk.contradicted
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         desk.changed()
+
+    def _ask_the_temperature(self, temperature: Reading) -> None:
+        """After a job: a temperature that keeps answering to the last current withdraws the confirmation."""
+        desk, look = self._desk, self._desk.after_off
+        if look is None:
+            return
+        look.take(self._bench.clock.now_s(), temperature.value if temperature.is_number else math.nan)
+        if look.agrees is not None:
+            desk.after_off = None
+        if look.agrees is False:
+            desk.output, desk.confirmed, desk.contradicted = "unknown", False, True
+            desk.trip("off_contradicted", look.text)
 
     def _reading(self, name: str, read: object) -> Reading:
         assert callable(read)

@@ -117,7 +117,8 @@ class PolarityPulse:
         way = math.copysign(1.0, self.current_A * self.left_K)
         rate = way * (float(np.polyfit(times - times[0], values, 1)[0]) - self._drift[1])
         self._fastest_K_per_s = max(self._fastest_K_per_s, rate)
-        return rate <= QUIET_SHARE * self._fastest_K_per_s
+        curved = CURVED_PER_S * abs(self._drift[1]) * (self._times[-1] - self.rest_s)
+        return rate <= QUIET_SHARE * self._fastest_K_per_s + curved
 
 
 def rehearsed(limits: Limits, period_s: float) -> None:

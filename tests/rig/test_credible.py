@@ -15,9 +15,9 @@ NOISE = np.random.default_rng(2).standard_normal(2000).tolist()
 
 
 def judged(
-    temperature: Callable[[int], float], current_A: Callable[[int], float], gain: float = 0.5
+    temperature: Callable[[int], float], current_A: Callable[[int], float], limit_A: float = 3.0
 ) -> tuple[list[Quality], list[str]]:
-    trust = ThermometerTrust(5.0, gain)
+    trust = ThermometerTrust(5.0, limit_A)
     found = [trust.judge(Reading(temperature(k), 0.1 * k), current_A(k), math.nan) for k in range(600)]
     return [reading.quality for reading, _ in found], [why for _, why in found]
 

@@ -1,0 +1,195 @@
+"""The plate is watched: what no plate can do trips; real plates, wrong models and slow thermometers do not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from compensator.identify_plate import identify_plate
+from compensator.plate import PlateModel
+from rig.outcome import Tripped
+from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
+from rig.safety.plate_watch import PlateWatch, watchable_rate_K_per_s
+
+PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+CLEAN = ("8010", "8020", "8055", "500", "8051", "8052", "80510")
+
+
+@pytest.mark.parametrize("model", ["8010", "8020", "8055"])
+@pytest.mark.parametrize("doubt", [OF_A_MODEL, OF_PULSES])
+def test_measured_records(measured: Path, model: str, doubt: Doubt) -> None:
+    """With the plate of one run the others pass, and a heat sink that saturates is seen."""
+    fit = identify_plate(*record(measured, model).T, lag=True)
+
+    def replayed(name: str) -> Tripped | None:
+        watch, sent = PlateWatch(1.0, 1000.0, 20.0), 0.0
+        watch.know(KnownPlate(fit.model, fit.lag_s, doubt=doubt))
+        for time_s, temperature_degC, duty in record(measured, name):
+            try:
+                watch.look(time_s, temperature_degC, sent)
+            except Tripped as trip:
+                return trip
+            sent = duty
+        return None
+
+    for name in CLEAN:
+        assert replayed(name) is None, name
+    trip = replayed("runaway")
+    assert trip is not None
+    assert trip.time_s < 420.0  # from 350 s on the duty is -1 and the temperature rises
+
+
+def record(folder: Path, name: str) -> np.ndarray:
+    return np.genfromtxt(folder / f"peltier_{name}.csv", delimiter=",", skip_header=1)
+
+
+Truth = Callable[[float], PlateModel]
+Course = Callable[[float, float], float]  # time, degC -> what is sent, or what is read
+
+
+def course(
+    sent: Course,
+    read: Course = lambda time_s, degC: degC,
+    true: Truth = lambda time_s: PLATE,
+    known: KnownPlate | None = None,
+    first_degC: float = 40.0,
+    length_s: float = 150.0,
+    step_K: float = 0.0,
+    lag_s: float = 0.0,
+    wired: Course = lambda time_s, current: current,
+) -> tuple[Tripped | None, float]:
+    """What a run trips on, and the plate's true temperature then. sent: from the reading."""
+    watch, chance = PlateWatch(4.0, 95.0, 20.0), np.random.default_rng(1)
+    watch.know(known or KnownPlate(PLATE))
+    plate_degC = shown = first_degC
+    current = 0.0
+    for k in range(int(length_s * 5)):
+        time_s = 0.2 * k
+        reading = read(time_s, shown) + 0.005 * float(chance.standard_normal())
+        reading = round(reading / step_K) * step_K if step_K else reading
+        try:
+            watch.look(time_s, reading, current)
+        except Tripped as trip:
+            return trip, plate_degC
+        current = min(max(sent(time_s, reading), -4.0), 4.0)
+        plate_degC = true(time_s).step(plate_degC, wired(time_s, current), 0.2)
+        shown = plate_degC if not lag_s else shown + (plate_degC - shown) * -math.expm1(-0.2 / lag_s)
+    return None, plate_degC
+
+
+def held_at(degC: float) -> Course:
+    """A controller that holds what it reads."""
+    return lambda time_s, reading: PLATE.current_for_rate_A(reading, 0.5 * (degC - reading), 4.0)
+
+
+WAVES: dict[str, Course] = {
+    "heats": lambda t, degC: 1.2,
+    "cools": lambda t, degC: -1.2,
+    "both": lambda t, degC: 2.0 * math.sin(t / 8.0),
+}
+
+
+@pytest.mark.parametrize("step_K", [0.0, 0.25])
+@pytest.mark.parametrize("wave", sorted(WAVES))
+def test_a_model_that_is_wrong_passes(wave: str, step_K: float) -> None:
+    """By as much as a pulse leaves open: gain 15 %, Joule heat by half, loss by 40 %."""
+    true = PlateModel(1.4e-3, 0.09, 0.025, 25.0)
+    known = KnownPlate(PLATE, doubt=OF_A_PULSE)
+    assert course(WAVES[wave], true=lambda t: true, known=known, step_K=step_K)[0] is None
+
+
+@pytest.mark.parametrize("lag_s", [0.6, 5.0, 30.0])
+def test_a_thermometer_that_is_known_to_lag_passes(lag_s: float) -> None:
+    known = KnownPlate(PLATE, 1.2 * lag_s)
+    assert course(WAVES["both"], known=known, lag_s=lag_s)[0] is None
+    assert watchable_rate_K_per_s(known) * 1.2 * lag_s <= 10.0 + 1e-9
+
+
+@pytest.mark.parametrize("doubt", [OF_A_MODEL, OF_A_PULSE])
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda t, degC: degC if t < 60.0 else 25.0 + 35.0 * math.exp(-(t - 60.0) / 5.0),
+        lambda t, degC: degC if t < 60.0 else 25.0 + max(1.0 - (t - 60.0) / 20.0, 0.0) * (degC - 25.0),
+        lambda t, degC: degC - 1.5 * max(t - 60.0, 0.0),
+    ],
+    ids=["falls", "falls within 20 s", "drifts"],
+)
+def test_a_sensor_that_is_lost_in_a_hold(read: Course, doubt: Doubt) -> None:
+    trip, plate_degC = course(held_at(60.0), read, known=KnownPlate(PLATE, doubt=doubt), first_degC=60.0)
+    assert trip is not None
+    assert trip.cause == "unseen_heat"
+    assert trip.time_s >= 60.0
+    assert plate_degC < 75.0
+
+
+@pytest.mark.parametrize("doubt", [OF_A_MODEL, OF_A_PULSE])
+def test_a_sensor_that_sticks_while_the_plate_is_heated(doubt: Doubt) -> None:
+    ramp: Course = lambda t, degC: PLATE.current_for_rate_A(degC, 1.5 + 0.5 * (30.0 + 1.5 * t - degC), 4.0)  # noqa: E731
+    trip, plate_degC = course(
+        ramp, lambda t, degC: min(degC, 50.0), known=KnownPlate(PLATE, doubt=doubt), first_degC=30.0
+    )
+    assert trip is not None
+    assert plate_degC < 65.0
+
+
+@pytest.mark.parametrize("current_A", [3.0, -3.0])
+def test_a_polarity_that_turns(current_A: float) -> None:
+    trip, _ = course(lambda t, degC: current_A, wired=lambda t, current: -current)
+    assert trip is not None
+    assert trip.time_s < 5.0
+
+
+def test_a_heat_sink_that_saturates() -> None:
+    """Cooling at full current, and it gets warmer: the sink warms up without end."""
+    warm = [PlateModel(1.6e-3, 0.06, 0.1, 25.0 + 1.5 * k) for k in range(200)]
+    assert course(lambda t, degC: -4.0, true=lambda t: warm[int(t)], first_degC=20.0)[0] is not None
+
+
+def test_a_plate_that_may_be_above_its_limit_though_the_thermometer_is_not() -> None:
+    trip, plate_degC = course(
+        lambda t, degC: 2.5, known=KnownPlate(PLATE, 10.0), lag_s=10.0, first_degC=60.0, length_s=90.0
+    )
+    assert trip is not None
+    assert trip.cause == "hidden_heat"
+    assert plate_degC < 99.0
+
+
+def test_more_cooling_current_than_cools() -> None:
+    watch = PlateWatch(16.0, 95.0, 20.0)
+    watch.know(KnownPlate(PLATE))
+    watch.check_cooling(0.0, 20.0, -7.5)
+    with pytest.raises(Tripped, match="more current cools less") as trip:
+        watch.check_cooling(0.0, 20.0, -9.0)
+    assert trip.value.cause == "cooling_limit"
+
+
+@pytest.mark.parametrize(("lag_s", "delay_s"), [(0.0, 0.0), (0.0, 2.0), (3.0, 0.0), (20.0, 0.0)])
+def test_one_pulse_tells_gain_lag_and_delay(lag_s: float, delay_s: float) -> None:
+    """Rest, 1 A for 5 s, and 0 A: the heating rate per ampere to 10 %, and how late heat shows."""
+    chance = np.random.default_rng(3)
+    time = 0.25 * np.arange(int(4 * (20.0 + 3.0 * lag_s)))
+    current = np.where((time >= 2.0) & (time < 7.0), 1.0, 0.0)
+    plate = shown = 25.0
+    readings = []
+    for t in time:
+        readings.append(shown + 0.01 * chance.standard_normal())
+        plate = PLATE.step(plate, 1.0 if 2.0 <= t - delay_s < 7.0 else 0.0, 0.25)
+        shown = plate if not lag_s else shown + (plate - shown) * -math.expm1(-0.25 / lag_s)
+    known = first_plate(time, np.array(readings), current, 4.0)
+    assert known is not None
+    assert known.plate.seebeck_over_capacity_per_A_s == pytest.approx(1.6e-3, rel=0.1 if lag_s < 10.0 else 0.6)
+    assert known.lag_s + known.delay_s == pytest.approx(lag_s + delay_s, abs=0.35 + 0.5 * (lag_s > 10.0) * lag_s)
+    assert known.behind_s >= lag_s + delay_s - 0.35 - 0.5 * (lag_s > 10.0) * lag_s
+
+
+def test_a_pulse_that_moves_nothing_tells_nothing() -> None:
+    time = 0.25 * np.arange(80)
+    current = np.where((time >= 2.0) & (time < 7.0), 1.0, 0.0)
+    falling = 25.0 - 0.3 * np.cumsum(current) * 0.25
+    assert first_plate(time, falling, current, 4.0) is None
+    assert first_plate(time, falling, np.zeros(80), 4.0) is None
