@@ -17,7 +17,7 @@ from rig.experiment.simulated import simulated_configuration
 from rig.files.configuration import ConfigurationFile
 from rig.files.effect_tables import effect_in_words
 from rig.files.model_file import Model, read_model, write_model
-from rig.files.toml_file import read_toml
+from rig.files.toml_text import read_toml
 
 ROOT = Path(__file__).resolve().parent.parent
 MODEL = ROOT / "configs" / "models" / "two_branches.toml"

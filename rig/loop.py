@@ -85,7 +85,7 @@ class Policy(Protocol):
 class Ticks:
     """How punctual the loop was: ticks done, ticks missed, largest lateness (s).
 
-    gaps: times that nobody read for more than `GAP_S` with a current on; unwatched_s: the longest time without a
+    gaps: times without a reading for more than `GAP_S` with a current on; unwatched_s: the longest time without a
     reading with a current on.
     """
 
@@ -223,12 +223,13 @@ class Loop:
         self.sent, self._read_s = OFF, None
 
     def _tick(self, name: str, policy: Policy, k: int, period_s: float) -> bool:
+        asked = self.bench.clock.now_s()
         resistance = self._read_resistance()
         temperature = self._read_temperature()
         now = self.bench.clock.now_s()
         self._count_gap(now)
         sent = self._measured(now)
-        temperature, resistance, reasons = self.watch.judge(now, sent, temperature, resistance)
+        temperature, resistance, reasons = self.watch.judge(asked, now, sent, temperature, resistance)
         self._note_rejected(now, reasons, temperature, resistance)
         known = temperature.is_number
         degC = temperature.value if known else math.nan
@@ -273,7 +274,7 @@ class Loop:
             self.ticks.unwatched_s = max(self.ticks.unwatched_s, unwatched_s)
             if unwatched_s > GAP_S:
                 self.ticks.gaps += 1
-                self.folder.event(now - self._start_s, "gap", f"this program did not read for {unwatched_s:.2f} s")
+                self.folder.event(now - self._start_s, "gap", f"no reading for {unwatched_s:.2f} s with a current on")
         self._read_s = now
 
     def _measured(self, now: float) -> Sent:

@@ -332,7 +332,7 @@ class Desk:
             "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
             "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
             "instruments": {role: str(identity) for role, identity in self.identities.items()},
-            "ticks": dict(self.ticks.__dict__),
+            "ticks": {"done": self.ticks.done, "missed": self.ticks.missed, "latest_s": self.ticks.latest_s},
             "gaps": dict(self.gaps.table()),
             "memory_known": self.memory_since_s is not None,
             "viewers": 0,

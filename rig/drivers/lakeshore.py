@@ -27,6 +27,7 @@ from collections.abc import Callable
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.heater_drive import HeaterDrive
@@ -92,6 +93,7 @@ class LakeShoreController(HeaterDrive):
         self._kelvin: bool | None = None
         self._armed_mode: int | None = None
 
+    @asked_again
     def identify(self) -> Identity:
         """`*IDN?`. Refused where it is no 335 or 336."""
         maker, model, number, firmware = (
@@ -101,6 +103,7 @@ class LakeShoreController(HeaterDrive):
             raise Refused(None, f"{maker!r} {model!r} is no Lake Shore 335 or 336")
         return Identity("Lake Shore", model.removeprefix("MODEL"), number.partition("/")[0], firmware)
 
+    @asked_again
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:

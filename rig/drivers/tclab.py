@@ -23,6 +23,7 @@ import re
 from math import nan
 from typing import ClassVar
 
+from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.controller import Status
 from rig.drivers.heater_drive import HeaterDrive
@@ -77,6 +78,7 @@ class TcLabController(HeaterDrive):
         self._percent = 0.0
         self._looked_after = 0
 
+    @asked_again
     def identify(self) -> Identity:
         """VER. Refused where it is no TCLab, or one whose firmware is too old."""
         (text,) = self.link.ask("VER")
@@ -88,6 +90,7 @@ class TcLabController(HeaterDrive):
             raise Refused(None, f"TCLab firmware {firmware} is too old; 1.4.0 or newer is expected")
         return Identity("TCLab", found[4], "", firmware)
 
+    @asked_again
     def configure(
         self, current_limit_A: float, temperature_limits_degC: tuple[float, float], dead_man_s: float
     ) -> None:

@@ -129,7 +129,7 @@ def rehearsed(limits: Limits, period_s: float) -> None:
     rows: list[tuple[float, float, float]] = []
     time_s, degC, sent, done = 0.0, 25.0, OFF, False
     while not done and time_s < pulse.duration_s:
-        watch.judge(time_s, sent, Reading(degC + 1e-3 * (len(rows) % 3), time_s), Reading(1e4, time_s))
+        watch.judge(time_s, time_s, sent, Reading(degC + 1e-3 * (len(rows) % 3), time_s), Reading(1e4, time_s))
         decision = pulse.decide(time_s, degC + 1e-3 * (len(rows) % 3), -4.0)
         sent, done = Sent(decision.current_A, armed=True), decision.done
         watch.allow(time_s, degC, decision.current_A)
@@ -141,7 +141,7 @@ def rehearsed(limits: Limits, period_s: float) -> None:
         watch.know(known)
     for _ in range(8):
         time_s += period_s
-        watch.judge(time_s, sent, Reading(degC, time_s), Reading(1e4, time_s))
+        watch.judge(time_s, time_s, sent, Reading(degC, time_s), Reading(1e4, time_s))
 
 
 def check_polarity(

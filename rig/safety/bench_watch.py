@@ -79,13 +79,15 @@ class BenchWatch:
         return now_s - self._looked_s
 
     def judge(
-        self, now_s: float, sent: Sent, temperature: Reading, resistance: Reading | None
+        self, asked_s: float, now_s: float, sent: Sent, temperature: Reading, resistance: Reading | None
     ) -> tuple[Reading, Reading | None, dict[str, str]]:
         """The readings with the quality that they deserve, and why one is none, by instrument. Raises Tripped.
 
-        sent: since the tick before.
+        asked_s: when the instruments were asked for them; now_s: when they had answered, or not. sent: since the tick
+        before.
         """
-        self._check_late(now_s, sent)
+        self._check_late(asked_s, sent)
+        self._looked_s = now_s
         degC = temperature.value if temperature.is_number else math.nan
         log_ohm = self._log_ohm(resistance)
         expected = self.plate.expected_degC(now_s, sent.current_A)
@@ -114,7 +116,7 @@ class BenchWatch:
         status = status_of(controller)
         if status is not None and status.is_error:
             raise Tripped("controller_error", f"the controller reports {status_in_words(status)}", now_s)
-        if status is not None and not status.output_is_on:
+        if status is not None and sent.heats_or_cools and not status.output_is_on:
             text = f"the controller has switched its output off by itself; it says: {status.text}"
             raise Tripped("controller_off", text, now_s)
 
@@ -122,14 +124,14 @@ class BenchWatch:
         """The output was switched on, and its status was seen to be on."""
         self._status_s = now_s
 
-    def _check_late(self, now_s: float, sent: Sent) -> None:
-        unwatched_s, self._looked_s = self.unwatched_s(now_s), now_s
+    def _check_late(self, asked_s: float, sent: Sent) -> None:
+        unwatched_s = self.unwatched_s(asked_s)
         if sent.heats_or_cools and unwatched_s > self.limits.stale_s:
             text = (
                 f"this program did not read for {unwatched_s:.2f} s with the output on; expected every "
                 f"{self.limits.stale_s:g} s at the most: is the computer busy, or was it asleep?"
             )
-            raise Tripped("program_late", text, now_s)
+            raise Tripped("program_late", text, asked_s)
         if unwatched_s > 0.5 * self.limits.stale_s:  # what is old is not the thermometer's fault
             self._good = Watch(self._good.temperature_s + unwatched_s, self._good.resistance_s + unwatched_s)
 

@@ -54,7 +54,7 @@ def start_controller(attach: Attach, clock: VirtualClock, case: Case, number: in
     controller = open_controller(case.driver, attach(wire), clock, **case.options, **{case.first: 7})
     assert controller.off()
     controller.identify()
-    controller.configure(4.0, (10.0, 95.0), 5.0)
+    controller.configure(1.0, (10.0, 95.0), 5.0)
     assert getattr(emulator, "status_until_reset", None) is None  # no emergency stop
     controller.close()
     return wire.replies
