@@ -5,11 +5,11 @@ thermometer should show of it, and a disturbance that takes up what the model do
 a draught, a loss that is off). The disturbance follows slowly, so that what is slowly wrong of the model is learned,
 while a fault, which comes at once, stands out between the reading and what the thermometer should show. Trips:
 
-unseen       the reading is further from what it should show than noise, steps, and what may be wrong of the model: a
+unseen_heat  the reading is further from what it should show than noise, steps, and what may be wrong of the model: a
              sensor that fell off, stands still, steps or drifts; a polarity that turned
 disturbed    the disturbance has come to more than a heat sink can do
 hidden_heat  the plate may be above its limit though the thermometer is not: it lags, or has lost contact
-against      all the current there is for a whole window, and the plate stands still or goes the other way: a heat sink
+runaway      all the current there is for a whole window, and the plate stands still or goes the other way: a heat sink
              that is saturated, a fan that died
 
 A law that is wrong cannot argue with this: it sees readings and the commands that were sent, and raises `Tripped`.
@@ -34,6 +34,8 @@ HIDDEN_K = 2.0  # above the limit
 FULL = 0.9  # of the useful current
 LEAST_SHARE, LEAST_PREDICTED_K, AGAINST_K = 0.1, 3.0, 1.0
 NOISE_SHARE, BEND = 0.02, 1.95  # of a second difference, whose mean size is so many times the noise
+UNSEEN_K = 10.0  # that a plate may be ahead of its thermometer
+FASTEST_K_PER_S = 3.0  # at which a sensor that comes off within 20 s is seen before the plate is 15 K hotter
 STEP_S = 0.25  # of the simulation, at most
 LONGEST_S = 5.0  # that one reading stands for
 
@@ -276,9 +278,6 @@ class PlateWatch:
 
 
 def watchable_rate_K_per_s(known: KnownPlate) -> float:
-    """How fast a plate may be moved so that what has not shown yet stays bounded: see `UNSEEN_K`."""
+    """How fast a plate may be moved so that what has not shown yet stays bounded (`UNSEEN_K`)."""
     return min(FASTEST_K_PER_S, UNSEEN_K / max(known.behind_s, 1e-3))
 
-
-UNSEEN_K = 10.0  # a plate ahead of its thermometer
-FASTEST_K_PER_S = 3.0  # at which a sensor that comes off within 20 s is seen before the plate is 15 K hotter

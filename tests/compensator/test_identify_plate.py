@@ -39,6 +39,22 @@ def test_parameters_and_their_error_bars() -> None:
     assert fit.correlation.shape == (4, 4)
 
 
+@pytest.mark.parametrize("lag_s", [0.0, 0.5, 5.0, 30.0])
+def test_a_thermometer_that_lags(lag_s: float) -> None:
+    """The lag comes back with the plate, by fine steps that share nothing with the fit; without a lag there is none."""
+    time, current = profile()
+    plate, shown, readings = 24.0, 24.0, []
+    for amount in current:
+        readings.append(shown)
+        for _ in range(20):
+            plate += 0.025 * PLATE.rate_K_per_s(plate, float(amount))
+            shown = shown + 0.025 * (plate - shown) / lag_s if lag_s else plate
+    noise = 0.01 * np.random.default_rng(5).normal(size=time.size)
+    fit = identify_plate(time, np.array(readings) + noise, current, lag=True)
+    assert fit.lag_s == pytest.approx(lag_s, rel=0.02, abs=0.03)
+    assert np.allclose(fit.values, TRUTH, rtol=0.01)
+
+
 def test_without_noise_the_plate_comes_back() -> None:
     time, current = profile(700.0)
     fit = identify_plate(time, PLATE.simulate(31.0, time, current), current)
