@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,7 +37,18 @@ def facts(folder: RunFolder) -> str:
     off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
     where = "SIMULATED rig" if simulated else "real rig"
     text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. Ended: {stop.get('reason', '?')}, {off}."
-    return paragraph(text, "note")
+    return paragraph(f"{text} {punctuality(stop.get('ticks', {}))}".strip(), "note")
+
+
+def punctuality(ticks: Mapping[str, float]) -> str:
+    """How punctual a run was: ticks done and missed, and the longest time without a reading with a current on."""
+    if not ticks:
+        return ""
+    text = f"{ticks['done']} ticks, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.0f} ms late"
+    if "unwatched_s" in ticks:
+        gaps = f", {ticks['gaps']} gaps" if ticks["gaps"] else ""
+        text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
+    return text + "."
 
 
 def links(items: Iterable[tuple[str, str]]) -> str:
