@@ -37,6 +37,7 @@ nplc = 0.1
 [limits]
 temperature_degC = [10, 95]
 current_A = 4.0
+polarity_share = 0.0
 [experiment]
 period_s = {period}
 {experiment}
