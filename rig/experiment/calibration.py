@@ -49,6 +49,7 @@ UNLIKE_A_PLATE = 0.03  # of the pulses' span: effects of the catalogue leave les
 LEAST_RATE_K_PER_S = 0.03  # of the profile: a plate that can do less has not been seen as it is, or needs hours
 LEAST_RISE_K = 0.3  # that a heating pulse must give
 LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
+MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
 
@@ -99,7 +100,7 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     major = _temperature_target([high, low, high, low], rate, c.dwell_s)
     follow.target = major
     loop.phase("major", follow, major.duration_s, c.period_s)
-    span = c.transition_degC or transition_range(loop.folder)
+    span = c.transition_degC or transition_range(loop.folder, known.lag_s)
     turns = minor_turning_points(span, c.minor_loops, c.seed)
     fitted = turns[: max(2, (3 * len(turns)) // 4)]
     checked = turns[len(fitted) :]
@@ -233,13 +234,20 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
     return Target("temperature", np.array(times), np.array(values))
 
 
-def transition_range(folder: RunFolder) -> tuple[float, float]:
+def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, float]:
     """Where the heating and the cooling branch of the major loop part: by more than 4 % of their largest distance.
 
-    In degC. Raises Tripped where the film shows no loop in the range.
+    In degC. lag_s: of the thermometer behind the plate; a plain mean over some rows does here, where a current flows
+    and nothing may be waited for. Raises Tripped where the film shows no loop in the range.
     """
     major = folder.column("phase") == "major"
     temperature = folder.column("temperature_degC")[major]
+    if lag_s > 0.0:
+        known = np.isfinite(temperature)
+        time = folder.column("time_s")[major]
+        filled = np.interp(time, time[known], temperature[known])
+        smooth = np.convolve(np.pad(filled, MEAN_ROWS // 2, "edge"), np.ones(MEAN_ROWS) / MEAN_ROWS, "valid")
+        temperature = smooth + lag_s * np.gradient(smooth, time)
     resistance = folder.column("resistance_ohm")[major]
     good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(temperature)
     temperature, output = temperature[good], -np.log10(resistance[good])
@@ -331,7 +339,7 @@ def identify_calibration(
         model,
         f"from {int(fitted.sum())} rows of a calibration; RMSE on {int(checked.sum())} held-out rows {rmse:.4f} dec",
     )
-    span = configuration.calibration.transition_degC or transition_range(folder)
+    span = configuration.calibration.transition_degC or transition_range(folder, plate_fit.lag_s)
     return Calibration(
         film=film_fit,
         plate=plate_fit,

@@ -64,7 +64,7 @@ class BenchWatch:
     def know(self, known: KnownPlate) -> None:
         """From now on readings are judged by what this plate does."""
         self.plate.know(known)
-        self._thermometer.know(known, self.limits.low_degC)
+        self._thermometer.leave_currents_to_the_watch()
 
     def begin_anew(self, now_s: float) -> None:
         """The output was off for a while: nothing of before says anything about now."""

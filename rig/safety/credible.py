@@ -16,9 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from compensator.functions import KELVIN
 from rig.reading import Quality, Reading
-from rig.safety.first_plate import KnownPlate
 
 ENOUGH = 10  # readings alike
 LONGEST_ALIKE = 4  # of an instrument that is never still: what it has shown
@@ -100,11 +98,9 @@ class ThermometerTrust:
         self._good: Reading | None = None
         self._off_K = math.nan
 
-    def know(self, known: KnownPlate, low_degC: float) -> None:
-        """How fast a current moves this plate, at least about: at the cold end."""
-        plate = known.plate
-        gain = plate.seebeck_over_capacity_per_A_s * (low_degC + KELVIN) + plate.drive_over_capacity_K_per_s
-        self._gain_K_per_A_s = gain / (1.0 + known.behind_s)
+    def leave_currents_to_the_watch(self) -> None:
+        """A plate is known: what a current should have done is for `plate_watch`, which knows loss and lag as well."""
+        self._gain_K_per_A_s = 0.0
 
     def forget(self) -> None:
         """Nobody has looked for a while: where the temperature was says nothing."""
