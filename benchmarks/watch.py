@@ -36,7 +36,6 @@ from benchmarks._watched_plant import FAULTS, WatchedPlant, drawn
 LIMIT_DEGC, BELOW_K, BY_K, ABOVE_LIMIT_K = 95.0, 10.0, 15.0, 2.0
 DEPARTED_K = 2.0
 CAPACITIES, CURRENTS = (10.0, 20.0, 30.0, 60.0), (2.0, 2.5, 3.0, 4.0)
-PLAIN = ("falls at once", "30 % contact", "falls within 20 s")
 
 CONFIGURATION = """
 [bench]

@@ -26,7 +26,9 @@ from compensator.law import Law, LawSettings
 from compensator.temperature_path import temperature_path
 from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
-from rig.experiment.policies import CurrentProfile, Follow, temperature_now, warmed_up
+from rig.experiment.minor_loops import minor_turning_points, transition_range
+from rig.experiment.policies import Follow, temperature_now, warmed_up
+from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model, write_model
@@ -34,23 +36,13 @@ from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Loop
 from rig.outcome import Tripped
-from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
+from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.effect import Switched, switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 
-PULSE_SHARE = 0.5  # of the current limit, at most
-PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat
-LONG_LAG_S = 5.0  # beyond it, pulses do not tell a thermometer's lag from the plate's own time constant
-OTHER_PLATE = 1.7  # times the gain of the first pulse, or one over that: pulse and pulses agree within 1.3
-OTHER_PLATE_BEHIND = 4.0  # behind a long lag, which one pulse hardly tells from a low gain
-OTHER_LAG_S, OTHER_LAG = 3.0, 2.0
-UNLIKE_A_PLATE = 0.03  # of the pulses' span: effects of the catalogue leave less than 0.02
 LEAST_RATE_K_PER_S = 0.03  # of the profile: a plate that can do less has not been seen as it is, or needs hours
-LEAST_RISE_K = 0.3  # that a heating pulse must give
 LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would take hours
-MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
-LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,13 +75,13 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     """Run the whole profile; the rows are in the loop's folder afterwards."""
     c = configuration.calibration
     low, high = calibration_range(configuration)
-    _pulses(loop, configuration)
+    heat_by_pulses(loop, configuration)
     with loop.resting("plate from the pulses, gains, compiled loops"):
         first = loop.watch.plate.known
         kind: Kind = "peltier" if cools(loop.bench.controller) else "heater"
-        known = _plate_of_pulses(loop.folder, kind, first.delay_s if first is not None else 0.0)
+        known = plate_of_pulses(loop.folder, kind, first.delay_s if first is not None else 0.0)
         if first is not None:
-            _check_same_plate(first, known, loop.elapsed_s())
+            check_same_plate(first, known, loop.elapsed_s())
         loop.know_plate(known)
         law = warmed_up(_temperature_law(configuration, known, c.period_s))
         rate = min(c.rate_K_per_s, _fastest(known, configuration, low, high))
@@ -107,75 +99,6 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     for name, points in (("minor", [low, *fitted]), ("check", [fitted[-1], *checked])):
         follow.target = _temperature_target(points, rate, c.dwell_s)
         loop.phase(name, follow, follow.target.duration_s, c.period_s)
-
-
-def _pulses(loop: Loop, configuration: Configuration) -> None:
-    """Pulses of current of both signs, no larger than what the first plate may take unseen. Raises Tripped where a
-    heating current does not heat."""
-    known = loop.watch.plate.known
-    behind_s = known.behind_s if known is not None else 0.0
-    current = PULSE_SHARE * configuration.limits.current_A
-    low, high = configuration.limits.temperature_degC
-    if known is not None:
-        at_room = known.plate.ambient_degC  # where nothing is lost
-        current = min(current, current * PULSE_K / (PULSE_S * known.plate.rate_K_per_s(at_room, current)))
-    inset = 0.05 * (high - low)  # a pulse ends before the interlock has to end it
-    period = configuration.calibration.period_s
-    rest_s = PULSE_S + behind_s
-    other = -current if cools(loop.bench.controller) else 0.5 * current
-    steps = [(0.0, 2.0), (current, PULSE_S), (0.0, rest_s), (other, PULSE_S), (0.0, rest_s)]
-    before = len(loop.folder.rows)
-    for k, (value, length) in enumerate(steps):
-        profile = Target("current", np.array([0.0, length]), np.array([value, value]))
-        loop.phase("pulse", CurrentProfile(profile, low + inset, high - inset), length, period)
-        if k == 2:
-            rise = loop.folder.column("temperature_degC")[before:]
-            change = float(np.nanmax(rise) - rise[np.isfinite(rise)][0])
-            if not change > LEAST_RISE_K:
-                text = (
-                    f"{current:g} A for {PULSE_S:g} s changed the temperature by {change:+.2f} K; expected a rise of "
-                    f"more than {LEAST_RISE_K:g} K: is the Peltier connected, and with the right polarity?"
-                )
-                raise Tripped("polarity", text, loop.elapsed_s())
-
-
-def _plate_of_pulses(folder: RunFolder, kind: Kind, delay_s: float) -> KnownPlate:
-    """Plate and the thermometer's lag from all rows so far; the first pulse has told by how much currents come late.
-
-    Raises Tripped where no plate answers as the readings do.
-    """
-    time, degC, current = (folder.column(name) for name in ("time_s", "temperature_degC", "current_A"))
-    acting = np.searchsorted(time, time - delay_s + 1e-6, "right") - 1
-    fit = identify_plate(time, degC, np.where(acting >= 0, current[np.maximum(acting, 0)], 0.0), kind=kind, lag=True)
-    span_K = float(np.nanmax(degC) - np.nanmin(degC))
-    steps = np.abs(np.diff(degC[np.isfinite(degC)]))
-    step_K = float(np.min(steps[steps > 0.0], initial=0.5))
-    if fit.rmse_K > UNLIKE_A_PLATE * span_K + 3.0 * fit.noise_K + step_K:
-        text = (
-            f"no plate answers to the pulses as the readings do: the best fit is off by {fit.rmse_K:.2f} K (RMS) over "
-            f"{span_K:.1f} K: is the thermometer still on it?"
-        )
-        raise Tripped("other_plate", text, float(time[-1]))
-    doubt = OF_PULSES if fit.lag_s < LONG_LAG_S else OF_A_PULSE
-    return KnownPlate(fit.model, fit.lag_s, delay_s, doubt=doubt)
-
-
-def _check_same_plate(first: KnownPlate, now: KnownPlate, time_s: float) -> None:
-    """Raises Tripped where the plate answers to the pulses in another way than to the first one: its thermometer may
-    have come off in between, and the fit would take that for the plate."""
-    if now.lag_s > OTHER_LAG_S + OTHER_LAG * first.behind_s:
-        text = f"it shows a current {now.lag_s:.1f} s late now, {first.behind_s:.1f} s at the most at the first pulse"
-        raise Tripped("other_plate", f"the thermometer is not as it was: {text}; is it still on the plate?", time_s)
-    then, after = (
-        p.plate.seebeck_over_capacity_per_A_s or p.plate.drive_over_capacity_K_per_s for p in (first, now)
-    )
-    other = OTHER_PLATE if max(first.behind_s, now.behind_s) < LONG_LAG_S else OTHER_PLATE_BEHIND
-    if not 1.0 / other < after / then < other:
-        text = (
-            f"the pulses of the calibration heat the plate {after / then:.2f} times as fast as the first one did: is "
-            "the thermometer still on it?"
-        )
-        raise Tripped("other_plate", text, time_s)
 
 
 def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: float) -> Law:
@@ -232,66 +155,6 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
             times.append(times[-1] + dwell_s)
             values.append(after)
     return Target("temperature", np.array(times), np.array(values))
-
-
-def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, float]:
-    """Where the heating and the cooling branch of the major loop part: by more than 4 % of their largest distance.
-
-    In degC. lag_s: of the thermometer behind the plate; a plain mean over some rows does here, where a current flows
-    and nothing may be waited for. Raises Tripped where the film shows no loop in the range.
-    """
-    major = folder.column("phase") == "major"
-    temperature = folder.column("temperature_degC")[major]
-    if lag_s > 0.0:
-        known = np.isfinite(temperature)
-        time = folder.column("time_s")[major]
-        filled = np.interp(time, time[known], temperature[known])
-        smooth = np.convolve(np.pad(filled, MEAN_ROWS // 2, "edge"), np.ones(MEAN_ROWS) / MEAN_ROWS, "valid")
-        temperature = smooth + lag_s * np.gradient(smooth, time)
-    resistance = folder.column("resistance_ohm")[major]
-    good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(temperature)
-    temperature, output = temperature[good], -np.log10(resistance[good])
-    grid = np.linspace(temperature.min(), temperature.max(), 400)
-    rising = np.gradient(temperature) > 0.0
-    distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
-    if float(np.max(distance)) < LEAST_LOOP_DEC:
-        text = (
-            f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "
-            f"{grid[-1]:.1f} degC: is the film connected, and does calibration.temperature_degC span its transition?"
-        )
-        raise Tripped("no_transition", text, float(folder.column("time_s")[-1]))
-    inside = grid[distance > 0.04 * float(np.max(distance))]
-    return float(inside[0]), float(inside[-1])
-
-
-def _branch(temperature: Array, output: Array, rows: Array, grid: Array) -> Array:
-    """Mean output of the chosen rows over the grid."""
-    order = np.argsort(temperature[rows], kind="stable")
-    found: Array = np.interp(grid, temperature[rows][order], output[rows][order])
-    return found
-
-
-def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> list[float]:
-    """Turning points of minor loops in the transition, high and low by turns, from the cold end.
-
-    Nested loops first, shrinking as the damped oscillations of the paper's figure 2; then random ones, so that loops
-    begin and end everywhere.
-    """
-    low, high = span
-    width = high - low
-    random = np.random.default_rng(seed)
-    points: list[float] = []
-    nested = max(2, loops // 3)
-    for k in range(nested):
-        share = 1.0 - k / nested
-        middle = low + width * (0.5 + 0.15 * float(random.uniform(-1.0, 1.0)))
-        points += [middle + 0.5 * share * width, middle - 0.5 * share * width]
-    for _ in range(loops - nested):
-        for sign in (1.0, -1.0):
-            room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)
-            step = float(random.uniform(min(0.15 * width, room), max(room, 0.15 * width)))
-            points.append(points[-1] + sign * min(step, max(room, 0.15 * width)))
-    return points
 
 
 def _plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:

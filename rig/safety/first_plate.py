@@ -120,7 +120,6 @@ def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s:
     when = np.maximum(time - delay_s, 0.0)
     charge = np.concatenate(([0.0], np.cumsum(current[:-1] * np.diff(time))))
     acted = np.interp(when, time, charge)
-    plate = np.empty(time.size)
     shown = np.empty(time.size)
     p = m = 0.0
     for k in range(time.size):
@@ -133,7 +132,7 @@ def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s:
                 m = p - lag_s * rate + (m - before + lag_s * rate) * math.exp(-dt / lag_s)
             else:
                 m = p
-        plate[k], shown[k] = p, m
+        shown[k] = m
     return shown
 
 
