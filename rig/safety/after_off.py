@@ -1,9 +1,10 @@
 """Whether the temperature agrees that the output is off.
 
 A controller may say "off, 0 A" while a current flows. So the temperature is looked at for some time more, and held
-against two courses, from where plate and thermometer were: without a current, and with the last one still flowing.
-Where the two have parted, the reading is on one side or on the other. Only what has changed since the output went off
-counts, and a thermometer that a run has tripped on (`NO_VOICE`) has no voice.
+against two courses, from where plate and thermometer were: with a current that ended as late as one may here (a
+driver's delay, a thermometer's lag that is not quite known), and with the last one still flowing. Where the two have
+parted, the reading is on one side or on the other. Only what has changed since the output went off counts, and a
+thermometer that a run has tripped on (`NO_VOICE`) has no voice.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from rig.drivers.controller import TemperatureController
 from rig.errors import InstrumentError
 from rig.safety.plate_watch import PlateWatch
 
-LOOK_S, EVERY_S = 8.0, 0.25
+LOOK_S, LATEST_S, EVERY_S = 8.0, 8.0, 0.25  # LATEST_S: more, where a current may end late
 APART_K, STEPS = 2.5, 3.0  # that the courses have to be, before the reading can choose
 NO_VOICE = ("unseen_heat", "disturbed", "hidden_heat", "thermometer_stale", "runaway", "no_response", "other_plate")
 OFF_SHARE, ON_SHARE, THRICE = 0.4, (0.7, 1.6), 3  # of the way from one course to the other; so many readings alike
@@ -32,13 +33,15 @@ class AfterOff:
         self.text = ""
         self._step_K, self._current_A, self._off_s = watch.step_K, current_A, off_s
         self._off, self._on = watch.copy(), watch.copy()
+        self._ended_s = off_s + watch.late_s
         self._against, self._more_K = 0, math.nan
 
     def take(self, now_s: float, temperature_degC: float) -> None:
         """A reading; nan: none."""
         if self.agrees is not None:
             return
-        without_degC, with_degC = self._off.run_on(now_s, 0.0), self._on.run_on(now_s, self._current_A)
+        with_degC = self._on.run_on(now_s, self._current_A)
+        without_degC = self._off.run_on(now_s, self._current_A if now_s <= self._ended_s else 0.0)
         apart_K = with_degC - without_degC
         if math.isnan(self._more_K):
             self._more_K = temperature_degC - without_degC
@@ -52,21 +55,21 @@ class AfterOff:
             self.agrees = False
             self.text = (
                 f"{now_s - self._off_s:.1f} s after the controller confirmed that its output is off the thermometer "
-                f"shows {temperature_degC:.2f} degC, where the plate would be at {without_degC:.2f} degC without a "
+                f"shows {temperature_degC:.2f} degC, where it would show {without_degC:.2f} degC without a "
                 f"current and at {with_degC:.2f} degC with the last one ({self._current_A:+.3g} A)"
             )
 
 
-def after_off(watch: PlateWatch, current_A: float, off_s: float, within_s: float = LOOK_S) -> AfterOff | None:
+def after_off(watch: PlateWatch, current_A: float, off_s: float, within_s: float) -> AfterOff | None:
     """The look after an output went off; None where no reading could choose within that time."""
     return AfterOff(watch, current_A, off_s) if watch.tells_within(within_s, current_A, APART_K) else None
 
 
 def contradiction(watch: PlateWatch, current_A: float, controller: TemperatureController, clock: Clock) -> str | None:
-    """What the temperature says against "off", in words; None where it agrees, or cannot tell within `LOOK_S`."""
-    begin_s = clock.now_s()
-    look = after_off(watch, current_A, begin_s)
-    while look is not None and look.agrees is None and clock.now_s() - begin_s < LOOK_S:
+    """What the temperature says against "off", in words; None where it agrees, or cannot tell in time."""
+    begin_s, within_s = clock.now_s(), LOOK_S + min(watch.late_s, LATEST_S)
+    look = after_off(watch, current_A, begin_s, within_s)
+    while look is not None and look.agrees is None and clock.now_s() - begin_s < within_s:
         clock.sleep_until_s(clock.now_s() + EVERY_S)
         try:
             reading = controller.read_temperature()

@@ -1,8 +1,8 @@
 """Readings that are none: frozen, or jumping. They are marked by their quality, with the reason in words.
 
-frozen   the same number, to the last bit, again and again. An instrument whose readings have always differed (its
-         noise turns them round) is frozen after `ENOUGH` alike. One that steps coarsely, or has no noise, is frozen
-         when meanwhile something else says that the quantity has moved: more current has flowed than at their
+frozen   the same number, to the last bit, again and again. An instrument whose noise turned its readings to and fro
+         just before is frozen when so many alike have a chance of `BY_CHANCE`. One that steps coarsely, or has no
+         noise, is frozen when meanwhile something else says that the quantity has moved: more current has flowed than at their
          beginning, by so much that it would have moved by several steps, or the other instrument's reading has moved.
 jumping  a temperature that moved by more than the current that was sent explains and any plate adds to it: nothing is
          believed until it is again where the plate can be, so that a step that lasts becomes a stale thermometer.
@@ -14,13 +14,16 @@ What no instrument can read (nan, a negative resistance, an open sensor) its dri
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 
 from rig.reading import Quality, Reading
 
-ENOUGH = 10  # readings alike
-LONGEST_ALIKE = 4  # of an instrument that is never still: what it has shown
-LEARNING = 20  # readings, before it is judged so
+ENOUGH = 10  # readings alike, at least
+BY_CHANCE = 1e-9
+JUST_BEFORE = 40  # readings, by which an instrument's noise is judged
+LEVELS = 4  # different numbers among them: beside a threshold a coarse instrument turns between two
+TURNS = 0.3  # of them, that turned: of pure noise two thirds; a ramp, and noise that is finer than a step, hardly turn
 LOOK_BACK_S = 20.0
 LEAST_K = 0.5
 LEAST_JUMP_K = 1.0
@@ -42,9 +45,7 @@ class Sameness:
         self._last = math.nan
         self._last_change = 0.0
         self._alike = 1
-        self._longest = 1
-        self._changes = 0
-        self._turns = 0
+        self._runs: deque[tuple[float, int, bool]] = deque()  # lately: number, how many alike, whether it turned then
         self._since_s = self._time_s = 0.0
         self._drives: list[float] = []  # the first ones of those alike
         self._first_other = math.nan
@@ -72,9 +73,18 @@ class Sameness:
         return self._alike, self._drive, 0.0 if math.isnan(moved) else moved
 
     @property
-    def never_still(self) -> bool:
-        """Whether its readings have differed practically always, to and fro."""
-        return self._changes >= LEARNING and self._longest <= LONGEST_ALIKE and self._turns > 0.3 * self._changes
+    def is_no_chance(self) -> bool:
+        """Whether noise as it was just before hardly ever gives so many alike."""
+        count = self._count()
+        turns, levels = sum(turned for *_, turned in self._runs), len({value for value, *_ in self._runs})
+        if count < JUST_BEFORE or turns < TURNS * count or levels < LEVELS:
+            return False
+        again = (count - len(self._runs) + 2) / (count + 2)  # chance of one more alike, a little more than was seen
+        return self._alike >= ENOUGH and again**self._alike < BY_CHANCE
+
+    def _count(self) -> int:
+        """Readings just before."""
+        return sum(alike for _, alike, _ in self._runs)
 
     def _learn(self, value: float) -> None:
         change = value - self._last
@@ -82,9 +92,9 @@ class Sameness:
             self._last = value
             return
         self.step = min(self.step, abs(change))
-        self._longest = max(self._longest, self._alike if self._alike < ENOUGH else 1)
-        self._changes += 1
-        self._turns += change * self._last_change < 0.0
+        self._runs.append((self._last, self._alike, change * self._last_change < 0.0))
+        while self._count() - self._runs[0][1] >= JUST_BEFORE:
+            self._runs.popleft()
         self._last, self._last_change = value, change
 
 
@@ -122,7 +132,7 @@ class ThermometerTrust:
         if alike >= ENOUGH:
             should_have = abs(charge) * self._gain_K_per_A_s > STEPS * step + LEAST_K
             told = moved_dec > max(OTHER_DEC, STEEPEST_DEC_PER_K * STEPS * step)
-            self._same.frozen |= self._same.never_still or should_have or told
+            self._same.frozen |= self._same.is_no_chance or should_have or told
             if self._same.frozen:
                 return replace(reading, quality=Quality.STALE), f"frozen at {value!r} degC, {alike} times alike"
         if self._good is not None:
@@ -154,7 +164,7 @@ class OhmmeterTrust:
             return reading, f"it is {reading.quality}"
         value, now = reading.value, reading.time_s
         alike, _, moved_K = self._same.take(value, now, math.nan, temperature_degC)
-        self._same.frozen |= alike >= ENOUGH and (self._same.never_still or moved_K > OTHER_K)
+        self._same.frozen |= alike >= ENOUGH and (self._same.is_no_chance or moved_K > OTHER_K)
         if self._same.frozen:
             return replace(reading, quality=Quality.STALE), f"frozen at {value!r}, {alike} times alike"
         if not self._resistance or value <= 0.0:

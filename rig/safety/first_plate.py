@@ -47,9 +47,9 @@ class Doubt:
     settle_s: tuple[float, float]
 
 
-OF_A_PULSE: Final = Doubt(0.2, 0.5, 0.5, 0.3, 25.0, (15.0, 40.0))  # gain to 10 %, Joule heat and loss not at all
-OF_PULSES: Final = Doubt(0.12, 0.3, 0.5, 0.3, 30.0, (20.0, 50.0))  # both signs: gain to 3 %, loss to 20 %
-OF_A_MODEL: Final = Doubt(0.08, 0.15, 0.5, 0.3, 50.0, (35.0, 80.0))
+OF_A_PULSE: Final = Doubt(0.15, 0.4, 0.5, 0.3, 25.0, (15.0, 40.0))
+OF_PULSES: Final = Doubt(0.08, 0.2, 0.5, 0.3, 30.0, (20.0, 50.0))
+OF_A_MODEL: Final = Doubt(0.04, 0.07, 0.5, 0.3, 50.0, (35.0, 80.0))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from typing import Final
 from rig.outcome import Tripped
 from rig.safety.first_plate import OF_A_PULSE, KnownPlate
 
-LEAST_K: Final = 2.5  # a draught, a neighbour's heat
+LEAST_K: Final = 2.0  # a draught, a neighbour's heat
 STEPS, SIGMAS = 2.0, 8.0  # of the thermometer
 WARM_SINK_K, COLD_SINK_K = 50.0, 25.0  # that a heat sink may be from the model's ambient, either way
 HIDDEN_K = 2.0  # above the limit
@@ -138,12 +138,23 @@ class PlateWatch:
         return self._seen.shown_degC
 
     def tells_within(self, seconds: float, current_A: float, apart_K: float) -> bool:
-        """Whether a current would show by so much, after so long: plate and thermometer are known well enough."""
+        """Whether a current that goes on would show by so much, after so long, against one that only ends late."""
         if self.known is None or self._seen is None or not math.isfinite(current_A) or not current_A:
             return False
-        trial, without = self.copy(), self.copy()
+        trial, ends_late = self.copy(), self.copy()
         end_s = self._at_s + seconds
-        return abs(trial.run_on(end_s, current_A) - without.run_on(end_s, 0.0)) > apart_K
+        if seconds > self.late_s:
+            ends_late.run_on(self._at_s + self.late_s, current_A)
+        return abs(trial.run_on(end_s, current_A) - ends_late.run_on(end_s, 0.0)) > apart_K
+
+    @property
+    def late_s(self) -> float:
+        """By how much more than is known what was sent may show late."""
+        known = self.known
+        if known is None:
+            return 0.0
+        behind_s = known.lag_s + known.delay_s
+        return max(known.doubt.lag_s + known.doubt.lag * behind_s, known.behind_s - behind_s)
 
     @property
     def step_K(self) -> float:
@@ -226,10 +237,8 @@ class PlateWatch:
 
     def _tolerance_K(self, known: KnownPlate, seen: _Seen, settle: float) -> float:
         doubt = known.doubt
-        behind_s = known.lag_s + known.delay_s
-        late_s = max(doubt.lag_s + doubt.lag * behind_s, known.behind_s - behind_s)
         gain_K, loss_K = doubt.gain * seen.driven.lately_K, doubt.loss * seen.lost.lately_K
-        model = math.hypot(gain_K, loss_K, late_s * seen.bend_K_per_s)  # errors that know nothing of each other
+        model = math.hypot(gain_K, loss_K, self.late_s * seen.bend_K_per_s)  # errors that know nothing of each other
         step = seen.step_K if math.isfinite(seen.step_K) else 0.0
         return LEAST_K + model + STEPS * step + SIGMAS * min(seen.noise_K, 0.25)
 
@@ -280,4 +289,3 @@ class PlateWatch:
 def watchable_rate_K_per_s(known: KnownPlate) -> float:
     """How fast a plate may be moved so that what has not shown yet stays bounded (`UNSEEN_K`)."""
     return min(FASTEST_K_PER_S, UNSEEN_K / max(known.behind_s, 1e-3))
-

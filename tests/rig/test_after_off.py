@@ -52,10 +52,10 @@ def test_a_run_that_ends_with_a_current_on(
         assert "NOT CONFIRMED" not in err
 
 
-def watched(current_A: float) -> PlateWatch:
-    """A watch after a minute of a current."""
+def watched(current_A: float, behind_s: float = 0.0) -> PlateWatch:
+    """A watch after a minute of a current. behind_s: by which currents may show late."""
     watch, degC = PlateWatch(4.0, 95.0, 20.0), 40.0
-    watch.know(KnownPlate(PLATE))
+    watch.know(KnownPlate(PLATE, largest_lag_s=behind_s))
     for k in range(120):
         watch.look(0.5 * k, degC, current_A if k else 0.0)
         degC = PLATE.step(degC, current_A, 0.5)
@@ -65,7 +65,7 @@ def watched(current_A: float) -> PlateWatch:
 def looked(flows_A: float, moved_K: float = 0.0, current_A: float = 1.0) -> bool | None:
     """What the look says where `flows_A` flows after the off and the thermometer had moved by so much before."""
     watch = watched(current_A)
-    look = after_off(watch, current_A, 60.0)
+    look = after_off(watch, current_A, 60.0, 8.0)
     if look is None:
         return None
     degC = watch.copy().run_on(59.5, current_A)
@@ -82,9 +82,21 @@ def test_the_temperature_chooses() -> None:
     assert looked(0.0, moved_K=10.0) is True
 
 
+def test_a_current_that_ends_late_is_no_current_that_goes_on() -> None:
+    for flows_s, agrees in ((4.5, True), (60.0, False)):
+        watch = watched(1.0, behind_s=5.0)
+        look = after_off(watch, 1.0, 60.0, 13.0)
+        assert look is not None
+        degC = watch.copy().run_on(59.5, 1.0)
+        for k in range(60):
+            look.take(60.0 + 0.25 * k, degC)
+            degC = PLATE.step(degC, 1.0 if 0.25 * k < flows_s else 0.0, 0.25)
+        assert look.agrees is agrees
+
+
 def test_a_small_current_shows_nothing() -> None:
     assert looked(0.0, current_A=0.1) is None
 
 
 def test_nothing_is_known_of_a_plate_that_nobody_has_seen() -> None:
-    assert after_off(PlateWatch(4.0, 95.0, 20.0), 1.0, 0.0) is None
+    assert after_off(PlateWatch(4.0, 95.0, 20.0), 1.0, 0.0, 8.0) is None

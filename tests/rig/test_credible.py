@@ -30,6 +30,28 @@ def test_a_noisy_thermometer_that_freezes() -> None:
     assert "times alike" in why[-1]
 
 
+def test_a_thermometer_that_rounds_its_noise_freezes_too() -> None:
+    """One reading in four is that before it; so it takes more of them."""
+    quality, _ = judged(lambda k: round(40.0 + 0.01 * NOISE[min(k, 300)], 2), lambda k: 1.0)
+    assert set(quality[:309]) == {Quality.OK}
+    assert set(quality[330:]) == {Quality.STALE}
+
+
+def test_a_thermometer_that_was_still_on_a_ramp_only_a_moment_ago_freezes_in_the_hold() -> None:
+    quality, _ = judged(lambda k: 40.0 + 0.1 * min(k, 250) + 0.01 * NOISE[min(k, 400)], lambda k: 1.0)
+    assert set(quality[:409]) == {Quality.OK}
+    assert set(quality[411:]) == {Quality.STALE}
+
+
+@pytest.mark.parametrize("noise_K", [0.002, 0.02, 0.08])
+def test_a_coarse_thermometer_beside_a_threshold_is_not_frozen_away_from_it(noise_K: float) -> None:
+    """It flickers between two numbers, then the plate moves by half a step and stays there."""
+    quality, _ = judged(
+        lambda k: 0.25 * round((40.125 + 0.005 * min(max(k - 200, 0), 25) + noise_K * NOISE[k]) / 0.25), lambda k: 1.0
+    )
+    assert set(quality) == {Quality.OK}
+
+
 def test_it_thaws() -> None:
     quality, _ = judged(lambda k: 40.0 + 0.005 * NOISE[k if k < 300 or k > 330 else 300], lambda k: 1.0)
     assert quality[320] is Quality.STALE
