@@ -2,8 +2,9 @@
 
 frozen   the same number, to the last bit, again and again. An instrument whose noise turned its readings to and fro
          just before is frozen when so many alike have a chance of `BY_CHANCE`. One that steps coarsely, or has no
-         noise, is frozen when meanwhile something else says that the quantity has moved: more current has flowed than at their
-         beginning, by so much that it would have moved by several steps, or the other instrument's reading has moved.
+         noise, is frozen when meanwhile something else says that the quantity has moved: more current has flowed
+         than at their beginning, by so much that it would have moved by several steps, or the other instrument's
+         reading has moved.
 jumping  a temperature that moved by more than the current that was sent explains and any plate adds to it: nothing is
          believed until it is again where the plate can be, so that a step that lasts becomes a stale thermometer.
          A resistance that moved by half a decade at once: the film may do so, so it is believed when it comes thrice.
