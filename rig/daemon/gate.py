@@ -2,7 +2,8 @@
 
 A job's thread and STOP share one wire. Every exchange holds the gate's lock; STOP closes the gate, waits for the
 exchange that is under way, and commands the output off there and then, whatever the job's thread is doing. At its next
-call the job finds the gate closed and ends by the exception that the gate was closed with.
+call the job finds the gate closed and ends by the exception that the gate was closed with. Its own "off" is then the
+one that STOP has commanded: a second one would feed the dead man of a controller that does not obey.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import ResistanceMeter
 
 PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
-ALWAYS_OPEN = {"off", "close"}
+ALWAYS_OPEN = {"off", "close", "status", "read_current"}  # what switching off needs, to its verdict
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Gate:
         self._now_s = clock
         self._lock = threading.RLock()
         self._controller: TemperatureController | None = None
+        self._off: bool | None = None  # what the controller answered to STOP
         self.closed: BaseException | None = None
         self.changed = threading.Event()  # wakes who sleeps at the gate
 
@@ -53,13 +55,14 @@ class Gate:
         if self._lock.acquire(timeout=PATIENCE_S):
             try:
                 confirmed = self._controller is not None and self._controller.off()
+                self._off = confirmed
             finally:
                 self._lock.release()
         return Off(confirmed, self._now_s() - begin)
 
     def open(self) -> None:
         """Let a job pass."""
-        self.closed = None
+        self.closed = self._off = None
         self.changed.clear()
 
     def check(self) -> None:
@@ -69,7 +72,15 @@ class Gate:
 
     def controller_for_jobs(self, controller: TemperatureController) -> TemperatureController:
         """The controller as a job sees it."""
-        return cast(TemperatureController, _Gated(controller, self._lock, self.check))
+        gated = _Gated(controller, self._lock, self.check)
+        vars(gated)["off"] = lambda: self._off_of_a_job(controller)
+        return cast(TemperatureController, gated)
+
+    def _off_of_a_job(self, controller: TemperatureController) -> bool:
+        with self._lock:
+            if self._off is None or self.closed is None:
+                return controller.off()
+            return self._off
 
     def controller_for_idling(self, controller: TemperatureController) -> TemperatureController:
         """The controller as the idle loop sees it: one exchange at a time, the gate open or closed."""

@@ -24,6 +24,7 @@ from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff, Stopped
 from rig.reading import Quality, Reading, missing
 from rig.safety.signals import SignalStop
+from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, looks_off
 
 TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew
@@ -131,7 +132,8 @@ class Keeper:
         desk, clock = self._desk, bench.clock
         period = self._file.content.serve.idle_period_s
         controller = desk.gate.controller_for_idling(bench.controller)
-        idle = _Idle(bench, controller, desk)
+        dead_man_s = self._file.content.bench.controller.dead_man_s if controller.has_dead_man else 0.0
+        idle = _Idle(bench, controller, desk, dead_man_s)
         due = clock.now_s()
         while True:
             self._see_whether_to_end()
@@ -199,14 +201,17 @@ class Keeper:
 class _Idle:
     """Reading both instruments while nothing runs, and seeing that the output is off."""
 
-    def __init__(self, bench: Bench, controller: TemperatureController, desk: Desk) -> None:
-        self._bench, self._controller, self._desk = bench, controller, desk
+    def __init__(self, bench: Bench, controller: TemperatureController, desk: Desk, dead_man_s: float) -> None:
+        self._bench, self._controller, self._desk, self._dead_man_s = bench, controller, desk, dead_man_s
         self._silent = self._count = 0
+        self._look_s: float | None = None  # when to look what silence has done
 
     def tick(self, late_s: float) -> None:
         """One control cycle. Raises Disconnected where the instruments are gone or silent."""
         desk, bench = self._desk, self._bench
         desk.ticks.latest_s = max(desk.ticks.latest_s, late_s)
+        if self._look_s is not None and bench.clock.now_s() < self._look_s:
+            return  # every question would feed the dead man of a controller that did not obey
         self._see_that_it_is_off()
         temperature = self._reading("thermometer", self._controller.read_temperature)
         self._ask_the_temperature(temperature)
@@ -232,7 +237,7 @@ class _Idle:
         )
 
     def _see_that_it_is_off(self) -> None:
-        """Now and then, and at every tick until it is confirmed."""
+        """Now and then, and until it is confirmed: at every tick, or after each silence for the dead man."""
         desk = self._desk
         self._count += 1
         if desk.confirmed and self._count % CHECK_OUTPUT_TICKS:
@@ -246,9 +251,20 @@ class _Idle:
             except InstrumentError:
                 return
             desk.note("the output was on though nothing ran, by somebody else's hand; it was switched off")
-        confirmed = self._controller.off() and not desk.contradicted
+        confirmed = self._silence_did_it() or self._controller.off()
+        self._look_s = None
+        if not confirmed and self._dead_man_s > 0.0:
+            self._look_s = self._bench.clock.now_s() + self._dead_man_s + MARGIN_S
+        confirmed = confirmed and not desk.contradicted
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         desk.changed()
+
+    def _silence_did_it(self) -> bool:
+        """Whether the controller's own dead man has switched the output off meanwhile."""
+        if self._look_s is None or not looks_off(self._controller)[0]:
+            return False
+        self._desk.note(BY_ITS_DEAD_MAN)
+        return True
 
     def _ask_the_temperature(self, temperature: Reading) -> None:
         """After a job: a temperature that keeps answering to the last current withdraws the confirmation."""

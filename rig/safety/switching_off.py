@@ -80,13 +80,19 @@ def look_after_silence(
         clock.sleep_until_s(min(until_s, clock.now_s() + STEP_S))
         with contextlib.suppress(Exception):  # whoever does not hear it has no say in this
             alive()
-    try:
-        looks_off, what = _look_where_it_is(controller)
-    except Exception as error:
-        looks_off, what = False, str(error)
-    if looks_off:
+    is_off, what = looks_off(controller)
+    if is_off:
         return Verdict(True, BY_ITS_DEAD_MAN, said_s)
     return Verdict(False, f"{NOT_CONFIRMED}, nor after {dead_man_s:g} s of silence for its dead man: {what}", said_s)
+
+
+def looks_off(controller: TemperatureController) -> tuple[bool, str]:
+    """Whether it says that it is off and, where it shows one, that no current flows; and what it says. One look,
+    nothing is commanded. Never raises an Exception."""
+    try:
+        return _look_where_it_is(controller)
+    except Exception as error:
+        return False, str(error)
 
 
 def _look_where_it_is(controller: TemperatureController) -> tuple[bool, str]:

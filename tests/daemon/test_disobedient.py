@@ -1,0 +1,63 @@
+"""A controller that does not obey "off" under the daemon: nobody speaks until its dead man has acted."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.bench import emulated_instruments
+from rig.files.configuration import read_configuration
+from rig.ports.pseudo_terminal import PseudoTerminals
+from rig.safety.switching_off import BY_ITS_DEAD_MAN
+from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+from tests.instruments.disobedient import Disobedient
+
+DEAD_MAN_S, LATE_S = 2.0, 1.5  # LATE_S: that a busy computer may be
+
+
+@contextlib.contextmanager
+def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobedient, Path]]:
+    """A bench on a real clock and pseudo-terminals, its controller, and the configuration of a job."""
+    path = write_current(tmp_path, '["start 1 A", "hold 60 s"]', more=SERVE)
+    text = path.read_text()
+    instruments: dict[str, Any] = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    controller = Disobedient(instruments["controller"], fault)
+    with PseudoTerminals({**instruments, "controller": controller}) as terminals:
+        port = f'port = "{terminals.paths["controller"]}"\ndead_man_s = {DEAD_MAN_S}'
+        text = text.replace('port = "sim://"', port, 1).replace("sim://", terminals.paths["meter"])
+        path.write_text(text.replace('time = "virtual"', 'time = "real"'))
+        with running(path) as bench:
+            yield bench, controller, path
+
+
+@pytest.mark.parametrize("fault", ["deaf to all", "silent"])
+def test_stop_leaves_the_dead_man_in_peace(tmp_path: Path, fault: str) -> None:
+    with bench_of(tmp_path, fault) as (bench, controller, path):
+        bench.desk.submit(read_configuration(path))
+        until(lambda: controller.instrument.output_A == 1.0, "the current")
+        controller.begin()
+        begin_s = time.monotonic()
+        assert not bench.desk.stop("somebody").confirmed
+        until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
+        assert time.monotonic() - begin_s < DEAD_MAN_S + 1.0 + LATE_S
+        controller.heal()
+        until(lambda: bench.desk.confirmed, "the confirmation")
+
+
+def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Path) -> None:
+    """While nothing runs the daemon reads ten times a second, which would feed the dead man for ever."""
+    with bench_of(tmp_path, "deaf to all") as (bench, controller, _):
+        controller.begin()
+        for number, value in ((2000, 1), (50001, 0.5), (50000, 1), (2010, 1)):
+            controller.instrument._values[number] = value
+        controller.instrument._move_output()
+        assert controller.instrument.output_A == 0.5
+        until(lambda: not bench.desk.confirmed, "that it does not obey")
+        until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
+        until(lambda: bench.desk.confirmed, "the confirmation")
+        assert BY_ITS_DEAD_MAN in bench.desk.notes
