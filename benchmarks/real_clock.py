@@ -1,9 +1,9 @@
 """A real clock, an empty cache, a busy computer: `calibrate`, then `run` of a minute, over pseudo-terminals.
 
-    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest]
+    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1]
 
 Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default limits), a cache of compiled loops that
-is empty, and `--busy` endless loops a core beside it. Asked: every trial to its end; the longest time with a current on
+is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked: every trial to its end; the longest time with a current on
 and no reading, at the bench's end of the wire, 0.5 s. --rest: without the loops.
 """
 
@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -138,28 +139,34 @@ def trial(number: int, folder: Path) -> dict[str, Any]:
     return found
 
 
+def _in_a_folder(number: int) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        return trial(number, Path(folder))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--busy", type=int, default=2, help="endless loops a core")
+    parser.add_argument("--at-once", type=int, default=1, help="trials that run beside each other")
     parser.add_argument("--rest", action="store_true", help="no endless loops")
     options = parser.parse_args()
     loops = 0 if options.rest else options.busy * (os.cpu_count() or 1)
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(loops)]
     whole, longest_s = 0, 0.0
     try:
-        for number in range(options.first, options.first + options.trials):
-            with tempfile.TemporaryDirectory() as folder:
-                found = trial(number, Path(folder))
-            good = found.get("calibrate") == 0 and found.get("run") == 0
-            whole += good
-            longest_s = max(longest_s, found.get("unread_s", math.inf))
-            print(json.dumps(found), flush=True)
+        with ThreadPoolExecutor(options.at_once) as pool:
+            for found in pool.map(_in_a_folder, range(options.first, options.first + options.trials)):
+                whole += found.get("calibrate") == 0 and found.get("run") == 0
+                longest_s = max(longest_s, found.get("unread_s", math.inf))
+                print(json.dumps(found), flush=True)
     finally:
         for loop in busy:
             loop.kill()
-    print(f"to their end: {whole} of {options.trials} (asked: all), beside {loops} endless loops")
+    print(
+        f"to their end: {whole} of {options.trials} (asked: all), beside {loops} endless loops, {options.at_once} at once"
+    )
     print(f"longest time with a current on and no reading: {longest_s:.3f} s (asked: 0.5)")
     return 0 if whole == options.trials and longest_s <= 0.5 else 1
 
