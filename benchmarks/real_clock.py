@@ -3,8 +3,9 @@
     ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1]
 
 Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default limits), a cache of compiled loops that
-is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked: every trial to its end; the longest time with a current on
-and no reading, at the bench's end of the wire, 0.5 s. --rest: without the loops.
+is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked:
+every trial to its end; the longest time with a current on and no reading, at the bench's end of the wire, 0.5 s.
+--rest: without the loops.
 """
 
 from __future__ import annotations

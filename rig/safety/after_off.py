@@ -17,7 +17,7 @@ from rig.errors import InstrumentError
 from rig.safety.plate_watch import PlateWatch
 
 LOOK_S, LATEST_S, EVERY_S = 8.0, 8.0, 0.25  # LATEST_S: more, where a current may end late
-APART_K, STEPS = 2.5, 3.0  # that the courses have to be, before the reading can choose
+APART_K, STEPS = 2.5, 3.0  # that the courses have to be, at least, before the reading can choose
 NO_VOICE = ("unseen_heat", "disturbed", "hidden_heat", "thermometer_stale", "runaway", "no_response", "other_plate")
 OFF_SHARE, ON_SHARE, THRICE = 0.4, (0.7, 1.6), 3  # of the way from one course to the other; so many readings alike
 
@@ -31,7 +31,8 @@ class AfterOff:
     def __init__(self, watch: PlateWatch, current_A: float, off_s: float) -> None:
         self.agrees: bool | None = None
         self.text = ""
-        self._step_K, self._current_A, self._off_s = watch.step_K, current_A, off_s
+        self._apart_K = _apart_K(watch)
+        self._current_A, self._off_s = current_A, off_s
         self._off, self._on = watch.copy(), watch.copy()
         self._ended_s = off_s + watch.late_s
         self._against, self._more_K = 0, math.nan
@@ -45,7 +46,7 @@ class AfterOff:
         apart_K = with_degC - without_degC
         if math.isnan(self._more_K):
             self._more_K = temperature_degC - without_degC
-        if math.isnan(temperature_degC) or abs(apart_K) < APART_K + STEPS * self._step_K:
+        if math.isnan(temperature_degC) or abs(apart_K) < self._apart_K:
             return
         share = (temperature_degC - self._more_K - without_degC) / apart_K
         self._against = self._against + 1 if ON_SHARE[0] < share < ON_SHARE[1] else 0
@@ -60,9 +61,14 @@ class AfterOff:
             )
 
 
+def _apart_K(watch: PlateWatch) -> float:
+    """By how much the courses have to be apart."""
+    return APART_K + STEPS * watch.step_K + watch.late_K
+
+
 def after_off(watch: PlateWatch, current_A: float, off_s: float, within_s: float) -> AfterOff | None:
     """The look after an output went off; None where no reading could choose within that time."""
-    return AfterOff(watch, current_A, off_s) if watch.tells_within(within_s, current_A, APART_K) else None
+    return AfterOff(watch, current_A, off_s) if watch.tells_within(within_s, current_A, _apart_K(watch)) else None
 
 
 def contradiction(watch: PlateWatch, current_A: float, controller: TemperatureController, clock: Clock) -> str | None:

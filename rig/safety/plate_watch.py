@@ -148,6 +148,11 @@ class PlateWatch:
         return abs(trial.run_on(end_s, current_A) - ends_late.run_on(end_s, 0.0)) > apart_K
 
     @property
+    def late_K(self) -> float:
+        """By how much the plate may be elsewhere for that, after its rate has changed as it did of late."""
+        return self.late_s * self._seen.bend_K_per_s if self._seen is not None else 0.0
+
+    @property
     def late_s(self) -> float:
         """By how much more than is known what was sent may show late."""
         known = self.known
@@ -238,7 +243,7 @@ class PlateWatch:
     def _tolerance_K(self, known: KnownPlate, seen: _Seen, settle: float) -> float:
         doubt = known.doubt
         gain_K, loss_K = doubt.gain * seen.driven.lately_K, doubt.loss * seen.lost.lately_K
-        model = math.hypot(gain_K, loss_K, self.late_s * seen.bend_K_per_s)  # errors that know nothing of each other
+        model = math.hypot(gain_K, loss_K, self.late_K)  # errors that know nothing of each other
         step = seen.step_K if math.isfinite(seen.step_K) else 0.0
         return LEAST_K + model + STEPS * step + SIGMAS * min(seen.noise_K, 0.25)
 
