@@ -165,9 +165,8 @@ def main() -> int:
     finally:
         for loop in busy:
             loop.kill()
-    print(
-        f"to their end: {whole} of {options.trials} (asked: all), beside {loops} endless loops, {options.at_once} at once"
-    )
+    beside = f"{loops} endless loops and {options.at_once - 1} other trials"
+    print(f"to their end: {whole} of {options.trials} (asked: all), beside {beside}")
     print(f"longest time with a current on and no reading: {longest_s:.3f} s (asked: 0.5)")
     return 0 if whole == options.trials and longest_s <= 0.5 else 1
 
