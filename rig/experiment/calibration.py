@@ -38,6 +38,7 @@ from rig.loop import Loop
 from rig.outcome import Tripped
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
+from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY
 from sim.effects.effect import Switched, switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 
@@ -103,22 +104,26 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
 
 def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: float) -> Law:
     control = configuration.control
-    dead_time = control.dead_time_s if control.dead_time_s is not None else period_s
+    dead_time = control.dead_time_s if control.dead_time_s is not None else period_s + known.delay_s
     design = design_temperature(period_s, dead_time, control.ms)
     low, high = configuration.limits.temperature_degC
     settings = LawSettings(
         "temperature", period_s, configuration.limits.current_A, low, high, design.gains, rate_share=control.rate_share
     )
-    if known.lag_s == 0.0:
-        return Law(settings, known.plate, None)
-    extension = plate_extension([lagging(known.lag_s)], known.plate, period_s)
-    assert extension is not None
-    return ExtendedLaw(settings, known.plate, None, extension)
+    extension = plate_extension(_behind(known), known.plate, period_s)
+    return (
+        Law(settings, known.plate, None) if extension is None else ExtendedLaw(settings, known.plate, None, extension)
+    )
 
 
-def lagging(lag_s: float) -> Switched:
-    """A thermometer's lag as an effect of the model."""
-    return switched(SENSOR_LAG, {"tau_s": lag_s})
+def _behind(known: KnownPlate) -> list[Switched]:
+    """The driver's delay and the thermometer's lag as effects of the model."""
+    effects = []
+    if known.delay_s > 0.0:
+        effects.append(switched(ACTUATOR_DELAY, {"delay_s": known.delay_s}))
+    if known.lag_s > 0.0:
+        effects.append(switched(SENSOR_LAG, {"tau_s": known.lag_s}))
+    return effects
 
 
 def _fastest(known: KnownPlate, configuration: Configuration, low: float, high: float) -> float:

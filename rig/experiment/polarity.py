@@ -195,15 +195,15 @@ def _pulsed(loop: Loop, current_A: float, limit_A: float, period_s: float) -> Po
 
 
 def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> KnownPlate | None:
-    """The model's plate, with the pulse's lag where that is clearly longer; without a model the pulse's plate."""
+    """The model's plate, with the pulse's lag where no likely one is as short; without a model the pulse's plate."""
     with loop.resting("a first plate from the pulse"):
         folder = loop.folder
         time, degC, current = (folder.column(name)[first:] for name in ("time_s", "temperature_degC", "current_A"))
         seen = first_plate(time, degC, current, limit_A, "peltier" if cools(loop.bench.controller) else "heater")
         known = seen if model is None else model
         if model is not None and seen is not None:
-            behind_s = seen.lag_s + seen.delay_s
-            if behind_s > LATER_S + (1.0 + LATER_SHARE) * model.behind_s:
+            if seen.least_lag_s > LATER_S + (1.0 + LATER_SHARE) * model.behind_s:
+                behind_s = seen.lag_s + seen.delay_s
                 text = f"heat shows {behind_s:.2g} s after the current, the model says {model.behind_s:.2g} s"
                 folder.event(loop.elapsed_s(), "lag", text)
                 known = replace(model, lag_s=seen.lag_s, delay_s=seen.delay_s)

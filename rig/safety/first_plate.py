@@ -56,13 +56,14 @@ OF_A_MODEL: Final = Doubt(0.04, 0.07, 0.5, 0.3, 50.0, (35.0, 80.0))
 class KnownPlate:
     """A plate with its thermometer, as far as they are known.
 
-    lag_s: of the thermometer behind the plate; delay_s: from a command to its current. largest_lag_s: lag and delay
-    together may be so large.
+    lag_s: of the thermometer behind the plate; delay_s: from a command to its current. least_lag_s, largest_lag_s: lag
+    and delay together may be so small, and so large.
     """
 
     plate: PlateModel
     lag_s: float = 0.0
     delay_s: float = 0.0
+    least_lag_s: float = 0.0
     largest_lag_s: float = 0.0
     doubt: Doubt = OF_A_MODEL
 
@@ -99,20 +100,20 @@ def first_plate(
         return None
     noise = _noise_K(reading)
     bound = cost * (1.0 + LIKELY / reading.size) + LIKELY * noise**2
-    largest = max(lag + delay for cost, lag, delay, _, found in trials if cost <= bound and found[0] > 0.0)
+    likely = [lag + delay for cost, lag, delay, _, found in trials if cost <= bound and found[0] > 0.0]
     seebeck = gain / (at_rest_degC + KELVIN)
     usual = seebeck * USUAL_LOSS_W_PER_K / USUAL_SEEBECK_V_PER_K
     ambient = float(at_rest_degC + min(max(drift / usual, -40.0), 40.0))
     if kind == "heater":
         heater = PlateModel(0.0, 0.0, float(loss), ambient, float(gain), "heater")
-        return KnownPlate(heater, lag, delay, largest, OF_A_PULSE)
+        return KnownPlate(heater, lag, delay, min(likely), max(likely), OF_A_PULSE)
     plate = PlateModel(
         seebeck_over_capacity_per_A_s=float(seebeck),
         resistance_over_capacity_K_per_A2_s=float(JOULE_SHARE * 300.0 * seebeck / limit_A),
         conductance_over_capacity_per_s=float(usual),
         ambient_degC=ambient,
     )
-    return KnownPlate(plate, lag, delay, largest, OF_A_PULSE)
+    return KnownPlate(plate, lag, delay, min(likely), max(likely), OF_A_PULSE)
 
 
 def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s: float) -> Array:
