@@ -201,12 +201,11 @@ def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> 
         time, degC, current = (folder.column(name)[first:] for name in ("time_s", "temperature_degC", "current_A"))
         seen = first_plate(time, degC, current, limit_A, "peltier" if cools(loop.bench.controller) else "heater")
         known = seen if model is None else model
-        if model is not None and seen is not None:
-            if seen.least_lag_s > LATER_S + (1.0 + LATER_SHARE) * model.behind_s:
-                behind_s = seen.lag_s + seen.delay_s
-                text = f"heat shows {behind_s:.2g} s after the current, the model says {model.behind_s:.2g} s"
-                folder.event(loop.elapsed_s(), "lag", text)
-                known = replace(model, lag_s=seen.lag_s, delay_s=seen.delay_s)
+        if model is not None and seen is not None and seen.least_lag_s > LATER_S + (1.0 + LATER_SHARE) * model.behind_s:
+            behind_s = seen.lag_s + seen.delay_s
+            text = f"heat shows {behind_s:.2g} s after the current, the model says {model.behind_s:.2g} s"
+            folder.event(loop.elapsed_s(), "lag", text)
+            known = replace(model, lag_s=seen.lag_s, delay_s=seen.delay_s)
         if known is not None:
             loop.know_plate(known)
             text = f"{known.plate}, lag {known.lag_s:g} s, delay {known.delay_s:g} s"

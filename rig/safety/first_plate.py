@@ -95,25 +95,29 @@ def first_plate(
                 left = reading - columns @ found
                 trials.append((float(left @ left), lag, delay, loss, found))
     trials.sort(key=lambda trial: trial[0])
-    cost, lag, delay, loss, (gain, at_rest_degC, drift) = trials[0]
-    if not gain > 0.0:
+    noise = max(_noise_K(reading), _step_K(reading) / math.sqrt(12.0))
+    bound = trials[0][0] * (1.0 + LIKELY / reading.size) + LIKELY * noise**2
+    likely = [trial for trial in trials if trial[0] <= bound and trial[4][0] > 0.0]
+    if not likely:
         return None
-    noise = _noise_K(reading)
-    bound = cost * (1.0 + LIKELY / reading.size) + LIKELY * noise**2
-    likely = [lag + delay for cost, lag, delay, _, found in trials if cost <= bound and found[0] > 0.0]
+    best = likely[0]
+    if best is not trials[0]:  # a drift tells it better than a plate that is moved: in coarse steps, as good as well
+        best = min(likely, key=lambda trial: abs(float(trial[4][2])))
+    _, lag, delay, loss, (gain, at_rest_degC, drift) = best
+    behind = [lag + delay for _, lag, delay, _, _ in likely]
     seebeck = gain / (at_rest_degC + KELVIN)
     usual = seebeck * USUAL_LOSS_W_PER_K / USUAL_SEEBECK_V_PER_K
     ambient = float(at_rest_degC + min(max(drift / usual, -40.0), 40.0))
     if kind == "heater":
         heater = PlateModel(0.0, 0.0, float(loss), ambient, float(gain), "heater")
-        return KnownPlate(heater, lag, delay, min(likely), max(likely), OF_A_PULSE)
+        return KnownPlate(heater, lag, delay, min(behind), max(behind), OF_A_PULSE)
     plate = PlateModel(
         seebeck_over_capacity_per_A_s=float(seebeck),
         resistance_over_capacity_K_per_A2_s=float(JOULE_SHARE * 300.0 * seebeck / limit_A),
         conductance_over_capacity_per_s=float(usual),
         ambient_degC=ambient,
     )
-    return KnownPlate(plate, lag, delay, min(likely), max(likely), OF_A_PULSE)
+    return KnownPlate(plate, lag, delay, min(behind), max(behind), OF_A_PULSE)
 
 
 def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s: float) -> Array:
@@ -135,6 +139,12 @@ def _seen(time: Array, current: Array, lag_s: float, delay_s: float, loss_per_s:
                 m = p
         shown[k] = m
     return shown
+
+
+def _step_K(reading: Array) -> float:
+    """Of a thermometer that rounds: the smallest difference between two of its readings in sequence."""
+    steps = np.abs(np.diff(reading))
+    return float(np.min(steps[steps > 0.0], initial=math.inf)) if np.any(steps > 0.0) else 0.0
 
 
 def _noise_K(reading: Array) -> float:

@@ -193,3 +193,14 @@ def test_a_pulse_that_moves_nothing_tells_nothing() -> None:
     falling = 25.0 - 0.3 * np.cumsum(current) * 0.25
     assert first_plate(time, falling, current, 4.0) is None
     assert first_plate(time, falling, np.zeros(80), 4.0) is None
+
+
+def test_a_pulse_in_coarse_steps_is_a_plate_and_no_drift() -> None:
+    """Of 0.5 K: a drift and a little more tell it as well as a plate that is moved by the current."""
+    time = np.arange(60) * 0.25
+    current = np.where((time >= 1.5) & (time < 6.75), 1.0, 0.0)
+    moved = 0.25 * np.clip(time - 1.75, 0.0, 5.25)
+    for begin_degC in np.linspace(24.0, 24.5, 7):
+        known = first_plate(time, np.round((begin_degC + moved) / 0.5) * 0.5, current, 4.0)
+        assert known is not None
+        assert 0.25 / 2.0 < known.plate.rate_K_per_s(known.plate.ambient_degC, 1.0) < 0.25 * 2.0
