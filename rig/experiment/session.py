@@ -5,8 +5,9 @@ Order on every way out: output off and confirmed, rows flushed, reason written, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -22,7 +23,8 @@ from rig.experiment.feasible import check_cooling, check_plate, check_target, me
 from rig.experiment.polarity import check_polarity
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
 from rig.experiment.run_record import recorded
-from rig.experiment.tracking import Score, law_and_design, plan_tracking, to_temperature, track
+from rig.experiment.score import COUNTED, Score, largest, profile_error, rms
+from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, read_model, write_model
@@ -103,10 +105,13 @@ def calibrate(session: Session, path: Path) -> Calibration:
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
-    folder.result(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
-    from rig.report.calibration import write_calibration_report
+    folder.result(**calibration_result(result))
+    from rig.report.calibration import PREDICTED
+    from rig.report.run import write_live_report
 
-    write_calibration_report(folder, result)
+    predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
+    write_columns(folder.part / PREDICTED, predicted)
+    write_live_report(folder)
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
@@ -198,33 +203,53 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     if e.law != "instrument_pid":
         _needs_current(session, model)
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
-    folders: dict[str, RunFolder] = {}
-    for name in names:
-        where = path if name == e.law else inner / name
-        known = known_plate(model.plate, model.switched())
-        plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
-        with one_run(session, where, f"law {name}") as (loop, folder):
-            if name == names[0] and result.calibration is None:
-                check_polarity(loop, file.content, e.period_s, known)
-            else:
-                loop.know_plate(known)
-            score = track(loop, file.content, plan)
-        folder.result(law=name, score=score.table(), design=design_table(plan.design))
-        _keep(folder, target, model)
-        result.scores.append(score)
-        result.designs[name] = plan.design
-        folders[name] = folder
-        say(f"{name}: RMS error {score.rms_dec:.4f} dec, largest {score.max_dec:.3f} dec")
-    from rig.report.tracking import write_tracking_report
-
-    for name in names[1:]:
-        write_tracking_report(folders[name], result, {name: folders[name]})
-        folders[name].finish()
-    write_tracking_report(folders[e.law], result, folders)
-    result.folder = folders[e.law].finish()
+    folders: dict[LawName, RunFolder] = {}
+    try:
+        for name in names:
+            folders[name] = _one_law(session, path if name == e.law else inner / name, result, name)
+    except BaseException:
+        with suppress(Exception):  # why it ended is what has to be told
+            _reports(folders, e.law)
+        raise
+    result.folder = _reports(folders, e.law).finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
+
+
+def _one_law(session: Session, where: Path, result: Result, name: LawName) -> RunFolder:
+    """One law on the target, into a folder of its own."""
+    file, target, model = session.file, result.target, result.model
+    assert target is not None
+    assert model is not None
+    assert model.plate is not None
+    e = file.content.experiment
+    known = known_plate(model.plate, model.switched())
+    plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
+    with one_run(session, where, f"law {name}") as (loop, folder):
+        if name == e.law and result.calibration is None:
+            check_polarity(loop, file.content, e.period_s, known)
+        else:
+            loop.know_plate(known)
+        score = track(loop, file.content, plan)
+    folder.result(law=name, score=score.table(), design=design_table(plan.design))
+    _keep(folder, target, model)
+    result.scores.append(score)
+    result.designs[name] = plan.design
+    session.say(f"{name}: {score.in_words()}")
+    return folder
+
+
+def _reports(folders: Mapping[LawName, RunFolder], own: LawName) -> RunFolder:
+    """The reports of what was run: the laws to compare with first, for the own one's links to them. The own folder."""
+    from rig.report.run import write_live_report
+
+    for name, folder in folders.items():
+        if name != own:
+            write_live_report(folder)
+            folder.finish()
+    write_live_report(folders[own])
+    return folders[own]
 
 
 def _profile(session: Session, path: Path, result: Result) -> None:
@@ -257,13 +282,14 @@ def _profile(session: Session, path: Path, result: Result) -> None:
             policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
     _keep(folder, target, result.model)
-    from rig.report.profile import temperature_error_K, write_profile_report
+    from rig.report.run import write_live_report
 
-    write_profile_report(folder, e.kind)
+    error_K = rms(profile_error(folder)[1])
+    if math.isfinite(error_K):
+        folder.result(error={"rms_K": error_K, "max_K": largest(profile_error(folder)[1])})
+        say(f"temperature: RMS error {error_K:.4f} K ({COUNTED})")
+    write_live_report(folder)
     result.folder = folder.finish()
-    error = temperature_error_K(folder)
-    if error is not None:
-        say(f"temperature: RMS error {error:.4f} K against the profile")
 
 
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
@@ -313,6 +339,24 @@ def design_table(design: Design) -> dict[str, Any]:
         "process_pole_per_s": design.process_pole_per_s,
         "dead_time_s": design.dead_time_s,
         "period_s": design.period_s,
+    }
+
+
+def calibration_result(result: Calibration) -> dict[str, Any]:
+    """What came out as run.json keeps it: all that the report says."""
+    film, plate = result.film, result.plate
+    parameters = zip(plate.names, plate.values, plate.standard_errors, strict=True)
+    return {
+        "check_rmse_dec": result.check_rmse_dec,
+        "check_max_dec": result.check_max_dec,
+        "check_rmse_K": result.check_rmse_K,
+        "rmse_dec": film.rmse,
+        "rows_checked": result.rows_checked,
+        "transition_degC": list(result.transition_degC),
+        "memoryless": film.model.memoryless.function,
+        "operators": int((film.model.weights > 0.0).sum()),
+        "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
+        "identifiability": [*film.identifiability, *plate.identifiability],
     }
 
 

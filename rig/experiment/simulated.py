@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from compensator.functions import Array
+from rig.experiment.score import PROFILE, TRACK, error_dec, largest, rms
 from rig.experiment.session import run, target_of
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, configuration_of
@@ -155,18 +156,15 @@ def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], progress: 
     return Simulated(kept, world.effects, ended)
 
 
-def tracking_error(simulated: Simulated) -> dict[str, float]:
-    """RMS and largest error of the rows that followed a target, after its first tenth: rms_dec, or rms_K."""
+def target_error(simulated: Simulated) -> dict[str, float]:
+    """RMS and largest error over the whole target (`rig.experiment.score`): rms_dec, or rms_K."""
     columns = simulated.columns
     phase = np.array(columns.get("phase", [""] * simulated.rows))
-    inside = np.flatnonzero((phase == "track") | (phase == "profile"))
-    inside = inside[inside.size // 10 :]
+    inside = (phase == TRACK) | (phase == PROFILE)
     for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
-        if wanted in columns and shown in columns and inside.size:
+        if wanted in columns and shown in columns:
             a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
-            error = np.log10(a / b) if unit == "dec" else a - b
-            error = error[np.isfinite(error)]
-            if error.size:
-                rms, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-                return {f"rms_{unit}": rms, f"max_{unit}": largest}
+            error = error_dec(a, b) if unit == "dec" else a - b
+            if np.any(np.isfinite(error)):
+                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
     return {}
