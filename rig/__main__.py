@@ -112,8 +112,9 @@ def ended(action: object, verb: str) -> int:
 
 
 def _notes(error: BaseException) -> str:
-    """What was added on the error's way up, such as that the output is off."""
-    return "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
+    """What was added on the error's way up: first what became of the output, then where a report is."""
+    notes = sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not note.startswith("output"))
+    return "".join(f"; {note}" for note in notes)
 
 
 if __name__ == "__main__":

@@ -11,12 +11,13 @@ import numpy as np
 
 from rig.experiment.score import COUNTED, largest, profile_error, rms, tracking_error
 from rig.report.error_course import decades_figure, kelvin_figure
-from rig.report.page import facts, paragraph, section, table, tiles, write_page
+from rig.report.page import events_table, facts, paragraph, section, tiles, write_page
 from rig.report.profile import courses, kelvin
 from rig.report.run_rows import LAW, PHASE, RunRows
 from rig.report.tracking import further, law_of
 
 LAST_EVENTS = 12
+LONGEST = 160  # characters of an event
 
 
 def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
@@ -24,9 +25,7 @@ def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) ->
     stop, what = run.document.get("stop", {}), str(run.document["start"]["what"])
     reason = str(stop.get("reason", "unknown")).replace("_", " ")
     time, phase = run.column("time_s"), str(run.column(PHASE)[-1])
-    lead = f"This run ended early, after {float(time[-1]):.1f} s, in its phase '{phase}': {reason}."
-    if stop.get("text"):
-        lead += f" {stop['text']}"
+    lead = f"This run ended early, after {float(time[-1]):.1f} s, in its phase '{phase}': {stop.get('text') or reason}."
     numbers = [(reason, "why it ended"), (f"{float(time[-1]):.1f} s", "duration"), (str(run.rows), "rows")]
     errors, figures = _errors(run, out)
     parts = [facts(run), tiles([*numbers, *errors]), section("What was recorded", courses(run, out))]
@@ -35,7 +34,7 @@ def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) ->
         parts.append(section("The error", *figures, paragraph(note, "note")))
     events = _events(run.part / "events.jsonl")
     if events:
-        parts.append(section("What happened last", table(["time / s", "what", ""], events)))
+        parts.append(section("What happened last", events_table(["time / s", "what", "more"], events)))
     title = what.removeprefix(LAW) if not what.startswith(LAW) else "tracking a wanted resistance"
     write_page(out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *further(out, inner)])
 
@@ -63,7 +62,9 @@ def _events(path: Path) -> list[list[str]]:
     for line in lines:
         try:
             event: Any = json.loads(line)
-            rows.append([f"{float(event['time_s']):.2f}", str(event["event"]).replace("_", " "), str(event["text"])])
+            kind, text = str(event["event"]).replace("_", " "), str(event["text"])
+            short = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+            rows.append([f"{float(event['time_s']):.2f}", kind, short])
         except (ValueError, KeyError, TypeError):
             continue
     return rows[-LAST_EVENTS:]

@@ -25,6 +25,7 @@ figure { margin: 1rem 0 0; } figure svg { width: 100%; height: auto; display: bl
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 6px 10px; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; } tr.best td { font-weight: 600; }
+.words th, .words td { text-align: left; vertical-align: top; }
 ul { padding-left: 1.2rem; } code { background: var(--tile); padding: 1px 5px; border-radius: 5px; }
 """
 
@@ -72,6 +73,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], best: int | None =
         for k, row in enumerate(rows)
     )
     return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def events_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of words, which stand at the left."""
+    return f'<div class="words">{table(head, rows)}</div>'
 
 
 def figure(svg: str, caption: str) -> str:
