@@ -31,11 +31,12 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     from rig.files.run_folder import default_folder, prepared_folder
 
     voice = Voice(options.json)
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.bench import open_bench
     from rig.drivers.registry import controller_class
-    from rig.experiment.session import Session, calibrate, calibration_summary
+    from rig.experiment.expected import expected_calibration
+    from rig.experiment.session import Session, calibrate, calibration_summary, watched_by
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
@@ -46,7 +47,8 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         SignalStop() as signals,
         open_bench(file, guard) as bench,
     ):
-        result = calibrate(Session(bench, file, signals, voice.say, progress), path)
+        session = Session(bench, file, signals, voice.say)
+        result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
     voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
     voice.say(f"model: {result.model_path}")
     voice.say(f"report: {path / 'report.html'}")

@@ -37,7 +37,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.files.configuration import read_configuration
 
     voice = Voice(options.json)
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     from rig.bench import open_bench
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed

@@ -25,7 +25,7 @@ def main(options: argparse.Namespace) -> int:
 
     if not 1e-6 <= options.speed <= FASTEST:
         raise fault("--speed", repr(options.speed), f"expected a number from 1e-6 to {FASTEST:g}")
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     from rig.bench import emulated_instruments
     from rig.ports.pseudo_terminal import PseudoTerminals
     from rig.safety.signals import SignalStop

@@ -28,5 +28,5 @@ def _serve(options: argparse.Namespace, guard: Guard) -> int:
     from rig.daemon.serving import bench_of, serve
     from rig.files.configuration import read_configuration
 
-    file, notes = bench_of(read_configuration(options.config), options.address, options.port)
+    file, notes = bench_of(read_configuration(options.config, for_experiment=False), options.address, options.port)
     return serve(file, notes, guard)

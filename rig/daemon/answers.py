@@ -86,17 +86,18 @@ class Answers:
         name, kind, out = question.get("name"), question.get("kind"), None
         if kind not in (None, CALIBRATION):
             raise Refusal(422, [f"kind: {kind!r}: expected {CALIBRATION!r}, or none for the experiment itself"])
+        experiment = kind != CALIBRATION
         try:
             if isinstance(question.get("path"), str):
                 path = Path(question["path"])
-                file = read_configuration(path)
+                file = read_configuration(path, experiment)
                 name = name or path.stem
                 out = Path(question["out"]) if isinstance(question.get("out"), str) else None
             elif "configuration" in question:
-                file = by_name(question["configuration"], folder)
+                file = by_name(question["configuration"], folder, experiment)
                 name = name or str(question["configuration"])
             elif "text" in question:
-                file = by_text(question["text"], name, folder)
+                file = by_text(question["text"], name, folder, experiment)
             else:
                 raise Refusal(422, ["configuration: missing; expected a name, or a text"])
             job = self.desk.submit(file, str(name)[:80] if name else None, out, kind)

@@ -17,8 +17,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from rig.command.terminal_line import TerminalLine
 from rig.daemon.asking import report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
+from rig.daemon.words import in_a_line
 from rig.faults import Faults
 from rig.files.toml_text import read_toml
 
@@ -105,28 +107,40 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
-    """What is said meanwhile, and the job as it ended. Raises NoDaemon."""
-    phase, held = "", ""
-    for message in events:
-        data = message["data"]
-        waits = message["event"] == "state" and data["job"] is None
-        if waits and data["state"] in HOLDING and held != data["state"]:
-            held = data["state"]
-            print(f"the bench is {held}: the job waits (`peltier status` tells why)", file=stream, flush=True)
-        elif waits and data["state"] not in HOLDING and data["no_job_because"] and held != data["no_job_because"][0]:
-            held = data["no_job_because"][0]
-            print(f"the job waits: {held}", file=stream, flush=True)
-        if message["event"] == "say" and data["id"] == job["id"]:
-            print(data["text"], file=stream, flush=True)
-        if message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
-            ended: dict[str, Any] = data
-            return ended
-        elif message["event"] == "state" and data["job"] and data["job"]["id"] == job["id"]:
-            doing = data["job"]
-            if doing["phase"] != phase and doing["total_s"] >= 60.0:
-                print(f"{doing['phase']}: {doing['total_s'] / 60.0:.1f} min", file=sys.stderr, flush=True)
-            phase = doing["phase"]
+    """What is said meanwhile, and the job as it ended; a line tells how far it is. Raises NoDaemon."""
+    line, doing, held = TerminalLine(sys.stderr), None, ""
+
+    def tell(text: str) -> None:
+        line.clear()
+        print(text, file=stream, flush=True)
+
+    try:
+        for message in events:
+            event, data = message["event"], message["data"]
+            if event == "state":
+                mine = data["job"] is not None and data["job"]["id"] == job["id"]
+                doing = data["job"] if mine else None
+                why = _held_by(data) if data["job"] is None else None
+                if why is not None and why != held:
+                    held = why
+                    tell(why)
+            elif event == "say" and data["id"] == job["id"]:
+                tell(data["text"])
+            elif event == "row" and doing is not None and data.get("job") == job["id"] and line.due():
+                line.show(in_a_line(data, doing))
+            elif event == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
+                ended: dict[str, Any] = data
+                return ended
+    finally:
+        line.clear()
     raise NoDaemon("the daemon tells nothing any more")
+
+
+def _held_by(state: dict[str, Any]) -> str | None:
+    """Why no job runs; None where one may start."""
+    if state["state"] in HOLDING:
+        return f"the bench is {state['state']}: the job waits (`peltier status` tells why)"
+    return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None
 
 
 def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int:

@@ -32,6 +32,14 @@ def span(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
+def in_a_line(row: dict[str, Any], job: dict[str, Any]) -> str:
+    """How far a job's phase is, and a row of its readings."""
+    done = f"{span(job['done_s'])} of {span(job['total_s'])}" if job["total_s"] else ""
+    unit = row.get("drive_unit") or "A"
+    parts = [f"{job['phase']:<9} {done}", number(row.get("temperature_degC"), "degC", 2)]
+    return "   ".join([*parts, resistance(row.get("resistance_ohm")), number(row.get("current_A"), unit, 2)])
+
+
 def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
     """(what, how it is) of a state, in the order in which people ask."""
     reading, job, ticks = state["reading"], state["job"], state["ticks"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +17,9 @@ from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.drivers.heater_drive import cools, drive_unit
+from rig.drivers.meter import column_of
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
+from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
@@ -122,14 +124,24 @@ def run(
     file: ConfigurationFile,
     out: Path | None,
     say: Callable[[str], None],
-    progress: Progress | None,
+    onlooker: Onlooker | None,
     guard: Guard = UNGUARDED,
 ) -> Result:
     """The experiment of a configuration, on a bench that is opened for it. Raises Faults, RigError, Outcome."""
     path = out if out is not None else default_folder(file.content.experiment.name)
     target, model = wanted(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
-        return run_on(Session(bench, file, signals, say, progress), path, target, model)
+        session = watched_by(onlooker, Session(bench, file, signals, say), expected_run(file.content, target, model))
+        return run_on(session, path, target, model)
+
+
+def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> Session:
+    """The session with somebody who shows how far it is; phases: those to come."""
+    if onlooker is None:
+        return session
+    meter, unit = session.bench.meter, drive_unit(session.bench.controller)
+    onlooker.expect(phases, unit, column_of(meter.output) if meter is not None else "")
+    return replace(session, progress=onlooker.phase, on_tick=onlooker.tick)
 
 
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from compensator.functions import Array
+from rig.experiment.expected import Onlooker
 from rig.experiment.score import PROFILE, TRACK, error_dec, largest, rms
 from rig.experiment.session import run, target_of
 from rig.faults import Faults, fault
@@ -20,7 +21,6 @@ from rig.files.effect_tables import add_effect_files, effect_in_words, switched_
 from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
 from rig.files.toml_text import read_text, read_toml
-from rig.loop import Progress
 from rig.outcome import Tripped
 from rig.simulation import simulated_world
 from sim.effects.effect import Switched
@@ -87,11 +87,11 @@ def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
     return inner if isinstance(inner, dict) else {}
 
 
-def simulate(file: ConfigurationFile, say: Callable[[str], None], progress: Progress | None) -> Simulated:
+def simulate(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
     """The record of the experiment. Raises Faults, RigError, Outcome."""
     if file.content.experiment.kind == "current_profile":
         return _open_loop(file)
-    return _closed_loop(file, say, progress)
+    return _closed_loop(file, say, onlooker)
 
 
 def _open_loop(file: ConfigurationFile) -> Simulated:
@@ -137,13 +137,13 @@ def _test_current(file: ConfigurationFile, time: Array) -> Array:
     return np.full(time.size, min(TEST_CURRENT_A, c.limits.meter_current_A) if chosen is None else chosen)
 
 
-def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], progress: Progress | None) -> Simulated:
+def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
     """Through the simulated instruments, byte for byte, as `peltier run` does it."""
     world, ended = simulated_world(file), None
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "run"
         try:
-            run(file, folder, say, progress)
+            run(file, folder, say, onlooker)
         except Tripped as trip:
             folder, ended = part_of(folder), trip
             if not (folder / "record.csv").is_file():
