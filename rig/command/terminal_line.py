@@ -22,7 +22,7 @@ class TerminalLine:
     def __init__(self, stream: TextIO, now_s: Callable[[], float] = time.monotonic) -> None:
         self._stream, self._now_s = stream, now_s
         self._terminal = stream.isatty()
-        self._shown_s = -math.inf
+        self._shown_s = -math.inf if self._terminal else now_s() - 0.5 * NEW_LINE_S  # what is short needs no line
         self._length = 0
 
     def due(self) -> bool:

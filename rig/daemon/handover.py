@@ -20,7 +20,7 @@ from typing import Any
 from rig.command.terminal_line import TerminalLine
 from rig.daemon.asking import report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
-from rig.daemon.words import in_a_line
+from rig.daemon.words import in_a_line, off_in_words
 from rig.faults import Faults
 from rig.files.toml_text import read_toml
 
@@ -99,7 +99,8 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
     if job["exit_status"] == 0:
         followed = client.ask("follow", id=job["id"])
         report(json_target, followed.get("result") or {})
-        print(f"output off, confirmed by the controller\nreport: {job['folder']}/report.html", file=stream, flush=True)
+        state = client.ask("state").get("state", {})
+        print(f"output off, {off_in_words(state)}\nreport: {job['folder']}/report.html", file=stream, flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
         print(f"peltier {verb}: {job['reason']}{place}", file=sys.stderr)
@@ -108,7 +109,7 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
     """What is said meanwhile, and the job as it ended; a line tells how far it is. Raises NoDaemon."""
-    line, doing, held = TerminalLine(sys.stderr), None, ""
+    line, doing, told_s, held = TerminalLine(sys.stderr), None, 0.0, ""
 
     def tell(text: str) -> None:
         line.clear()
@@ -119,7 +120,8 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
             event, data = message["event"], message["data"]
             if event == "state":
                 mine = data["job"] is not None and data["job"]["id"] == job["id"]
-                doing = data["job"] if mine else None
+                doing = {**data["job"], "drive_unit": data["drive_unit"]} if mine else None
+                told_s = data["time_s"]
                 why = _held_by(data) if data["job"] is None else None
                 if why is not None and why != held:
                     held = why
@@ -127,7 +129,7 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
             elif event == "say" and data["id"] == job["id"]:
                 tell(data["text"])
             elif event == "row" and doing is not None and data.get("job") == job["id"] and line.due():
-                line.show(in_a_line(data, doing))
+                line.show(in_a_line(data, doing, told_s))
             elif event == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
                 ended: dict[str, Any] = data
                 return ended
@@ -155,5 +157,5 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
     if state.get("output") != "off":
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
         return NOT_CONFIRMED
-    print(f"peltier {verb}: stopped by {name}; output off, confirmed by the controller", file=sys.stderr)
+    print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
     return 128 + signal_number

@@ -79,7 +79,8 @@ def recorded(
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
                 error.add_note(f"{folder.part} is not whole: {problem}")
-        _write_report(folder, error)
+        if not bench.watched_after:
+            _write_report(folder, error)
         raise error
 
 
@@ -99,7 +100,7 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
 
 def _write_report(folder: RunFolder, error: BaseException) -> None:
     """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
-    first, and `peltier report` writes it later."""
+    first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
     if isinstance(error, NotConfirmedOff) or len(folder.rows) < FEWEST_ROWS:
         return
     from rig.report.run import write_live_report

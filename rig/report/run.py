@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from rig.files.run_folder import RunFolder
-from rig.report.run_rows import CALIBRATION, LAW, RunRows, ended_early, inner_runs, live_run
+from rig.report.run_rows import CALIBRATION, LAW, RunRows, ended_early, inner_runs, live_run, recorded_run
 
 
 def write_run_report(run: RunRows, out: Path) -> None:
@@ -28,6 +29,15 @@ def write_run_report(run: RunRows, out: Path) -> None:
         from rig.report.profile import write_profile_report
 
         write_profile_report(run, out)
+
+
+def write_missing_reports(part: Path) -> None:
+    """Those of the runs in a folder that ended early: its own, and those of the runs inside it. Never raises an
+    Exception: what cannot be read has none."""
+    for folder in (*part.glob("*.part"), part):
+        if (folder / "run.json").is_file() and not (folder / "report.html").exists():
+            with suppress(Exception):
+                write_run_report(recorded_run(folder), folder)
 
 
 def write_live_report(folder: RunFolder) -> None:
