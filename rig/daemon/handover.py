@@ -1,6 +1,6 @@
 """`peltier run` and `calibrate` on ports that a daemon holds: a job of its, which is followed to its end.
 
-    status = handed_over("run", options.config, options.out, options.json)
+    status = handed_over("run", options.config, options.out, options.json, options.bench)
     if status is not None:
         return status
 
@@ -10,6 +10,7 @@ the verb would have given. Ctrl-C ends the job as it would end a run.
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -18,10 +19,10 @@ from types import FrameType
 from typing import Any
 
 from rig.command.terminal_line import TerminalLine
-from rig.daemon.asking import report, teller
+from rig.daemon.asking import one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.words import in_a_line, off_in_words
-from rig.faults import Faults
+from rig.faults import Faults, fault
 from rig.files.toml_text import read_toml
 
 NOT_CONFIRMED = 11
@@ -29,8 +30,27 @@ HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
-def handed_over(verb: str, config: Path, out: Path | None, json_target: str | None = None) -> int | None:
-    """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults."""
+def add_bench_argument(parser: argparse.ArgumentParser) -> None:
+    """--bench NAME, of the verbs whose work a daemon can do."""
+    parser.add_argument(
+        "--bench", metavar="NAME", help="let this daemon do it (serve.name); needed where its ports are sim://"
+    )
+
+
+def handed_over(
+    verb: str, config: Path, out: Path | None, json_target: str | None = None, bench: str | None = None
+) -> int | None:
+    """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults.
+
+    bench: the daemon that shall do it, whatever the ports. sim:// is no port that two could share: by itself, a run
+    with such ports has a simulated rig of its own.
+    """
+    if bench is not None:
+        try:
+            with one_daemon(bench) as client, Client(client.path, SILENCE_S) as stream:
+                return _followed(verb, client, stream, config, out, json_target)
+        except NoDaemon as error:
+            raise fault("--bench", repr(bench), str(error)) from None
     ports = _ports(config)
     for client in daemons() if ports else []:
         with client:
