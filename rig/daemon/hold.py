@@ -38,8 +38,11 @@ def hold_of(bench: ConfigurationFile, degC: object, seconds: object, model: Path
         **({"model": str(model)} if _has_plate(model) else {"law": "instrument_pid"}),
     }
     text = "\n".join([*_without_experiment(bench.text), "", "[experiment]", *_lines(experiment), ""])
-    raw = parsed_toml(text, bench.path)
     others = {key: value for key, value in parsed_toml(bench.text, bench.path).items() if key != "experiment"}
+    try:
+        raw = parsed_toml(text, bench.path)
+    except Faults:
+        raw = {}
     if raw != {**others, "experiment": experiment}:  # it is written in some other way, as experiment.kind = ...
         raise fault(bench.path, "experiment", "expected as a table [experiment], so that a hold can take its place")
     return configuration_of(bench.path, text, raw)

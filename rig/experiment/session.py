@@ -96,11 +96,16 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
 
 def calibrate(session: Session, path: Path) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
+    _tell_dead_man(session)
+    return _calibrated(session, path)
+
+
+def _calibrated(session: Session, path: Path) -> Calibration:
+    """The same, as a part of a run."""
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
     _needs_current(session)
-    _tell_dead_man(session)
     with one_run(session, path, "calibration") as (loop, folder):
         check_polarity(loop, file.content, file.content.calibration.period_s)
         record_calibration(loop, file.content)
@@ -207,7 +212,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert target is not None
     inner = part_of(path)
     if model is None:
-        result.calibration = calibrate(session, inner / "calibration")
+        result.calibration = _calibrated(session, inner / "calibration")
         model = result.model = result.calibration.model
         _check_feasible(file, target, model, say)
     assert model.film is not None

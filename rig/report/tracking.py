@@ -37,7 +37,7 @@ def write_tracking_report(run: RunRows, out: Path, inner: Mapping[str, RunRows])
     if len(scores) > 1:
         parts.append(section("The laws on the same target", _laws(runs, scores, own)))
     parts += further(out, inner)
-    parts.append(section("What the numbers mean", *_meanings(own, design, calibration)))
+    parts.append(section("What the numbers mean", *_meanings(run, own, design, calibration)))
     lead = (
         f"The law '{own}' kept the film within {mine.rms_dec:.4f} decades RMS of the wanted resistance {COUNTED} "
         f"(95 % of it within {mine.p95_dec:.3f}; at worst {mine.max_dec:.3f}, at {mine.max_at_s:.1f} s)."
@@ -164,7 +164,7 @@ def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) ->
     return table(head, rows, best=0)
 
 
-def _meanings(own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
+def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
     texts = [
         f"Errors are log10 of measured over wanted resistance, counted {COUNTED}; conditioning, the way to the first "
         "value and the time to settle on it come before. All laws began from the same temperature on the same branch "
@@ -174,13 +174,13 @@ def _meanings(own: str, design: Mapping[str, Any], calibration: Mapping[str, Any
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
         texts.append(f"{loops[own]} under this law, so that there are no margins to tell.")
         return [paragraph(text, "note") for text in texts]
-    ms = f"{design['margins']['ms']:.2f}"
+    ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(
         f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
         f"{design['dead_time_s']:g} s at a period of {design['period_s']:g} s."
         if own != "pid"
         else f"The PID on log R was designed for a largest sensitivity of {ms} at the film's "
-        f"steepest slope, {design['process_gain']:.3g} decades per ampere and second."
+        f"steepest slope, {design['process_gain']:.3g} decades per {unit} and second."
     )
     if calibration is not None:
         doubts = "; ".join(calibration.get("identifiability", [])[:2])
