@@ -186,9 +186,10 @@ def test_the_procedure_for_pymeasure_does_what_the_page_says(bench: RunningBench
     procedure.low_degC, procedure.high_degC, procedure.steps, procedure.hold_s = 59.5, 59.0, 2, 1.0
     procedure.emit, procedure.should_stop = lambda kind, row: rows.append(row), lambda: False
     procedure.execute()
-    assert {job["state"] for job in bench.desk.queue.tables()} == {"done"}
-    assert rows[-1]["temperature_degC"] == pytest.approx(59.0, abs=0.5)
-    assert rows[-1]["resistance_ohm"] > 100.0
+    jobs = [(job["name"], job["state"]) for job in bench.desk.queue.tables()]
+    assert jobs == [("hold 59 degC", "done"), ("hold 59.5 degC", "done")]
+    assert len(rows) >= 4
+    assert all(50.0 < row["temperature_degC"] < 62.0 and row["resistance_ohm"] > 100.0 for row in rows)
 
 
 # -- the loop ----------------------------------------------------------------------------------------------------
