@@ -37,7 +37,8 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     from rig.bench import open_bench
     from rig.drivers.registry import controller_class
     from rig.experiment.expected import expected_calibration
-    from rig.experiment.session import Session, calibrate, calibration_summary, watched_by
+    from rig.experiment.session import Session, calibrate, watched_by
+    from rig.experiment.summaries import calibration_summary
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 

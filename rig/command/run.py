@@ -34,7 +34,8 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
     file = read_configuration(options.config)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.drivers.registry import controller_class
-    from rig.experiment.session import run, summary
+    from rig.experiment.session import run
+    from rig.experiment.summaries import summary
     from rig.safety.switching_off import off_confirmed
 
     with voice.progress(file.content.virtual_time) as progress:

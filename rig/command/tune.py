@@ -25,7 +25,7 @@ def main(options: argparse.Namespace) -> int:
         raise fault(options.config, "experiment.model", "missing; expected a model file with [plate] (and [film])")
     model = read_model(file.beside(file.content.experiment.model), needs=("plate", "film"))
     from rig.drivers.heater_drive import OF_FULL_DRIVE
-    from rig.experiment.session import design_table
+    from rig.experiment.summaries import design_table
     from rig.experiment.tracking import law_and_design
 
     assert model.film is not None

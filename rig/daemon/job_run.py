@@ -17,7 +17,7 @@ from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.errors import RigError
 from rig.experiment.calibration import Calibration
-from rig.experiment.session import calibration_summary, summary
+from rig.experiment.summaries import calibration_summary, summary
 from rig.faults import Faults
 from rig.files.run_folder import part_of
 from rig.loop import Tick
