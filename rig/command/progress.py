@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from rig.command.terminal_line import TerminalLine
+from rig.command.terminal_line import PatientLine, TerminalLine
 from rig.daemon.words import number, resistance
 from rig.drivers.heater_drive import OF_FULL_DRIVE
 from rig.experiment.expected import Phases
@@ -15,7 +15,7 @@ from rig.reading import Reading
 class Progress:
     """An onlooker (`rig.experiment.expected`) that shows what it is told in a line."""
 
-    def __init__(self, line: TerminalLine) -> None:
+    def __init__(self, line: TerminalLine | PatientLine) -> None:
         self._line = line
         self._coming: Phases = []
         self._now = ("", 0.0, 0.0)  # the phase that runs: its name, seconds done, seconds in all

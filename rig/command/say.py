@@ -13,7 +13,7 @@ from rig.files.run_folder import plain_json
 
 if TYPE_CHECKING:
     from rig.command.progress import Progress
-    from rig.command.terminal_line import TerminalLine
+    from rig.command.terminal_line import PatientLine
 
 
 class Voice:
@@ -24,7 +24,7 @@ class Voice:
         if json_target not in (None, "-"):
             writable_file(Path(str(json_target)))
         self._stream = sys.stderr if json_target == "-" else sys.stdout
-        self._line: TerminalLine | None = None
+        self._line: PatientLine | None = None
 
     def say(self, text: str) -> None:
         if self._line is not None:
@@ -46,9 +46,9 @@ class Voice:
             yield None
             return
         from rig.command.progress import Progress
-        from rig.command.terminal_line import TerminalLine
+        from rig.command.terminal_line import PatientLine, TerminalLine
 
-        self._line = TerminalLine(sys.stderr)
+        self._line = PatientLine(TerminalLine(sys.stderr))
         try:
             yield Progress(self._line)
         finally:

@@ -5,8 +5,10 @@ Import-light.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
+import threading
 import time
 from collections.abc import Callable
 from typing import TextIO
@@ -47,3 +49,43 @@ class TerminalLine:
             self._stream.flush()
             self._length = 0
             self._shown_s = -math.inf
+
+
+class PatientLine:
+    """The same for a loop that must not wait: a thread writes, so that a terminal that was halted (Ctrl-S), or a pipe
+    that nobody reads, holds up nobody while a current flows. What it has not written when the next comes is dropped."""
+
+    def __init__(self, line: TerminalLine) -> None:
+        self._line = line
+        self._text: str | None = None
+        self._changed = threading.Condition()
+        self._writing = threading.Lock()
+        threading.Thread(target=self._write, name="progress", daemon=True).start()
+
+    def due(self) -> bool:
+        """Whether it is time to show something again."""
+        return self._line.due()
+
+    def show(self, text: str) -> None:
+        """Soon, in the place of what was shown before."""
+        with self._changed:
+            self._text = text
+            self._changed.notify()
+
+    def clear(self) -> None:
+        """Nothing is shown any more. Waits for what is being written: not for while a current flows."""
+        with self._changed:
+            self._text = None
+        with self._writing:
+            self._line.clear()
+
+    def _write(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._text is not None)
+            with self._writing:
+                with self._changed:
+                    text, self._text = self._text, None
+                if text is not None:
+                    with contextlib.suppress(OSError, ValueError):  # the terminal has gone
+                        self._line.show(text)

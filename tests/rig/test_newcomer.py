@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -12,7 +13,7 @@ import pytest
 
 from rig.bench import emulated_instruments
 from rig.command.progress import Progress, clock
-from rig.command.terminal_line import NEW_LINE_S, TerminalLine
+from rig.command.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
 from rig.experiment.expected import expected_calibration, expected_run
 from rig.files.configuration import read_configuration
 from rig.files.model_file import read_model
@@ -155,6 +156,27 @@ def test_a_log_gets_a_line_now_and_then() -> None:
     lines = screen.getvalue().splitlines()
     assert len(lines) == 600 // NEW_LINE_S
     assert lines[-1].startswith("track     9:30 of about 9:30")
+
+
+def test_a_terminal_that_is_halted_holds_up_nobody() -> None:
+    class Halted(Screen):
+        def write(self, text: str) -> int:
+            reached.set()
+            go_on.wait(20.0)
+            return super().write(text)
+
+    reached, go_on, screen = threading.Event(), threading.Event(), Halted(True)
+    line = PatientLine(TerminalLine(screen, lambda: screen.now_s))
+    line.show("the first")
+    assert reached.wait(20.0)
+    for k in range(1000):  # each would wait for ever
+        line.show(f"number {k}")
+    assert screen.getvalue() == ""
+    go_on.set()
+    line.clear()
+    shown = [text.strip() for text in screen.getvalue().split("\r") if text.strip()]
+    assert shown[0] == "the first"
+    assert len(shown) <= 2
 
 
 def test_the_time_to_go_follows_the_phases_as_they_are() -> None:
