@@ -3,7 +3,7 @@
     ./peltier benchmark tracking_gain
 
 The simulated rig has the effects of each row; film and plate models are its own, so that nothing but the effects is
-wrong with the base model. Errors in decades, of the ohmmeter's readings against the target, after its first tenth.
+wrong with the base model. Errors in decades, of the ohmmeter's readings over the whole target.
 """
 
 from __future__ import annotations

@@ -22,6 +22,7 @@ VERBS = {
     "simulate": "the experiment on the simulated rig, with effects switched on",
     "sweep": "many simulated experiments, a table of what came out",
     "replay": "the law again over a recorded run, or another configuration on its twin",
+    "report": "the report of a run folder, one that ended early too",
     "tune": "PID gains from the plate model, with margins",
     "ports": "what is attached",
     "check": "does it answer, and is it what the configuration says",
@@ -111,8 +112,9 @@ def ended(action: object, verb: str) -> int:
 
 
 def _notes(error: BaseException) -> str:
-    """What was added on the error's way up, such as that the output is off."""
-    return "".join(f"; {note}" for note in dict.fromkeys(getattr(error, "__notes__", [])))
+    """What was added on the error's way up: first what became of the output, then where a report is."""
+    notes = sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not note.startswith("output"))
+    return "".join(f"; {note}" for note in notes)
 
 
 if __name__ == "__main__":

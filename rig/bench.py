@@ -13,11 +13,13 @@ from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import open_controller, open_meter
+from rig.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff
 from rig.ports.registry import register, unregister
+from rig.ports.silence import nobody_answers
 from rig.safety.switching_off import off_confirmed, switch_off
 from rig.serial_numbers import strangers
 from rig.simulation import simulated_world
@@ -64,56 +66,75 @@ def open_bench(
             ports = _simulated(file, clock, stack)
         controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
         stack.callback(controller.close)
-        stack.enter_context(_output_off(controller, c.bench.controller.port, guard))
-        identities = {"controller": controller.identify()}
+        stack.enter_context(_output_off(controller, c.bench.controller, guard))
+        with _told_where(controller, "controller", c.bench.controller):
+            identities = {"controller": controller.identify()}
         _require_ours(file, identities, whatever_serial_number)
         try:
-            controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
+            with _told_where(controller, "controller", c.bench.controller):
+                controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
         except ValueError as error:
             raise fault(file.path, "limits, bench.controller", str(error)) from None
         meter = None
         if c.bench.meter is not None:
             meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)
             stack.callback(meter.close)
-            identities["meter"] = meter.identify()
+            with _told_where(meter, "meter", c.bench.meter):
+                identities["meter"] = meter.identify()
             _require_ours(file, identities, whatever_serial_number)
             try:
-                meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
+                with _told_where(meter, "meter", c.bench.meter):
+                    meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
             except ValueError as error:
                 raise fault(file.path, "bench.meter, limits.meter_current_A", str(error)) from None
         yield Bench(controller, meter, clock, c.virtual_time, identities, guard)
 
 
 @contextmanager
-def _output_off(controller: TemperatureController, port: str, guard: Guard) -> Iterator[None]:
+def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable) -> Iterator[None]:
+    """What an instrument does not do at the start is told with its port."""
+    try:
+        yield
+    except Refused as error:
+        raise Refused(error.code, f"{table.port} ({role}): {error.meaning}") from error
+    except (TimedOut, Corrupt, OutOfStep) as error:
+        silent = nobody_answers(instrument, table.port, role, table.driver, "who it is")
+        raise type(error)(silent or f"{table.port} ({role}): {error}") from error
+
+
+@contextmanager
+def _output_off(controller: TemperatureController, table: ControllerTable, guard: Guard) -> Iterator[None]:
     """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
 
     The guard stops answering for the output only where it is off, or where everything has been tried and that is told.
     Raises NotConfirmedOff, which outranks all others; after it nothing is sent any more, which would only feed the
     controller's dead man.
     """
-    _see_it_off(controller, port, guard, None)
+    _see_it_off(controller, table, guard, None)
     try:
         yield
     except NotConfirmedOff:
         guard.given_up()
         raise
     except BaseException as error:
-        _see_it_off(controller, port, guard, error)
+        _see_it_off(controller, table, guard, error)
         guard.let_go()
         error.add_note(off_confirmed(controller))
         raise
-    _see_it_off(controller, port, guard, None)
+    _see_it_off(controller, table, guard, None)
     guard.let_go()
 
 
-def _see_it_off(controller: TemperatureController, port: str, guard: Guard, error: BaseException | None) -> None:
+def _see_it_off(
+    controller: TemperatureController, table: ControllerTable, guard: Guard, error: BaseException | None
+) -> None:
     """Switch off. Raises NotConfirmedOff."""
     verdict = switch_off(controller, alive=guard.alive)
     if not verdict.confirmed:
         guard.given_up()
         reason = f" (after: {error})" if error is not None else ""
-        raise NotConfirmedOff(f"{port}: {verdict.text}{reason}") from error
+        silent = nobody_answers(controller, table.port, "controller", table.driver, "to switch its output off")
+        raise NotConfirmedOff(silent or f"{table.port}: {verdict.text}{reason}") from error
     if verdict.text and error is not None:
         error.add_note(verdict.text)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.daemon.handover import handed_over
+from rig.daemon.handover import add_bench_argument, handed_over
 from rig.guard.line import Guard
 from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
@@ -13,12 +13,13 @@ from rig.guard.needed import add_unguarded_argument, guarded_where_needed, requi
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and calibration (TOML)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_calibration_ID")
+    add_bench_argument(parser)
     add_unguarded_argument(parser)
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
 def main(options: argparse.Namespace) -> int:
-    status = handed_over("calibrate", options.config, options.out, options.json)
+    status = handed_over("calibrate", options.config, options.out, options.json, options.bench)
     if status is not None:
         return status
     return guarded_where_needed(options.config, options.own_process, lambda guard: _calibrate(options, guard))
@@ -31,11 +32,13 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     from rig.files.run_folder import default_folder, prepared_folder
 
     voice = Voice(options.json)
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.bench import open_bench
     from rig.drivers.registry import controller_class
-    from rig.experiment.session import Session, calibrate, calibration_summary
+    from rig.experiment.expected import expected_calibration
+    from rig.experiment.session import Session, calibrate, watched_by
+    from rig.experiment.summaries import calibration_summary
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
@@ -46,7 +49,8 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         SignalStop() as signals,
         open_bench(file, guard) as bench,
     ):
-        result = calibrate(Session(bench, file, signals, voice.say, progress), path)
+        session = Session(bench, file, signals, voice.say)
+        result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
     voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
     voice.say(f"model: {result.model_path}")
     voice.say(f"report: {path / 'report.html'}")

@@ -37,7 +37,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.files.configuration import read_configuration
 
     voice = Voice(options.json)
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     from rig.bench import open_bench
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
@@ -107,12 +107,16 @@ def _wanted() -> bool:
 
 def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
     """The instrument's own limits and dead man, asked for anew."""
+    from rig.drivers.heater_drive import drive_unit
+
     limits, controller = file.content.limits, bench.controller
     own = controller.own_limits()
     dead_man_s = file.content.bench.controller.dead_man_s
     faults += own.faults(limits.current_A, limits.temperature_degC, dead_man_s)
     has = {"current": own.current_A == own.current_A, "temperature": own.low_degC == own.low_degC}
-    current = f"{own.current_A:g} A" if has["current"] else "no current limit of its own"
+    unit = drive_unit(controller)
+    no_limit = f"no {'current' if unit == 'A' else 'drive'} limit of its own"
+    current = f"{own.current_A:g} {unit}" if has["current"] else no_limit
     span = f"{own.low_degC:g} to {own.high_degC:g} degC" if has["temperature"] else "no temperature limits of its own"
     dead_man = f"{own.dead_man_s:g} s" if controller.has_dead_man else "none: it has none"
     voice.say(f"limits read back: {current}, {span}; dead man {dead_man}")

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from rig.faults import fault
+from rig.posix_only import require
 
 FASTEST = 1e4  # times real time: beyond it, no computer keeps up with the simulated plant
 
@@ -23,9 +24,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.files.configuration import read_configuration
 
+    require("emulate")
     if not 1e-6 <= options.speed <= FASTEST:
         raise fault("--speed", repr(options.speed), f"expected a number from 1e-6 to {FASTEST:g}")
-    file = read_configuration(options.config)
+    file = read_configuration(options.config, for_experiment=False)
     from rig.bench import emulated_instruments
     from rig.ports.pseudo_terminal import PseudoTerminals
     from rig.safety.signals import SignalStop

@@ -82,6 +82,7 @@ def _switched_off(held: Held, target: str | None) -> int:
     import time
 
     from rig.guard.keep_trying import keep_trying
+    from rig.ports.silence import nobody_answers
     from rig.safety.switching_off import off_confirmed, switch_off
 
     begin = time.monotonic()
@@ -98,7 +99,8 @@ def _switched_off(held: Held, target: str | None) -> int:
             text = off_confirmed(controller, f" in {1e3 * took_s:.0f} ms")
             print(f"{held.port}: {text}{how}", file=teller(target), flush=True)
             return 0
-        problem = f"{held.port}: {verdict.text}"
+        silent = nobody_answers(controller, held.port, "controller", held.driver, "to switch its output off")
+        problem = silent or f"{held.port}: {verdict.text}"
         if verdict.confirmed:
             problem = f"{held.port}: the controller says now that its output is off, but before it did not confirm that"
     report(target, {"off": False, "confirmed": False, "took_s": time.monotonic() - begin})

@@ -40,7 +40,7 @@ def main(options: argparse.Namespace) -> int:
 def _twin(options: argparse.Namespace, voice: object) -> int:
     from rig.command.say import Voice
     from rig.experiment.replayed import twin_configuration
-    from rig.experiment.simulated import simulate, tracking_error
+    from rig.experiment.simulated import simulate, target_error
     from rig.files.record_file import write_columns
 
     assert isinstance(voice, Voice)
@@ -52,7 +52,7 @@ def _twin(options: argparse.Namespace, voice: object) -> int:
     if options.out is not None:
         write_columns(options.out, simulated.columns)
         voice.say(f"record: {options.out}, {simulated.rows} rows")
-    error = tracking_error(simulated)
+    error = target_error(simulated)
     for name, value in error.items():
         voice.say(f"{name}: {value:.4g}")
     voice.report({"format": "peltier-replay/1", "run": options.run, "configuration": options.config, **error})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.daemon.handover import handed_over
+from rig.daemon.handover import add_bench_argument, handed_over
 from rig.guard.line import Guard
 from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
 
@@ -13,12 +13,13 @@ from rig.guard.needed import add_unguarded_argument, guarded_where_needed, requi
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, help="configuration of bench and experiment (TOML)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; default runs/DATE/TIME_NAME_ID")
+    add_bench_argument(parser)
     add_unguarded_argument(parser)
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 
 
 def main(options: argparse.Namespace) -> int:
-    status = handed_over("run", options.config, options.out, options.json)
+    status = handed_over("run", options.config, options.out, options.json, options.bench)
     if status is not None:
         return status
     return guarded_where_needed(options.config, options.own_process, lambda guard: _run(options, guard))
@@ -33,7 +34,8 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
     file = read_configuration(options.config)
     require_who_switches_off(file, guard, options.unguarded)
     from rig.drivers.registry import controller_class
-    from rig.experiment.session import run, summary
+    from rig.experiment.session import run
+    from rig.experiment.summaries import summary
     from rig.safety.switching_off import off_confirmed
 
     with voice.progress(file.content.virtual_time) as progress:

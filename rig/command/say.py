@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import writable_file
 from rig.files.run_folder import plain_json
+
+if TYPE_CHECKING:
+    from rig.command.progress import Progress
+    from rig.command.terminal_line import PatientLine
 
 
 class Voice:
@@ -20,8 +24,11 @@ class Voice:
         if json_target not in (None, "-"):
             writable_file(Path(str(json_target)))
         self._stream = sys.stderr if json_target == "-" else sys.stdout
+        self._line: PatientLine | None = None
 
     def say(self, text: str) -> None:
+        if self._line is not None:
+            self._line.clear()
         print(text, file=self._stream, flush=True)
 
     def report(self, value: Any) -> None:
@@ -33,36 +40,17 @@ class Voice:
             Path(self._json).write_text(plain_json(value) + "\n", encoding="utf-8")
 
     @contextmanager
-    def progress(self, virtual: bool = False) -> Iterator[Callable[[str, float, float], None] | None]:
-        """A progress bar a phase on a terminal; elsewhere a line for each phase of a minute or more,
-        unless time is virtual."""
-        if not sys.stderr.isatty() and virtual:
+    def progress(self, virtual: bool = False) -> Iterator[Progress | None]:
+        """A line that tells how far an experiment is; none where simulated time runs and nobody watches."""
+        if virtual and not sys.stderr.isatty():
             yield None
             return
-        if not sys.stderr.isatty():
-            told: list[tuple[str, float]] = []
+        from rig.command.progress import Progress
+        from rig.command.terminal_line import PatientLine, TerminalLine
 
-            def line(phase: str, done_s: float, of_s: float) -> None:
-                if of_s >= 60.0 and (phase, of_s) not in told:
-                    told.append((phase, of_s))
-                    print(f"{phase}: {of_s / 60.0:.1f} min", file=sys.stderr, flush=True)
-
-            yield line
-            return
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        with Progress(
-            TextColumn("{task.description:<12}"),
-            BarColumn(),
-            TextColumn("{task.completed:7.1f} of {task.total:.1f} s"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            transient=True,
-        ) as bars:
-            task = bars.add_task("", total=1.0)
-
-            def show(phase: str, done_s: float, of_s: float) -> None:
-                bars.update(task, description=phase, completed=done_s, total=max(of_s, 1e-9))
-
-            yield show
+        self._line = PatientLine(TerminalLine(sys.stderr))
+        try:
+            yield Progress(self._line)
+        finally:
+            self._line.clear()
+            self._line = None

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rig.guard.line import Guard
 from rig.guard.needed import guarded_where_needed
+from rig.posix_only import require
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,6 +21,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    require("serve")
     return guarded_where_needed(options.config, options.own_process, lambda guard: _serve(options, guard))
 
 
@@ -28,5 +30,5 @@ def _serve(options: argparse.Namespace, guard: Guard) -> int:
     from rig.daemon.serving import bench_of, serve
     from rig.files.configuration import read_configuration
 
-    file, notes = bench_of(read_configuration(options.config), options.address, options.port)
+    file, notes = bench_of(read_configuration(options.config, for_experiment=False), options.address, options.port)
     return serve(file, notes, guard)

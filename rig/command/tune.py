@@ -24,13 +24,15 @@ def main(options: argparse.Namespace) -> int:
     if file.content.experiment.model is None:
         raise fault(options.config, "experiment.model", "missing; expected a model file with [plate] (and [film])")
     model = read_model(file.beside(file.content.experiment.model), needs=("plate", "film"))
-    from rig.experiment.session import design_table
+    from rig.drivers.heater_drive import OF_FULL_DRIVE
+    from rig.experiment.summaries import design_table
     from rig.experiment.tracking import law_and_design
 
     assert model.film is not None
     assert model.plate is not None
     result = {}
-    for name, what in (("full", "temperature, output in K/s"), ("pid", "log R, output in A")):
+    unit = "A" if model.plate.kind == "peltier" else OF_FULL_DRIVE
+    for name, what in (("full", "temperature, output in K/s"), ("pid", f"log R, output in {unit}")):
         _, design = law_and_design(name, file.content, model.film, model.plate)  # type: ignore[arg-type]
         gains, margins = design.gains, design.margins
         voice.say(f"{name}: PID on {what}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")

@@ -58,15 +58,15 @@ def configurations(folder: Path) -> list[dict[str, Any]]:
     return found
 
 
-def by_name(name: object, folder: Path) -> ConfigurationFile:
-    """The configuration of a name from `configurations`. Raises Faults."""
+def by_name(name: object, folder: Path, for_experiment: bool = True) -> ConfigurationFile:
+    """The configuration of a name from `configurations`. Raises Faults. for_experiment: as of `read_configuration`."""
     known = [entry["name"] for entry in configurations(folder)]
     if not isinstance(name, str) or name not in known:
         raise fault("configuration", shown(name), f"expected one of {', '.join(known) or 'none: there is none'}")
-    return read_configuration(folder / f"{name}.toml")
+    return read_configuration(folder / f"{name}.toml", for_experiment)
 
 
-def by_text(text: object, name: object, folder: Path) -> ConfigurationFile:
+def by_text(text: object, name: object, folder: Path, for_experiment: bool = True) -> ConfigurationFile:
     """A configuration that came as text, with its files from the configurations' folder and from nowhere else."""
     if not isinstance(text, str):
         raise fault("text", type(text).__name__, "expected a configuration as text (TOML)")
@@ -86,7 +86,7 @@ def by_text(text: object, name: object, folder: Path) -> ConfigurationFile:
     if lines:
         raise Faults(lines)
     try:
-        return configuration_of(folder / "job.toml", text, raw)
+        return configuration_of(folder / "job.toml", text, raw, for_experiment)
     except Faults as faults:
         raise Faults(line.replace(str(folder / "job.toml"), str(where)) for line in faults.lines) from None
 

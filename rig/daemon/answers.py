@@ -12,6 +12,7 @@ from pydantic import SecretStr
 from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
+from rig.daemon.hold import USUAL_S, hold_of
 from rig.daemon.job import Job
 from rig.daemon.latching import NotCleared
 from rig.faults import Faults
@@ -62,7 +63,8 @@ class Answers:
             return self._pressed[press]  # one press on two ways: what was reset since is not stopped by the later one
         by = question.get("by")
         off = self.desk.stop(by if isinstance(by, str) else "somebody")
-        answer = {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        answer: dict[str, Any] = {"off": off.confirmed, "confirmed": off.confirmed, "took_s": off.took_s}
+        answer["confirmed_by"] = off.confirmed_by
         if isinstance(press, str) and off.confirmed:
             self._pressed[press] = answer
             while len(self._pressed) > PRESSES_KEPT:
@@ -86,19 +88,24 @@ class Answers:
         name, kind, out = question.get("name"), question.get("kind"), None
         if kind not in (None, CALIBRATION):
             raise Refusal(422, [f"kind: {kind!r}: expected {CALIBRATION!r}, or none for the experiment itself"])
+        experiment = kind != CALIBRATION
         try:
             if isinstance(question.get("path"), str):
                 path = Path(question["path"])
-                file = read_configuration(path)
+                file = read_configuration(path, experiment)
                 name = name or path.stem
                 out = Path(question["out"]) if isinstance(question.get("out"), str) else None
             elif "configuration" in question:
-                file = by_name(question["configuration"], folder)
+                file = by_name(question["configuration"], folder, experiment)
                 name = name or str(question["configuration"])
             elif "text" in question:
-                file = by_text(question["text"], name, folder)
+                file = by_text(question["text"], name, folder, experiment)
+            elif "hold_degC" in question and experiment:
+                seconds = question.get("hold_s", USUAL_S)
+                file = hold_of(self.desk.file, question["hold_degC"], seconds, self.desk.model)
+                name = name or f"hold {float(question['hold_degC']):g} degC"
             else:
-                raise Refusal(422, ["configuration: missing; expected a name, or a text"])
+                raise Refusal(422, ["configuration: missing; expected a name, a text, or hold_degC"])
             job = self.desk.submit(file, str(name)[:80] if name else None, out, kind)
         except Faults as faults:
             raise Refusal(422, faults.lines) from None

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.daemon.places import sockets_there
+from rig.posix_only import has_unix_sockets
 
 CALIBRATION = "calibration"  # a kind of job
 CROWDED_S = 5.0  # for a place in a line that moves within milliseconds
@@ -94,7 +95,9 @@ def _connect(end: socket.socket, path: Path, until_s: float) -> None:
 
 def daemons(timeout_s: float = ANSWER_S) -> list[Client]:
     """A connection to every daemon that listens."""
-    found = []
+    found: list[Client] = []
+    if not has_unix_sockets():
+        return found
     for path in sockets_there():
         try:
             found.append(Client(path, timeout_s))

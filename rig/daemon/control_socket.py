@@ -1,9 +1,11 @@
 """The daemon's socket: newline-ended JSON from `peltier stop`, `status`, `run`, and from the web process.
 
-    {"do": "stop", "by": "...", "press": "..."}  {"ok": true, "off": true, "confirmed": true, "took_s": 0.01}
+    {"do": "stop", "by": "...", "press": "..."}  {"ok": true, "off": true, "confirmed": true, "confirmed_by": "...",
+                                                  "took_s": 0.01}
     {"do": "reset", "reason": "..."}             {"do": "state"}    {"do": "jobs"}    {"do": "configurations"}
     {"do": "submit", "configuration": "name"}    or "text" and "name"; or "path" and "out", of this computer
     {"do": "submit", ..., "kind": "calibration"}    calibrates instead
+    {"do": "submit", "hold_degC": 60, "hold_s": 600}    the bench's own configuration, holding a temperature
     {"do": "cancel", "id": "..."}                {"do": "follow"}   {"do": "who"}     {"do": "subscribe"}
 
 A wrong question gets {"ok": false, "status": 4xx, "faults": [...]}, and the connection stays. Text that is no valid

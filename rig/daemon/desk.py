@@ -25,7 +25,7 @@ from rig.daemon.latch_file import LATCH
 from rig.daemon.latch_found import found_at_start
 from rig.daemon.latching import Latching
 from rig.daemon.webhook import post
-from rig.daemon.words import span
+from rig.daemon.words import job_in_words, span
 from rig.drivers.identity import Identity
 from rig.errors import PortHeld
 from rig.faults import Faults
@@ -81,6 +81,8 @@ class Desk:
         self.model = model_of(file)
         self.identities: dict[str, Identity] = {}
         self.has_dead_man = False
+        self.confirms_off_by: str | None = None  # what the controller's "off" rests on
+        self.drive_unit = "A"
         self.stop_port: int | None = None  # of STOP's own listener
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
         self.last_cycle_s = clock.now_s()
@@ -208,6 +210,7 @@ class Desk:
                 return
         self.latching.keep()
         self.writer.do(lambda store: self._save_trip(store, latch))
+        self._tell(f"TRIPPED, {cause}: {text}")
         self.announcer.tell("trip", latch.table())
         self.changed()
         webhook = self.file.content.serve.webhook
@@ -221,10 +224,15 @@ class Desk:
         self._log(text)
         self.changed()
 
+    def _tell(self, text: str) -> None:
+        """To the log, with the time of day."""
+        self._log(f"{time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.label_s()))} {text}")
+
     def job_changed(self, job: Job) -> None:
-        """Keep and tell what became of a job."""
+        """Keep, tell and log what became of a job."""
         table = job.table()
         self.writer.do(lambda store: store.save_job(table))
+        self._tell(job_in_words(table))
         self.announcer.tell("job", table)
         self.changed()
 
@@ -240,6 +248,8 @@ class Desk:
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         self.latching.keep()
+        said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
+        self._tell(f"STOP by {by}: {said}; the queue is held")
         self.wake.set()
         self.changed()
         return off
@@ -258,6 +268,7 @@ class Desk:
         self.contradicted = False
         if latch.state != STOPPED:
             self.writer.do(lambda store: self._save_trip(store, latch))
+        self._tell(f"reset: {reason}")
         self.wake.set()
         self.changed()
         return True
@@ -323,6 +334,7 @@ class Desk:
             "state": word,
             "output": self.output,
             "output_confirmed": self.confirmed,
+            "output_confirmed_by": self.confirms_off_by if self.confirmed and self.output == "off" else None,
             "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
             "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
             "job": doing,
@@ -330,9 +342,10 @@ class Desk:
             "no_job_because": self.no_job_because(),
             "reading": reading,
             "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
+            "drive_unit": self.drive_unit,
             "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
             "instruments": {role: str(identity) for role, identity in self.identities.items()},
-            "ticks": {"done": self.ticks.done, "missed": self.ticks.missed, "latest_s": self.ticks.latest_s},
+            "ticks": {name: getattr(self.ticks, name) for name in ("done", "missed", "latest_s", "unwatched_s")},
             "gaps": dict(self.gaps.table()),
             "memory_known": self.memory_since_s is not None,
             "viewers": 0,

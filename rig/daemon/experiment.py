@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +27,8 @@ class Watcher:
     def tick(self, tick: Tick) -> None:
         """A control cycle was completed."""
 
-    def ended(self, confirmed: bool | None, missed: int) -> None:
-        """The loop is over and the output was commanded off; so many ticks were missed."""
+    def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
+        """The loop is over and the output was commanded off. ticks: how punctual it was (`rig.loop.Ticks`)."""
 
 
 def run_watched(
@@ -62,7 +62,7 @@ def _watched(bench: Bench, file: ConfigurationFile, say: Callable[[str], None], 
                 watcher.phase(text, float(more.get("duration_s", 0.0)))
 
         def stop(self, reason: str, **more: Any) -> None:
-            watcher.ended(more.get("output_off_confirmed"), int(more.get("ticks", {}).get("missed", 0)))
+            watcher.ended(more.get("output_off_confirmed"), more.get("ticks", {}))
             super().stop(reason, **more)
 
     return Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)

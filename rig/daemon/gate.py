@@ -16,6 +16,7 @@ from typing import Any, cast
 from rig.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import ResistanceMeter
+from rig.safety.switching_off import confirmed_by
 
 PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
 ALWAYS_OPEN = {"off", "close", "status", "read_current"}  # what switching off needs, to its verdict
@@ -23,10 +24,11 @@ ALWAYS_OPEN = {"off", "close", "status", "read_current"}  # what switching off n
 
 @dataclass(frozen=True)
 class Off:
-    """What switching off gave: whether the controller confirmed it, and how long it took (s)."""
+    """What switching off gave: whether the controller confirmed it, how long it took (s), on what "confirmed" rests."""
 
     confirmed: bool
     took_s: float
+    confirmed_by: str | None = None
 
 
 class Gate:
@@ -51,14 +53,15 @@ class Gate:
         if self.closed is None:
             self.closed = why
         self.changed.set()
-        confirmed = False
+        confirmed, rests_on = False, None
         if self._lock.acquire(timeout=PATIENCE_S):
             try:
                 confirmed = self._controller is not None and self._controller.off()
                 self._off = confirmed
+                rests_on = confirmed_by(self._controller) if confirmed else None
             finally:
                 self._lock.release()
-        return Off(confirmed, self._now_s() - begin)
+        return Off(confirmed, self._now_s() - begin, rests_on)
 
     def open(self) -> None:
         """Let a job pass."""

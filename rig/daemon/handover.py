@@ -1,6 +1,6 @@
 """`peltier run` and `calibrate` on ports that a daemon holds: a job of its, which is followed to its end.
 
-    status = handed_over("run", options.config, options.out, options.json)
+    status = handed_over("run", options.config, options.out, options.json, options.bench)
     if status is not None:
         return status
 
@@ -10,6 +10,7 @@ the verb would have given. Ctrl-C ends the job as it would end a run.
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -17,9 +18,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from rig.daemon.asking import report, teller
+from rig.command.terminal_line import TerminalLine
+from rig.daemon.asking import one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
-from rig.faults import Faults
+from rig.daemon.words import in_a_line, off_in_words
+from rig.faults import Faults, fault
 from rig.files.toml_text import read_toml
 
 NOT_CONFIRMED = 11
@@ -27,8 +30,27 @@ HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
-def handed_over(verb: str, config: Path, out: Path | None, json_target: str | None = None) -> int | None:
-    """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults."""
+def add_bench_argument(parser: argparse.ArgumentParser) -> None:
+    """--bench NAME, of the verbs whose work a daemon can do."""
+    parser.add_argument(
+        "--bench", metavar="NAME", help="let this daemon do it (serve.name); needed where its ports are sim://"
+    )
+
+
+def handed_over(
+    verb: str, config: Path, out: Path | None, json_target: str | None = None, bench: str | None = None
+) -> int | None:
+    """The exit status of the job, or None where no daemon holds the configuration's ports. Raises Faults.
+
+    bench: the daemon that shall do it, whatever the ports. sim:// is no port that two could share: by itself, a run
+    with such ports has a simulated rig of its own.
+    """
+    if bench is not None:
+        try:
+            with one_daemon(bench) as client, Client(client.path, SILENCE_S) as stream:
+                return _followed(verb, client, stream, config, out, json_target)
+        except NoDaemon as error:
+            raise fault("--bench", repr(bench), str(error)) from None
     ports = _ports(config)
     for client in daemons() if ports else []:
         with client:
@@ -97,7 +119,8 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
     if job["exit_status"] == 0:
         followed = client.ask("follow", id=job["id"])
         report(json_target, followed.get("result") or {})
-        print(f"output off, confirmed by the controller\nreport: {job['folder']}/report.html", file=stream, flush=True)
+        state = client.ask("state").get("state", {})
+        print(f"output off, {off_in_words(state)}\nreport: {job['folder']}/report.html", file=stream, flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
         print(f"peltier {verb}: {job['reason']}{place}", file=sys.stderr)
@@ -105,28 +128,41 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
-    """What is said meanwhile, and the job as it ended. Raises NoDaemon."""
-    phase, held = "", ""
-    for message in events:
-        data = message["data"]
-        waits = message["event"] == "state" and data["job"] is None
-        if waits and data["state"] in HOLDING and held != data["state"]:
-            held = data["state"]
-            print(f"the bench is {held}: the job waits (`peltier status` tells why)", file=stream, flush=True)
-        elif waits and data["state"] not in HOLDING and data["no_job_because"] and held != data["no_job_because"][0]:
-            held = data["no_job_because"][0]
-            print(f"the job waits: {held}", file=stream, flush=True)
-        if message["event"] == "say" and data["id"] == job["id"]:
-            print(data["text"], file=stream, flush=True)
-        if message["event"] == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
-            ended: dict[str, Any] = data
-            return ended
-        elif message["event"] == "state" and data["job"] and data["job"]["id"] == job["id"]:
-            doing = data["job"]
-            if doing["phase"] != phase and doing["total_s"] >= 60.0:
-                print(f"{doing['phase']}: {doing['total_s'] / 60.0:.1f} min", file=sys.stderr, flush=True)
-            phase = doing["phase"]
+    """What is said meanwhile, and the job as it ended; a line tells how far it is. Raises NoDaemon."""
+    line, doing, told_s, held = TerminalLine(sys.stderr), None, 0.0, ""
+
+    def tell(text: str) -> None:
+        line.clear()
+        print(text, file=stream, flush=True)
+
+    try:
+        for message in events:
+            event, data = message["event"], message["data"]
+            if event == "state":
+                mine = data["job"] is not None and data["job"]["id"] == job["id"]
+                doing = {**data["job"], "drive_unit": data["drive_unit"]} if mine else None
+                told_s = data["time_s"]
+                why = _held_by(data) if data["job"] is None else None
+                if why is not None and why != held:
+                    held = why
+                    tell(why)
+            elif event == "say" and data["id"] == job["id"]:
+                tell(data["text"])
+            elif event == "row" and doing is not None and data.get("job") == job["id"] and line.due():
+                line.show(in_a_line(data, doing, told_s))
+            elif event == "job" and data["id"] == job["id"] and data["ended_s"] is not None:
+                ended: dict[str, Any] = data
+                return ended
+    finally:
+        line.clear()
     raise NoDaemon("the daemon tells nothing any more")
+
+
+def _held_by(state: dict[str, Any]) -> str | None:
+    """Why no job runs; None where one may start."""
+    if state["state"] in HOLDING:
+        return f"the bench is {state['state']}: the job waits (`peltier status` tells why)"
+    return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None
 
 
 def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int:
@@ -141,5 +177,5 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
     if state.get("output") != "off":
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
         return NOT_CONFIRMED
-    print(f"peltier {verb}: stopped by {name}; output off, confirmed by the controller", file=sys.stderr)
+    print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
     return 128 + signal_number

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,7 @@ from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.errors import RigError
 from rig.experiment.calibration import Calibration
-from rig.experiment.session import calibration_summary, summary
+from rig.experiment.summaries import calibration_summary, summary
 from rig.faults import Faults
 from rig.files.run_folder import part_of
 from rig.loop import Tick
@@ -26,6 +27,7 @@ from rig.safety.after_off import NO_VOICE, after_off
 from rig.safety.plate_watch import PlateWatch
 from rig.serial_numbers import strangers
 
+CONDITION = "condition"  # the phase of a run that drives the film to its hot end
 LOOK_S = 30.0  # that the temperature is looked at after a job
 
 
@@ -58,7 +60,7 @@ class JobRun(Watcher):
             meter=desk.gate.meter_for_jobs(bench.meter) if bench.meter is not None else None,
             watched_after=True,
         )
-        self._conditioned = False
+        self._conditioning = False
         self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
 
     def work(self) -> None:
@@ -118,6 +120,10 @@ class JobRun(Watcher):
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
             if end.trip in NO_VOICE:
                 desk.after_off = None
+        if end.exit_status not in (0, NotConfirmedOff.exit_status) and part_of(job.out).is_dir():
+            from rig.report.run import write_missing_reports
+
+            write_missing_reports(part_of(job.out))
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
         if job.folder is None and part_of(job.out).is_dir():
@@ -149,11 +155,12 @@ class JobRun(Watcher):
         self._desk.changed()
 
     def phase(self, name: str, duration_s: float) -> None:
-        """A phase begins; after `condition` the film's memory is known."""
+        """A phase begins. With the first that follows `condition`, which may come in parts, the film's memory is known:
+        the conditioning has ended, at its hot end."""
         desk = self._desk
-        if self._conditioned and desk.memory_since_s is None:
+        if self._conditioning and name != CONDITION and desk.memory_since_s is None:
             desk.memory_since_s = desk.label_s()
-        self._conditioned = self._conditioned or name == "condition"
+        self._conditioning = name == CONDITION
         desk.phase = (name, desk.clock.now_s(), duration_s)
         desk.changed()
 
@@ -182,12 +189,13 @@ class JobRun(Watcher):
             }
         )
 
-    def ended(self, confirmed: bool | None, missed: int) -> None:
+    def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
         """The bench belongs to the idle loop again."""
         desk = self._desk
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         if confirmed and self._last is not None:
             desk.after_off = after_off(*self._last, self._bench.clock.now_s(), LOOK_S)
-        desk.ticks.missed += missed
+        desk.ticks.missed += int(ticks.get("missed", 0))
+        desk.ticks.unwatched_s = max(desk.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
         desk.in_loop, desk.phase = False, None
         desk.changed()

@@ -18,13 +18,14 @@ from rig.daemon.row import quality_of
 from rig.daemon.systemd import Notifier
 from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
+from rig.drivers.heater_drive import drive_unit
 from rig.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import UNGUARDED, Guard
 from rig.outcome import NotConfirmedOff, Stopped
 from rig.reading import Quality, Reading, missing
 from rig.safety.signals import SignalStop
-from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, looks_off
+from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, looks_off
 
 TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew
@@ -101,6 +102,7 @@ class Keeper:
         desk.gate.attach(bench.controller)
         desk.identities = dict(bench.identities)
         desk.has_dead_man = bench.controller.has_dead_man
+        desk.confirms_off_by, desk.drive_unit = confirmed_by(bench.controller), drive_unit(bench.controller)
         desk.output, desk.confirmed = "off", True
         desk.online, desk.offline_because = True, ""
         desk.live_by(bench.clock)

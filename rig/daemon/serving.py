@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from rig.daemon.answers import Answers
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
+from rig.daemon.log import Log
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import Notifier
 from rig.daemon.web_process import WebProcess, stop_listener
@@ -59,10 +59,6 @@ def _off_first(file: ConfigurationFile, guard: Guard) -> None:
         return
 
 
-def _log(line: str) -> None:
-    print(f"peltier serve: {line}", file=sys.stderr, flush=True)
-
-
 def _told_of_tokens(file: ConfigurationFile) -> list[str]:
     """Who has to bring a token, for the first lines of `serve`; not the tokens."""
     table = file.content.serve
@@ -87,16 +83,17 @@ def _web_processes(file: ConfigurationFile, place: Path, desk: Desk, stack: Exit
 def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
     """The bench process: socket first, so that a second daemon is told; then the ports and the page. Until a signal."""
     with ExitStack() as stack:
+        log = stack.enter_context(closing(Log()))
         place = socket_to_make(file.content.serve.name)
         listener = stack.enter_context(closing(ControlSocket(place)))
         folder = stack.enter_context(closing(Alone(history_folder(file))))
         with suppress(OSError):  # a full disk: the desk tries again, and tells
             folder.take()
         _off_first(file, guard)
-        desk = Desk(file, RealClock(), notes, folder.take, _log)
+        desk = Desk(file, RealClock(), notes, folder.take, log)
         held = desk.no_job_because()[: 1 if desk.latch is not None else 0]
         for line in [*desk.warnings(), *held, *_told_of_tokens(file)]:
-            _log(line)
+            log(line)
         notifier = stack.enter_context(closing(Notifier()))
         listener.start(Answers(desk))
         for web in _web_processes(file, place, desk, stack):

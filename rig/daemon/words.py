@@ -32,10 +32,19 @@ def span(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
+def in_a_line(row: dict[str, Any], job: dict[str, Any], told_s: float) -> str:
+    """How far a job's phase is by a row of its readings, and these; told_s: when the job's state was told, Unix s."""
+    done_s = min(job["done_s"] + max(row["time_s"] - told_s, 0.0), job["total_s"])
+    done = f"{span(done_s)} of {span(job['total_s'])}" if job["total_s"] else ""
+    parts = [f"{job['phase']:<9} {done}", number(row.get("temperature_degC"), "degC", 2)]
+    drive = number(row.get("current_A"), job.get("drive_unit", "A"), 2)
+    return "   ".join([*parts, resistance(row.get("resistance_ohm")), drive])
+
+
 def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
     """(what, how it is) of a state, in the order in which people ask."""
     reading, job, ticks = state["reading"], state["job"], state["ticks"]
-    confirmed = "confirmed by the controller" if state["output_confirmed"] else "NOT CONFIRMED"
+    confirmed = off_in_words(state) if state["output_confirmed"] else "NOT CONFIRMED"
     found = [
         ("state", str(state["state"])),
         ("output", f"{state['output']}, {confirmed}"),
@@ -46,15 +55,17 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
     if job is not None:
         done = f", {span(job['done_s'])} of {span(job['total_s'])}" if job["total_s"] else ""
         found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
-    wanted = number(reading.get("setpoint_degC"), "degC", 3)
+    wanted, unit = number(reading.get("setpoint_degC"), "degC", 3), state.get("drive_unit", "A")
+    unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading with a current on"
     found += [
         ("queue", f"{state['queue']} waiting" + ("; none starts" if state["no_job_because"] else "")),
         ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
-        ("current", number(reading.get("current_A"), "A", 3)),
+        ("drive" if unit != "A" else "current", number(reading.get("current_A"), unit, 3)),
         ("resistance", f"{resistance(reading.get('resistance_ohm'))}, wanted {resistance(reading.get('target_ohm'))}"),
         ("reading", f"{reading.get('quality')}, {_age(state)}"),
         ("film's memory", "known" if state["memory_known"] else "not known until the film was conditioned"),
         ("ticks", f"{ticks['done']} done, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.1f} ms late"),
+        ("watch", unread),
         ("gaps", _gaps(state["gaps"])),
         ("dead man", number(state["dead_man_s"], "s", 1) if state["dead_man_s"] else "none: the controller has none"),
         *[(role, text) for role, text in state["instruments"].items()],
@@ -62,6 +73,22 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         *[("warning", text) for text in state["warnings"]],
     ]
     return found
+
+
+def off_in_words(state: dict[str, Any]) -> str:
+    """That the controller confirmed it, and on what that rests."""
+    rests_on = f" ({state['output_confirmed_by']})" if state.get("output_confirmed_by") else ""
+    return f"confirmed by the controller{rests_on}"
+
+
+def job_in_words(job: dict[str, Any]) -> str:
+    """A job and what became of it, in a line."""
+    text = f"job {job['id']} {job['name']} ({job['kind']}): {job['state']}"
+    if job["started_s"] is not None and job["ended_s"] is not None:
+        text += f" after {span(job['ended_s'] - job['started_s'])}"
+    if job["reason"]:
+        text += f": {job['reason']}"
+    return f"{text}; {job['folder']}" if job["folder"] else text
 
 
 def _gaps(gaps: dict[str, Any]) -> str:

@@ -57,7 +57,7 @@ class MecomLink:
             raise ValueError(f"a MeCom address is 0..254, not {address}")
         self.transport = transport
         self._address = b"%02X" % address
-        self._instance = b"%02X" % instance
+        self.instance = b"%02X" % instance
         self._sequence = random.randrange(0x10000) if first_sequence is None else first_sequence
         self._trial_s = trial_s + 2 * LONGEST_FRAME * 10.0 / baudrate
         self._byte_s = 10.0 / baudrate
@@ -81,7 +81,7 @@ class MecomLink:
 
     def shout_int(self, parameter: int, value: int) -> None:
         """Set an INT32 parameter; nobody waits."""
-        self.shout(b"VS%04X%b%08X" % (parameter, self._instance, value & 0xFFFFFFFF))
+        self.shout(b"VS%04X%b%08X" % (parameter, self.instance, value & 0xFFFFFFFF))
 
     def query(self, payload: bytes, trials: int = TRIALS) -> bytes:
         """The data that answer `payload`. TimedOut, Corrupt (all trials garbled), Refused, Disconnected."""
@@ -109,18 +109,18 @@ class MecomLink:
             text = _float32.pack(value).hex().upper()
         except OverflowError:
             raise ValueError(f"parameter {parameter}: {value} does not fit into a FLOAT32") from None
-        self._exchange(b"VS%04X%b%b" % (parameter, self._instance, text.encode()), True, trials)
+        self._exchange(b"VS%04X%b%b" % (parameter, self.instance, text.encode()), True, trials)
 
     def write_int(self, parameter: int, value: int, trials: int = TRIALS) -> None:
         """Set an INT32 parameter; what does not fit is a ValueError."""
         if not -0x80000000 <= value <= 0x7FFFFFFF:
             raise ValueError(f"parameter {parameter}: {value} does not fit into an INT32")
-        self._exchange(b"VS%04X%b%08X" % (parameter, self._instance, value & 0xFFFFFFFF), True, trials)
+        self._exchange(b"VS%04X%b%08X" % (parameter, self.instance, value & 0xFFFFFFFF), True, trials)
 
     def _read(self, parameter: int, trials: int) -> bytes:
         payload = self._read_payloads.get(parameter)
         if payload is None:
-            payload = self._read_payloads[parameter] = b"?VR%04X%b" % (parameter, self._instance)
+            payload = self._read_payloads[parameter] = b"?VR%04X%b" % (parameter, self.instance)
         text = self._exchange(payload, False, trials)
         try:
             if len(text) != 8:

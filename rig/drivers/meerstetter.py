@@ -26,6 +26,7 @@ from rig.reading import Quality, Reading
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
 READY, RUNNING, IN_ERROR = 1, 2, 3
+OUT_OF_RANGE = 7  # what a device says to a value that it does not take
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
 ZERO_S = 0.52  # until when 0 A is tried, before the emergency stop: a late answer (0.4 s) is no disobedience
@@ -97,7 +98,7 @@ class MeerstetterController:
             self._set_int(108, 1)
             self._set_int(2010, 0)
             self._set_int(50000, 0)
-            self._set_float(2030, current_limit_A)
+            self._set_current_limit(current_limit_A)
             self._set_float(4010, low_degC)
             self._set_float(4011, high_degC)
             self._set_float(2060, dead_man_s)
@@ -105,6 +106,21 @@ class MeerstetterController:
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
         self.dead_man_s = dead_man_s
+
+    def _set_current_limit(self, current_limit_A: float) -> None:
+        """2030, read back. ValueError with both numbers where it is more than the device can (`?VL`)."""
+        try:
+            self._set_float(2030, current_limit_A)
+        except Refused as error:
+            if error.code != OUT_OF_RANGE:
+                raise
+            text = self.link.query(b"?VL07EE%b" % self.link.instance)
+            try:
+                (most_A,) = _float32.unpack(bytes.fromhex(text[-8:].decode()))
+            except (ValueError, struct.error):
+                raise error from None
+            asked = f"current limit {current_limit_A:g} A: this device takes at most {most_A:g} A"
+            raise ValueError(f"{asked}; expected limits.current_A of the Peltier element, within that") from None
 
     def own_limits(self) -> OwnLimits:
         """2030, 4010, 4011, 2060 and 3003."""

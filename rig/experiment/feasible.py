@@ -10,6 +10,7 @@ from compensator.film import FilmModel
 from compensator.functions import Array
 from compensator.inverse import Inverse
 from compensator.plate import PlateModel
+from rig.drivers.heater_drive import OF_FULL_DRIVE
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.target import Target
@@ -28,11 +29,12 @@ def check_plate(
         cooling, heating = plate.rate_range_K_per_s(temperature, limit)
         if heating < LEAST_RATE_K_PER_S or (plate.kind == "peltier" and cooling > -LEAST_RATE_K_PER_S):
             needed = plate.current_for_rate_A(temperature, math.copysign(LEAST_RATE_K_PER_S, heating), 1e3)
+            unit = "A" if plate.kind == "peltier" else OF_FULL_DRIVE
             raise fault(
                 where,
                 what,
-                f"the plate does not reach {temperature:.1f} degC within limits.current_A = {limit:g} A; "
-                f"by its model it takes {abs(needed):.2g} A",
+                f"the plate does not reach {temperature:.1f} degC within limits.current_A = {limit:g} {unit}; "
+                f"by its model it takes {abs(needed):.2g} {unit}",
             )
 
 

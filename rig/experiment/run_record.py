@@ -1,7 +1,7 @@
 """A run folder and a loop on the bench, and what is written down when the run ends, whatever ends it.
 
-Order on every way out: output off and confirmed, rows flushed, reason and trip written, files closed. A disk that is
-full, or gone, stops none of this: what cannot be written is said.
+Order on every way out: output off and confirmed, rows flushed, reason and trip written, files closed, report. A disk
+that is full, or gone, stops none of this: what cannot be written is said.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from rig.safety.output_off import OutputOff
 from rig.safety.signals import SignalStop
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
+FEWEST_ROWS = 2  # for a report
 TRIP_S = 60.0  # of rows before a trip, kept beside its cause
 
 
@@ -78,6 +79,8 @@ def recorded(
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
                 error.add_note(f"{folder.part} is not whole: {problem}")
+        if not bench.watched_after:
+            _write_report(folder, error)
         raise error
 
 
@@ -93,6 +96,21 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
         output.confirmed = False
         bench.guard.given_up()
         raise NotConfirmedOff(text) from error
+
+
+def _write_report(folder: RunFolder, error: BaseException) -> None:
+    """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
+    first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
+    if isinstance(error, NotConfirmedOff) or len(folder.rows) < FEWEST_ROWS:
+        return
+    from rig.report.run import write_live_report
+
+    try:
+        write_live_report(folder)
+    except Exception as problem:  # whatever it is, how the run ended is more important
+        error.add_note(f"no report could be written: {problem}")
+    else:
+        error.add_note(f"report: {folder.part / 'report.html'}")
 
 
 def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:

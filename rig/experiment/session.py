@@ -5,9 +5,10 @@ Order on every way out: output off and confirmed, rows flushed, reason written, 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,13 +17,17 @@ from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.drivers.heater_drive import cools, drive_unit
+from rig.drivers.meter import column_of
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
+from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
 from rig.experiment.run_record import recorded
-from rig.experiment.tracking import Score, law_and_design, plan_tracking, to_temperature, track
+from rig.experiment.score import COUNTED, Score, largest, profile_error, rms
+from rig.experiment.summaries import calibration_result, design_table
+from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, read_model, write_model
@@ -92,21 +97,29 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
 
 def calibrate(session: Session, path: Path) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
+    _tell_dead_man(session)
+    return _calibrated(session, path)
+
+
+def _calibrated(session: Session, path: Path) -> Calibration:
+    """The same, as a part of a run."""
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
     _needs_current(session)
-    _tell_dead_man(session)
     with one_run(session, path, "calibration") as (loop, folder):
         check_polarity(loop, file.content, file.content.calibration.period_s)
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
-    folder.result(check_rmse_dec=result.check_rmse_dec, transition_degC=list(result.transition_degC))
-    from rig.report.calibration import write_calibration_report
+    folder.result(**calibration_result(result))
+    from rig.report.calibration import PREDICTED
+    from rig.report.run import write_live_report
 
-    write_calibration_report(folder, result)
+    predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
+    write_columns(folder.part / PREDICTED, predicted)
+    write_live_report(folder)
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
@@ -117,14 +130,24 @@ def run(
     file: ConfigurationFile,
     out: Path | None,
     say: Callable[[str], None],
-    progress: Progress | None,
+    onlooker: Onlooker | None,
     guard: Guard = UNGUARDED,
 ) -> Result:
     """The experiment of a configuration, on a bench that is opened for it. Raises Faults, RigError, Outcome."""
     path = out if out is not None else default_folder(file.content.experiment.name)
     target, model = wanted(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
-        return run_on(Session(bench, file, signals, say, progress), path, target, model)
+        session = watched_by(onlooker, Session(bench, file, signals, say), expected_run(file.content, target, model))
+        return run_on(session, path, target, model)
+
+
+def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> Session:
+    """The session with somebody who shows how far it is; phases: those to come."""
+    if onlooker is None:
+        return session
+    meter, unit = session.bench.meter, drive_unit(session.bench.controller)
+    onlooker.expect(phases, unit, column_of(meter.output) if meter is not None else "")
+    return replace(session, progress=onlooker.phase, on_tick=onlooker.tick)
 
 
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:
@@ -190,7 +213,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert target is not None
     inner = part_of(path)
     if model is None:
-        result.calibration = calibrate(session, inner / "calibration")
+        result.calibration = _calibrated(session, inner / "calibration")
         model = result.model = result.calibration.model
         _check_feasible(file, target, model, say)
     assert model.film is not None
@@ -198,33 +221,53 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     if e.law != "instrument_pid":
         _needs_current(session, model)
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
-    folders: dict[str, RunFolder] = {}
-    for name in names:
-        where = path if name == e.law else inner / name
-        known = known_plate(model.plate, model.switched())
-        plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
-        with one_run(session, where, f"law {name}") as (loop, folder):
-            if name == names[0] and result.calibration is None:
-                check_polarity(loop, file.content, e.period_s, known)
-            else:
-                loop.know_plate(known)
-            score = track(loop, file.content, plan)
-        folder.result(law=name, score=score.table(), design=design_table(plan.design))
-        _keep(folder, target, model)
-        result.scores.append(score)
-        result.designs[name] = plan.design
-        folders[name] = folder
-        say(f"{name}: RMS error {score.rms_dec:.4f} dec, largest {score.max_dec:.3f} dec")
-    from rig.report.tracking import write_tracking_report
-
-    for name in names[1:]:
-        write_tracking_report(folders[name], result, {name: folders[name]})
-        folders[name].finish()
-    write_tracking_report(folders[e.law], result, folders)
-    result.folder = folders[e.law].finish()
+    folders: dict[LawName, RunFolder] = {}
+    try:
+        for name in names:
+            folders[name] = _one_law(session, path if name == e.law else inner / name, result, name)
+    except BaseException:
+        with suppress(Exception):  # why it ended is what has to be told
+            _reports(folders, e.law)
+        raise
+    result.folder = _reports(folders, e.law).finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
+
+
+def _one_law(session: Session, where: Path, result: Result, name: LawName) -> RunFolder:
+    """One law on the target, into a folder of its own."""
+    file, target, model = session.file, result.target, result.model
+    assert target is not None
+    assert model is not None
+    assert model.plate is not None
+    e = file.content.experiment
+    known = known_plate(model.plate, model.switched())
+    plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
+    with one_run(session, where, f"law {name}") as (loop, folder):
+        if name == e.law and result.calibration is None:
+            check_polarity(loop, file.content, e.period_s, known)
+        else:
+            loop.know_plate(known)
+        score = track(loop, file.content, plan)
+    folder.result(law=name, score=score.table(), design=design_table(plan.design))
+    _keep(folder, target, model)
+    result.scores.append(score)
+    result.designs[name] = plan.design
+    session.say(f"{name}: {score.in_words()}")
+    return folder
+
+
+def _reports(folders: Mapping[LawName, RunFolder], own: LawName) -> RunFolder:
+    """The reports of what was run: the laws to compare with first, for the own one's links to them. The own folder."""
+    from rig.report.run import write_live_report
+
+    for name, folder in folders.items():
+        if name != own:
+            write_live_report(folder)
+            folder.finish()
+    write_live_report(folders[own])
+    return folders[own]
 
 
 def _profile(session: Session, path: Path, result: Result) -> None:
@@ -257,13 +300,14 @@ def _profile(session: Session, path: Path, result: Result) -> None:
             policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
     _keep(folder, target, result.model)
-    from rig.report.profile import temperature_error_K, write_profile_report
+    from rig.report.run import write_live_report
 
-    write_profile_report(folder, e.kind)
+    error_K = rms(profile_error(folder)[1])
+    if math.isfinite(error_K):
+        folder.result(error={"rms_K": error_K, "max_K": largest(profile_error(folder)[1])})
+        say(f"temperature: RMS error {error_K:.4f} K ({COUNTED})")
+    write_live_report(folder)
     result.folder = folder.finish()
-    error = temperature_error_K(folder)
-    if error is not None:
-        say(f"temperature: RMS error {error:.4f} K against the profile")
 
 
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
@@ -301,51 +345,3 @@ def _needs_current(session: Session, model: Model | None = None) -> None:
             "bench.controller.driver",
             f"{table.driver!r} takes no current; expected experiment.law = 'instrument_pid' with a model",
         )
-
-
-def design_table(design: Design) -> dict[str, Any]:
-    """A design as plain values, for run.json and the report."""
-    return {
-        "gains": dict(design.gains.__dict__),
-        "margins": dict(design.margins.__dict__),
-        "closed_loop_time_s": design.closed_loop_time_s,
-        "process_gain": design.process_gain,
-        "process_pole_per_s": design.process_pole_per_s,
-        "dead_time_s": design.dead_time_s,
-        "period_s": design.period_s,
-    }
-
-
-def calibration_summary(result: Calibration) -> dict[str, Any]:
-    """What came out, as `peltier calibrate --json` tells it."""
-    return {
-        "format": "peltier-calibration/1",
-        "folder": result.model_path.parent,
-        "model": result.model_path,
-        "check_rmse_dec": result.check_rmse_dec,
-        "check_max_dec": result.check_max_dec,
-        "check_rmse_K": result.check_rmse_K,
-        "rows_fitted": result.rows_fitted,
-        "rows_checked": result.rows_checked,
-        "transition_degC": list(result.transition_degC),
-        "identifiability": result.film.identifiability,
-    }
-
-
-def summary(result: Result) -> dict[str, Any]:
-    """What came out, as `peltier run --json` tells it."""
-    calibration = result.calibration
-    return {
-        "format": "peltier-run-result/1",
-        "folder": result.folder,
-        "scores": {score.law: score.table() for score in result.scores},
-        "designs": {name: design_table(design) for name, design in result.designs.items()},
-        "calibration": None
-        if calibration is None
-        else {
-            "model": calibration.model_path,
-            "check_rmse_dec": calibration.check_rmse_dec,
-            "rows_fitted": calibration.rows_fitted,
-            "rows_checked": calibration.rows_checked,
-        },
-    }

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from compensator.functions import Array
+from rig.experiment.expected import Onlooker
+from rig.experiment.score import PROFILE, TRACK, error_dec, largest, rms
 from rig.experiment.session import run, target_of
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, configuration_of
@@ -19,7 +21,6 @@ from rig.files.effect_tables import add_effect_files, effect_in_words, switched_
 from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
 from rig.files.toml_text import read_text, read_toml
-from rig.loop import Progress
 from rig.outcome import Tripped
 from rig.simulation import simulated_world
 from sim.effects.effect import Switched
@@ -86,11 +87,11 @@ def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
     return inner if isinstance(inner, dict) else {}
 
 
-def simulate(file: ConfigurationFile, say: Callable[[str], None], progress: Progress | None) -> Simulated:
+def simulate(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
     """The record of the experiment. Raises Faults, RigError, Outcome."""
     if file.content.experiment.kind == "current_profile":
         return _open_loop(file)
-    return _closed_loop(file, say, progress)
+    return _closed_loop(file, say, onlooker)
 
 
 def _open_loop(file: ConfigurationFile) -> Simulated:
@@ -136,13 +137,13 @@ def _test_current(file: ConfigurationFile, time: Array) -> Array:
     return np.full(time.size, min(TEST_CURRENT_A, c.limits.meter_current_A) if chosen is None else chosen)
 
 
-def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], progress: Progress | None) -> Simulated:
+def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
     """Through the simulated instruments, byte for byte, as `peltier run` does it."""
     world, ended = simulated_world(file), None
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) / "run"
         try:
-            run(file, folder, say, progress)
+            run(file, folder, say, onlooker)
         except Tripped as trip:
             folder, ended = part_of(folder), trip
             if not (folder / "record.csv").is_file():
@@ -155,18 +156,15 @@ def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], progress: 
     return Simulated(kept, world.effects, ended)
 
 
-def tracking_error(simulated: Simulated) -> dict[str, float]:
-    """RMS and largest error of the rows that followed a target, after its first tenth: rms_dec, or rms_K."""
+def target_error(simulated: Simulated) -> dict[str, float]:
+    """RMS and largest error over the whole target (`rig.experiment.score`): rms_dec, or rms_K."""
     columns = simulated.columns
     phase = np.array(columns.get("phase", [""] * simulated.rows))
-    inside = np.flatnonzero((phase == "track") | (phase == "profile"))
-    inside = inside[inside.size // 10 :]
+    inside = (phase == TRACK) | (phase == PROFILE)
     for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
-        if wanted in columns and shown in columns and inside.size:
+        if wanted in columns and shown in columns:
             a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
-            error = np.log10(a / b) if unit == "dec" else a - b
-            error = error[np.isfinite(error)]
-            if error.size:
-                rms, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-                return {f"rms_{unit}": rms, f"max_{unit}": largest}
+            error = error_dec(a, b) if unit == "dec" else a - b
+            if np.any(np.isfinite(error)):
+                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
     return {}

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import RigError
-from rig.experiment.simulated import simulate, simulated_configuration, table_in, tracking_error
+from rig.experiment.simulated import simulate, simulated_configuration, table_in, target_error
 from rig.faults import Faults, fault
 from rig.files.configuration import SweepTable
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
@@ -98,7 +98,7 @@ def experiment(path: Path, point: Point, records: Path | None) -> dict[str, str]
     ended = simulated.ended
     row |= {"status": "done" if ended is None else "tripped", "text": "" if ended is None else str(ended)}
     row["rows"] = str(simulated.rows)
-    return {**row, **{name: repr(value) for name, value in tracking_error(simulated).items()}}
+    return {**row, **{name: repr(value) for name, value in target_error(simulated).items()}}
 
 
 def _varied(path: Path, raw: dict[str, Any], point: Point) -> tuple[dict[str, Any], list[dict[str, Any]], int]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -24,38 +23,16 @@ from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
 from rig.experiment.extension import Extension
 from rig.experiment.policies import Follow, handed_over, temperature_now, warmed_up
+from rig.experiment.score import Score, score
 from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
-from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.loop import Loop
 from rig.resistance import ohm
 
 HOT_DWELL_S = 3.0
-FIRST_SHARE_LEFT_OUT = 0.1  # of the target's duration: before it, a law may settle
 DEFAULT_BAND_DEC = 0.002
-
-
-@dataclass(frozen=True)
-class Score:
-    """How well a law tracked, after the first tenth of the target and from its start: errors in decades.
-
-    current_at_limit: share of the time that the current was at its limit.
-    """
-
-    law: str
-    rms_dec: float
-    max_dec: float
-    p95_dec: float
-    rms_from_start_dec: float
-    max_from_start_dec: float
-    current_at_limit: float
-    samples: int
-    missing: int
-
-    def table(self) -> dict[str, Any]:
-        return dict(self.__dict__)
 
 
 def law_and_design(
@@ -165,7 +142,10 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
         loop.phase("settle", follow, e.settle_s, e.period_s)
     follow.target = target
     loop.phase("track", follow, target.duration_s, e.period_s)
-    return score(loop.folder, plan.name, target.duration_s, configuration.limits.current_A)
+    found = score(loop.folder, plan.name, configuration.limits.current_A)
+    if found is None:
+        raise fault("the run", "track", "expected rows with a reading in this phase")
+    return found
 
 
 def to_temperature(
@@ -191,28 +171,3 @@ def to_temperature(
     follow = Follow(law, target, memory, state, setpoints)
     loop.phase(name, follow, target.duration_s, period)
     return follow
-
-
-def score(folder: RunFolder, law: str, duration_s: float, limit_A: float) -> Score:
-    """Tracking errors of the rows of phase "track"."""
-    inside = folder.column("phase") == "track"
-    time = folder.column("time_s")[inside]
-    resistance, target = folder.column("resistance_ohm")[inside], folder.column("target_ohm")[inside]
-    current = folder.column("current_A")[inside]
-    good = np.isfinite(resistance) & (resistance > 0.0) & np.isfinite(target)
-    error = np.log10(resistance[good]) - np.log10(target[good])
-    late = (time[good] - time[0]) >= FIRST_SHARE_LEFT_OUT * duration_s
-    counted = error[late]
-    return Score(
-        law=law,
-        rms_dec=float(np.sqrt(np.mean(counted**2))),
-        max_dec=float(np.max(np.abs(counted))),
-        p95_dec=float(np.quantile(np.abs(counted), 0.95)),
-        rms_from_start_dec=float(np.sqrt(np.mean(error**2))),
-        max_from_start_dec=float(np.max(np.abs(error))),
-        current_at_limit=float(np.mean(np.abs(current) >= 0.999 * limit_A))
-        if np.all(np.isfinite(current))
-        else math.nan,
-        samples=int(counted.size),
-        missing=int(good.size - good.sum()),
-    )

@@ -325,13 +325,16 @@ class ConfigurationFile:
         return self.path.parent / name
 
 
-def read_configuration(path: Path) -> ConfigurationFile:
-    """Read and check a configuration. Raises Faults with a line for each fault."""
+def read_configuration(path: Path, for_experiment: bool = True) -> ConfigurationFile:
+    """Read and check a configuration. Raises Faults with a line for each fault.
+
+    for_experiment: whether its experiment is to be done, which needs the files of its target and its model.
+    """
     text = read_text(path)
-    return configuration_of(path, text, parsed_toml(text, path))
+    return configuration_of(path, text, parsed_toml(text, path), for_experiment)
 
 
-def configuration_of(path: Path, text: str, raw: dict[str, Any]) -> ConfigurationFile:
+def configuration_of(path: Path, text: str, raw: dict[str, Any], for_experiment: bool = True) -> ConfigurationFile:
     """A configuration from its text and what TOML makes of it, as if it were at `path`. Raises Faults.
 
     The text that it keeps, and that run folders and people get, is without the secrets of [serve].
@@ -340,7 +343,7 @@ def configuration_of(path: Path, text: str, raw: dict[str, Any]) -> Configuratio
     file = ConfigurationFile(path, without_secrets(text), content)
     lines = []
     for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
-        if isinstance(name, str) and not file.beside(name).is_file():
+        if for_experiment and isinstance(name, str) and not file.beside(name).is_file():
             lines.append(f"{path}: {key}: {name!r}: no such file beside the configuration")
     low, high = content.limits.temperature_degC
     span = content.calibration.temperature_degC

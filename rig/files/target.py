@@ -13,6 +13,7 @@ target_kohm.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Callable
@@ -140,7 +141,23 @@ def _read(sentence: str, quantity: str) -> Step:
         if SINE_STEPS * length / period > MOST_SINE_STEPS:
             raise ValueError(f"{length / period:.3g} periods: expected at most {MOST_SINE_STEPS // SINE_STEPS}")
         return partial(_sine, quantity, amplitude, period, length)
-    raise ValueError("expected start, hold, ramp to .. at/in .., step to .., or sine .. period .. for ..")
+    raise ValueError(_what_would_be_read(sentence, quantity))
+
+
+def _what_would_be_read(sentence: str, quantity: str) -> str:
+    """For a sentence that is none: how one with its first word is written, or how all of them are."""
+    value, change = EXAMPLES[quantity].removeprefix("start "), next(iter(CHANGES[quantity]))
+    forms = {
+        "start": [f"start {value}"],
+        "hold": ["hold 20 s"],
+        "ramp": [f"ramp to {value} at 0.1 {change}/s", f"ramp to {value} in 30 s"],
+        "step": [f"step to {value}"],
+        "sine": [f"sine 0.4 {change} period 40 s for 80 s"],
+    }
+    first = sentence.partition(" ")[0].lower()
+    near = difflib.get_close_matches(first, forms, n=1)
+    meant = forms[near[0]] if near else [text for texts in forms.values() for text in texts]
+    return "expected " + " or ".join(repr(text) for text in meant)
 
 
 def _match(sentence: str, pattern: str) -> re.Match[str] | None:
@@ -236,7 +253,8 @@ def _rate(number: str, text: str, quantity: str) -> float:
 def _time(number: str, unit: str | None) -> float:
     found = spelled(unit) if unit else None
     if found is None or found[0] != "s":
-        raise ValueError(f"{number[:20]} {unit or ''}: expected a time > 0 in s, min, h")
+        shown = f"unit {unit!r}" if unit else f"{number[:20]} without a unit"
+        raise ValueError(f"{shown}: expected a time > 0 in s, min, h, as in '{number[:20]} s'")
     value = float(UNITS["s"][str(found[1])](np.array([_finite(number)]))[0])
     if not 0.0 < value <= LONGEST_S:
         raise ValueError(f"{number[:20]} {unit}: expected a time > 0, and at most {LONGEST_S:g} s")

@@ -8,6 +8,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ MOST_POINTS = 5000
 SHOWN = tuple(name for name in QUANTITIES if name != "meter_current_A")
 MOST_RAW = 200_000  # rows that are averaged for one answer; beyond, the roll-ups answer
 FEW_RAW = 20_000  # the same where the roll-ups are as fine as the picture
+LONGEST_STEP_S = 5.0  # between rows of the film's plane that a line may join
 STEPS_BETWEEN_LOOKS = 20_000  # of sqlite's machine, about a millisecond
 ROUND_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600)
 
@@ -132,8 +134,12 @@ def finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def loop_points(path: Path, from_s: float, points: int) -> list[tuple[float, float, float]]:
-    """(time s, temperature degC, resistance ohm) since a time, every so many rows that `points` are left."""
+Point = tuple[float, float | None, float | None]  # time s, temperature degC, resistance ohm
+
+
+def loop_points(path: Path, from_s: float, points: int) -> list[Point]:
+    """Points of the film's plane since a time, every so many rows that about `points` are left; where nobody read for
+    a while one with None, None, over which no line is to be drawn."""
     with _reading(path) as connection:
         found = connection.execute(
             "SELECT time_s, temperature_degC, resistance_ohm FROM raw WHERE time_s >= ? "
@@ -141,7 +147,25 @@ def loop_points(path: Path, from_s: float, points: int) -> list[tuple[float, flo
             (from_s,),
         ).fetchall()
     step = max(1, math.ceil(len(found) / points))
-    return found[::step]
+    out: list[Point] = []
+    for stretch in _stretches(found):
+        if out:
+            out.append((stretch[0][0], None, None))
+        out += stretch[:-1:step] + stretch[-1:]
+    return out
+
+
+def _stretches(rows: list[tuple[float, float, float]]) -> Iterator[list[tuple[float, float, float]]]:
+    """Rows between gaps. A gap is longer than 5 s and than three of the steps on either side: a slow run has none."""
+    steps = [after[0] - before[0] for before, after in pairwise(rows)]
+    first = 0
+    for k, step_s in enumerate(steps):
+        beside_s = max(steps[k - 1] if k > 0 else 0.0, steps[k + 1] if k + 1 < len(steps) else 0.0)
+        if step_s > max(LONGEST_STEP_S, 3.0 * beside_s):
+            yield rows[first : k + 1]
+            first = k + 1
+    if rows:
+        yield rows[first:]
 
 
 def trips(path: Path, count: int = 50) -> list[dict[str, Any]]:

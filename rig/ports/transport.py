@@ -45,12 +45,16 @@ class Port(Protocol):
 
 
 class Transport:
-    """One serial line. port: open, with a write time-out; clock: the one its reads block by."""
+    """One serial line. port: open, with a write time-out; clock: the one its reads block by.
+
+    heard: whether anything at all has come from the other end.
+    """
 
     def __init__(self, port: Port, clock: Clock) -> None:
         self.port = port
         self.clock = clock
         self.stale_bytes = 0
+        self.heard = False
         self._received = b""
 
     def send(self, data: bytes) -> None:
@@ -70,6 +74,7 @@ class Transport:
                 end = received.find(terminator)
                 if end >= 0:
                     self._received = received[end + len(terminator) :]
+                    self.heard = True
                     return received[:end]
                 if len(received) > LONGEST_LINE:
                     self._received = b""
@@ -77,6 +82,7 @@ class Transport:
                 remaining_s = deadline_s - self.clock.now_s()
                 if remaining_s < SHORTEST_WAIT_S:
                     self._received = received
+                    self.heard = self.heard or bool(received)
                     raise TimedOut(f"no answer, {len(received)} bytes of one" if received else "no answer")
                 port = self.port
                 port.timeout = remaining_s
@@ -108,6 +114,7 @@ class Transport:
         except GONE as error:
             raise _meaning(error) from error
         self.stale_bytes += len(stale)
+        self.heard = self.heard or bool(stale)
         return stale
 
     def reopen(self) -> None:

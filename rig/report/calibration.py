@@ -2,101 +2,120 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from rig.files.run_folder import RunFolder
+from compensator.functions import Array
+from rig.experiment.score import error_dec
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
+from rig.report.run_rows import PHASE, RunRows, drive_label
 
-if TYPE_CHECKING:
-    from rig.experiment.calibration import Calibration
+PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
+UNITS = {
+    "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
+    "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
+    "conductance_over_capacity_per_s": ("G/C", "1/s"),
+    "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
+    "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
+}
 
 
-def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
-    """report.html of a calibration's folder."""
-    film, plate = result.film, result.plate
+def write_calibration_report(run: RunRows, out: Path) -> None:
+    """report.html of a calibration, in `out`."""
+    result = run.document["result"]
     lead = (
-        f"The film model predicts log R to {result.check_rmse_dec:.4f} decades RMS "
-        f"(largest {result.check_max_dec:.3f}) on {result.rows_checked} rows that it was not fitted to."
+        f"The film model predicts log R to {result['check_rmse_dec']:.4f} decades RMS "
+        f"(largest {result['check_max_dec']:.3f}) on {result['rows_checked']} rows that it was not fitted to."
     )
+    low, high = result["transition_degC"]
     numbers = [
-        (f"{result.check_rmse_dec:.4f} dec", "held-out RMSE of log R"),
-        (f"{film.rmse:.4f} dec", "RMSE of the fit"),
-        (f"{result.check_rmse_K * 1e3:.0f} mK", "held-out RMSE of the temperature from the current alone"),
-        (
-            f"{result.transition_degC[0]:.0f}\N{EN DASH}{result.transition_degC[1]:.0f} \N{DEGREE SIGN}C",
-            "the transition",
-        ),
-        (film.model.memoryless.function, "form of D(T)"),
-        (f"{int(np.sum(film.model.weights > 0.0))}", "play operators with weight"),
+        (f"{result['check_rmse_dec']:.4f} dec", "held-out RMSE of log R"),
+        (f"{result['rmse_dec']:.4f} dec", "RMSE of the fit"),
+        (f"{result['check_rmse_K'] * 1e3:.0f} mK", f"held-out RMSE of the temperature from the {drive_label(run)[0]}"),
+        (f"{low:.0f}\N{EN DASH}{high:.0f} \N{DEGREE SIGN}C", "the transition"),
+        (result["memoryless"], "form of D(T)"),
+        (str(result["operators"]), "play operators with weight"),
     ]
-    units = {
-        "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
-        "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
-        "conductance_over_capacity_per_s": ("G/C", "1/s"),
-        "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
-        "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
-    }
-    rows = [
-        [units[name][0], f"{value:.6g}", f"\N{PLUS-MINUS SIGN} {1.96 * error:.2g}", units[name][1]]
-        for name, value, error in zip(plate.names, plate.values, plate.standard_errors, strict=True)
-    ]
-    open_questions = [*film.identifiability, *plate.identifiability]
+    rows = [_parameter(one) for one in result["plate"]]
+    doubts = result["identifiability"]
+    predicted = _predicted(run.part / PREDICTED, run.rows)
+    film = [_loops(run, out, predicted)]
+    if predicted is not None:
+        film.append(_residual(run, out, predicted))
     parts = [
-        facts(folder),
+        facts(run),
         tiles(numbers),
-        section("The film", _loops(folder, result), _residual(folder, result)),
+        section("The film", *film),
         section(
             "What this record cannot fix",
-            bullets(open_questions) if open_questions else paragraph("Nothing: it fixes the film and the plate."),
+            bullets(doubts) if doubts else paragraph("Nothing: it fixes the film and the plate."),
         ),
-        section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _profile(folder)),
+        section("The plate", table(["parameter", "value", "95 %", "unit"], rows), _profile(run, out)),
     ]
-    write_page(folder.part / "report.html", f"{folder.path.name}: film and plate", lead, parts)
+    write_page(out / "report.html", f"{run.path.name}: film and plate", lead, parts)
 
 
-def _loops(folder: RunFolder, result: Calibration) -> str:
+def _parameter(one: dict[str, Any]) -> list[str]:
+    """A row of the plate's table."""
+    name, unit = UNITS.get(one["name"], (one["name"], ""))
+    error = one["standard_error"]
+    interval = f"\N{PLUS-MINUS SIGN} {1.96 * error:.2g}" if error is not None else "\N{EN DASH}"
+    return [name, f"{one['value']:.6g}", interval, unit]
+
+
+def _predicted(path: Path, rows: int) -> Array | None:
+    """The resistance that the model says, ohm, row by row; None where a folder of before has none."""
+    from rig.files.record_file import read_record
+
+    if not path.is_file():
+        return None
+    found = read_record(path, flags=False).columns.get("predicted_ohm")
+    return found if found is not None and found.size == rows else None
+
+
+def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
     fig, axes = new_figure(1, 4.8)
-    temperature, resistance = folder.column("temperature_degC"), folder.column("resistance_ohm")
-    checked = folder.column("phase") == "check"
+    temperature, resistance = run.column("temperature_degC"), run.column("resistance_ohm")
+    checked = run.column(PHASE) == "check"
     for inside, colour, name in ((~checked, "#9fb6d8", "fitted rows"), (checked, COLOURS["measured"], "held-out rows")):
         t, r = thinned(temperature[inside], resistance[inside])
         axes[0].plot(t, r, color=colour, linewidth=1.2, label=name)
-    t, predicted = thinned(temperature[checked], 10.0 ** -result.predicted_output[checked])
-    axes[0].plot(t, predicted, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
+    if predicted is not None:
+        t, shown = thinned(temperature[checked], predicted[checked])
+        axes[0].plot(t, shown, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel("resistance / ohm")
     log_scale(axes[0])
     axes[0].legend(loc="upper right")
     return figure(
-        saved(fig, folder.part, "loops"),
+        saved(fig, out, "loops"),
         "Major and minor loops, and the model's prediction over the held-out minor loops.",
     )
 
 
-def _residual(folder: RunFolder, result: Calibration) -> str:
+def _residual(run: RunRows, out: Path, predicted: Array) -> str:
     fig, axes = new_figure(1, 2.4)
-    time, resistance = folder.column("time_s"), folder.column("resistance_ohm")
-    error = result.predicted_output + np.log10(resistance)
-    t, shown = thinned(time, error)
+    time = run.column("time_s")
+    t, shown = thinned(time, error_dec(run.column("resistance_ohm"), predicted))
     axes[0].plot(t, shown, color=COLOURS["model"], linewidth=0.8)
-    checked = time[folder.column("phase") == "check"]
+    checked = time[run.column(PHASE) == "check"]
     axes[0].axvspan(float(checked[0]), float(checked[-1]), color="#eef2f8", zorder=0)
     axes[0].set_xlabel("time / s")
-    axes[0].set_ylabel("model - measured / dec")
-    return figure(saved(fig, folder.part, "residual"), "What the film model gets wrong; shaded: held-out rows.")
-
-
-def _profile(folder: RunFolder) -> str:
-    fig, axes = new_figure(2, 4.2, [1.6, 1.0])
-    time, temperature, current = thinned(
-        folder.column("time_s"), folder.column("temperature_degC"), folder.column("current_A")
+    axes[0].set_ylabel("measured over model / dec")
+    return figure(
+        saved(fig, out, "residual"),
+        "The error over time, of the film model against the readings; shaded: held-out rows.",
     )
+
+
+def _profile(run: RunRows, out: Path) -> str:
+    fig, axes = new_figure(2, 4.2, [1.6, 1.0])
+    time, temperature, current = thinned(run.column("time_s"), run.column("temperature_degC"), run.column("current_A"))
     axes[0].plot(time, temperature, color=COLOURS["temperature"])
     axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
     axes[1].step(time, current, where="post", color=COLOURS["current"], linewidth=0.8)
-    axes[1].set_ylabel("current / A")
+    name, unit = drive_label(run)
+    axes[1].set_ylabel(f"{name} / {unit}")
     axes[1].set_xlabel("time / s")
-    return figure(saved(fig, folder.part, "profile"), "The profile that was run: pulses, major loop, minor loops.")
+    return figure(saved(fig, out, "profile"), "The profile that was run: pulses, major loop, minor loops.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rig.files.run_folder import RunFolder
+    from rig.report.run_rows import RunRows
 
 STYLE = """
 :root { --ink: #1c2330; --soft: #5b6577; --line: #dfe3ea; --paper: #ffffff; --tile: #f5f7fa; --accent: #1f5fbf; }
@@ -25,18 +25,20 @@ figure { margin: 1rem 0 0; } figure svg { width: 100%; height: auto; display: bl
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 6px 10px; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; } tr.best td { font-weight: 600; }
+.words th, .words td { text-align: left; vertical-align: top; }
 ul { padding-left: 1.2rem; } code { background: var(--tile); padding: 1px 5px; border-radius: 5px; }
 """
 
 
-def facts(folder: RunFolder) -> str:
+def facts(run: RunRows) -> str:
     """When, on what, with what, and how it ended: the line under a report's headline."""
-    start, stop = folder.document["start"], folder.document.get("stop", {})
+    start, stop = run.document["start"], run.document.get("stop", {})
     instruments = ", ".join(f"{one['maker']} {one['model']}" for one in start["instruments"].values())
     simulated = start["settings"]["bench"]["controller"]["port"].startswith("sim://")
     off = "output off, confirmed" if stop.get("output_off_confirmed") else "OUTPUT NOT CONFIRMED OFF"
+    ended = f"Ended: {stop.get('reason', '?')}, {off}." if stop else "Nobody wrote down how it ended."
     where = "SIMULATED rig" if simulated else "real rig"
-    text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. Ended: {stop.get('reason', '?')}, {off}."
+    text = f"{start['at'][:16].replace('T', ' ')} UTC, {where}: {instruments}. {ended}"
     return paragraph(f"{text} {punctuality(stop.get('ticks', {}))}".strip(), "note")
 
 
@@ -71,6 +73,11 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], best: int | None =
         for k, row in enumerate(rows)
     )
     return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def events_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of words, which stand at the left."""
+    return f'<div class="words">{table(head, rows)}</div>'
 
 
 def figure(svg: str, caption: str) -> str:

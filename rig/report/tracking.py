@@ -2,72 +2,97 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from rig.files.run_folder import RunFolder
+from rig.experiment.score import COUNTED, TRACK, Score, score
+from rig.report.error_course import decades_figure
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page
+from rig.report.run_rows import CALIBRATION, LAW, RunRows, drive_label, limit_A
 
-if TYPE_CHECKING:
-    from rig.experiment.session import Result
+COURSES = ("time_s", "temperature_degC", "resistance_ohm", "target_ohm", "current_A", "reference_degC")
 
 
-def write_tracking_report(folder: RunFolder, result: Result, folders: dict[str, RunFolder]) -> None:
-    """report.html of one law's folder; `folders` holds the laws that its figures compare, the own one first."""
-    own = next(name for name, other in folders.items() if other is folder)
-    score = next(s for s in result.scores if s.law == own)
-    design = result.designs[own]
-    lead = (
-        f"The law '{own}' kept the film within {score.rms_dec:.4f} decades RMS of the wanted resistance "
-        f"(95 % of the time within {score.p95_dec:.3f}; at worst {score.max_from_start_dec:.3f}, the start included)."
-    )
-    others = [s for s in result.scores if s.law != own and s.law in folders]
-    if others:
-        lead += " " + " and ".join(f"{s.rms_dec / score.rms_dec:.1f} times better than '{s.law}'" for s in others) + "."
-    margins = design.margins
-    numbers = [
-        (f"{score.rms_dec:.4f} dec", "RMS tracking error"),
-        (f"{score.max_from_start_dec:.3f} dec", "largest error, the start included"),
+def write_tracking_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
+    """report.html of one law's run in `out`; inner: its calibration and the laws to compare with, by name."""
+    own = law_of(run)
+    runs = {own: run, **{name: other for name, other in inner.items() if name != CALIBRATION}}
+    found = {name: score(one, name, limit_A(one)) for name, one in runs.items()}
+    scores = {name: one for name, one in found.items() if one is not None}
+    mine, design = scores[own], run.document["result"]["design"]
+    calibration = inner[CALIBRATION].document.get("result") if CALIBRATION in inner else None
+    parts = [
+        facts(run),
+        tiles(_numbers(run, mine, design, calibration)),
+        section("Wanted and measured resistance", _courses(run, out)),
+        section("The error", decades_figure(out, {name: runs[name] for name in scores})),
+        section("The loop", _loop(run, out, own)),
     ]
-    if np.isfinite(score.current_at_limit):
-        numbers.append((f"{100 * score.current_at_limit:.0f} %", "of the time the current was at its limit"))
-    if own in ("full", "pid"):
-        loop = "temperature loop" if own == "full" else "log R loop"
+    if len(scores) > 1:
+        parts.append(section("The laws on the same target", _laws(runs, scores, own)))
+    parts += further(out, inner)
+    parts.append(section("What the numbers mean", *_meanings(run, own, design, calibration)))
+    lead = (
+        f"The law '{own}' kept the film within {mine.rms_dec:.4f} decades RMS of the wanted resistance {COUNTED} "
+        f"(95 % of it within {mine.p95_dec:.3f}; at worst {mine.max_dec:.3f}, at {mine.max_at_s:.1f} s)."
+    )
+    others = {name: one.rms_dec / mine.rms_dec for name, one in scores.items() if name != own}
+    if others:
+        lead += " " + " and ".join(f"{times:.1f} times better than '{name}'" for name, times in others.items()) + "."
+    write_page(out / "report.html", f"{run.path.name}: tracking a wanted resistance", lead, parts)
+
+
+def law_of(run: RunRows) -> str:
+    """The law that a tracking run followed its target with."""
+    return str(run.document["start"]["what"]).removeprefix(LAW)
+
+
+def further(out: Path, inner: Mapping[str, RunRows]) -> list[str]:
+    """A section with links to the reports of the runs inside this one's folder."""
+    if not inner:
+        return []
+    texts = [name if name.startswith(CALIBRATION) else f"{LAW}{name}" for name in inner]
+    addresses = [Path(os.path.relpath(one.part / "report.html", out)).as_posix() for one in inner.values()]
+    return [section("Further reports", links(zip(texts, addresses, strict=True)))]
+
+
+def _numbers(
+    run: RunRows, mine: Score, design: Mapping[str, Any], calibration: Mapping[str, Any] | None
+) -> list[tuple[str, str]]:
+    numbers = [
+        (f"{mine.rms_dec:.4f} dec", f"RMS error {COUNTED}"),
+        (f"{mine.max_dec:.3f} dec", f"the largest error of it, at {mine.max_at_s:.1f} s"),
+    ]
+    if math.isfinite(mine.current_at_limit):
+        share = 100 * mine.current_at_limit
+        numbers.append((f"{share:.0f} %", f"of the time the {drive_label(run)[0]} was at its limit"))
+    if mine.law in ("full", "pid"):
+        loop, margins = ("temperature loop" if mine.law == "full" else "log R loop"), design["margins"]
         numbers += [
-            (f"{margins.ms:.2f}", f"maximum sensitivity Ms of the {loop}"),
-            (f"{margins.phase_margin_deg:.0f}\N{DEGREE SIGN}", "phase margin"),
-            (f"{20 * np.log10(margins.gain_margin):.1f} dB", "gain margin"),
+            (f"{margins['ms']:.2f}", f"maximum sensitivity Ms of the {loop}"),
+            (f"{margins['phase_margin_deg']:.0f}\N{DEGREE SIGN}", "phase margin"),
+            (f"{20 * math.log10(float(margins['gain_margin'])):.1f} dB", "gain margin"),
         ]
-    if result.calibration is not None:
-        numbers.append((f"{result.calibration.check_rmse_dec:.4f} dec", "calibration, held-out RMSE"))
-    parts = [facts(folder), tiles(numbers), section("Wanted and measured resistance", _courses(folder, folders))]
-    parts.append(section("The loop", _loop(folder, own)))
-    if len(folders) > 1:
-        parts.append(section("The laws on the same target", _laws(result, own), _errors(folder, folders)))
-    more = [(f"law {name}", f"{name}/report.html") for name in folders if name != own]
-    if result.calibration is not None and len(folders) == len(result.scores):
-        more.insert(0, ("calibration", "calibration/report.html"))
-    if more:
-        parts.append(section("Further reports", links(more)))
-    parts.append(section("What the numbers mean", *_meanings(result, own)))
-    write_page(folder.part / "report.html", f"{folder.path.name}: tracking a wanted resistance", lead, parts)
+    if calibration is not None:
+        numbers.append((f"{calibration['check_rmse_dec']:.4f} dec", "calibration, held-out RMSE"))
+    return numbers
 
 
-def _track(folder: RunFolder) -> dict[str, np.ndarray]:
-    inside = folder.column("phase") == "track"
-    columns = {
-        name: folder.column(name)[inside]
-        for name in ("time_s", "temperature_degC", "resistance_ohm", "target_ohm", "current_A", "reference_degC")
-    }
+def _track(run: RunRows) -> dict[str, Any]:
+    inside = run.column("phase") == TRACK
+    columns = {name: run.column(name)[inside] for name in COURSES}
     columns["time_s"] = columns["time_s"] - columns["time_s"][0]
     return columns
 
 
-def _courses(folder: RunFolder, folders: dict[str, RunFolder]) -> str:
-    track = _track(folder)
+def _courses(run: RunRows, out: Path) -> str:
+    track = _track(run)
     fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0])
     time, measured, target, temperature, reference, current = thinned(
         track["time_s"],
@@ -89,19 +114,20 @@ def _courses(folder: RunFolder, folders: dict[str, RunFolder]) -> str:
     axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes[2].step(time, current, where="post", color=COLOURS["current"], linewidth=0.9)
     axes[2].axhline(0.0, color="#8b94a3", linewidth=0.6)
-    axes[2].set_ylabel("current / A")
-    axes[2].set_xlabel("time / s")
+    name, unit = drive_label(run)
+    axes[2].set_ylabel(f"{name} / {unit}")
+    axes[2].set_xlabel("time of the target / s")
     return figure(
-        saved(fig, folder.part, "courses"),
-        "Wanted and measured resistance, the plate's temperature, and the current (positive heats).",
+        saved(fig, out, "courses"),
+        f"Wanted and measured resistance, the plate's temperature, and the {name} (positive heats).",
     )
 
 
-def _loop(folder: RunFolder, own: str) -> str:
-    track = _track(folder)
-    inside = folder.column("phase") != "track"
+def _loop(run: RunRows, out: Path, own: str) -> str:
+    track = _track(run)
+    inside = run.column("phase") != TRACK
     fig, axes = new_figure(1, 4.6)
-    before_t, before_r = thinned(folder.column("temperature_degC")[inside], folder.column("resistance_ohm")[inside])
+    before_t, before_r = thinned(run.column("temperature_degC")[inside], run.column("resistance_ohm")[inside])
     temperature, measured = thinned(track["temperature_degC"], track["resistance_ohm"])
     axes[0].plot(before_t, before_r, color="#b9c0cc", linewidth=1.0, label="conditioning and approach")
     axes[0].plot(temperature, measured, color=COLOURS.get(own, "#1f5fbf"), linewidth=1.1, label="tracking")
@@ -110,74 +136,53 @@ def _loop(folder: RunFolder, own: str) -> str:
     log_scale(axes[0])
     axes[0].legend(loc="upper right")
     return figure(
-        saved(fig, folder.part, "loop"),
+        saved(fig, out, "loop"),
         "Resistance over temperature: every turning point of the target is a minor loop that the inverse had to cross.",
     )
 
 
-def _laws(result: Result, own: str) -> str:
-    mine = next(s for s in result.scores if s.law == own)
+def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
     names = {
         "full": "full: inverse, plate inverse, feedback",
         "pid": "pid: on log R alone",
         "feedforward": "feedforward: inverses, no feedback",
         "instrument_pid": "instrument_pid: the controller's own",
     }
+    margins = {law: runs[law].document["result"]["design"]["margins"] for law in scores if law in ("full", "pid")}
     rows = [
         [
-            names[s.law],
-            f"{s.rms_dec:.4f}",
-            f"{s.p95_dec:.4f}",
-            f"{s.max_dec:.3f}",
-            f"{result.designs[s.law].margins.ms:.2f}" if s.law in ("full", "pid") else "\N{EN DASH}",
-            f"{s.rms_dec / mine.rms_dec:.1f} \N{MULTIPLICATION SIGN}",
+            names.get(law, law),
+            f"{one.rms_dec:.4f}",
+            f"{one.p95_dec:.4f}",
+            f"{one.max_dec:.3f}",
+            f"{margins[law]['ms']:.2f}" if law in margins else "\N{EN DASH}",
+            f"{one.rms_dec / scores[own].rms_dec:.1f} \N{MULTIPLICATION SIGN}",
         ]
-        for s in result.scores
+        for law, one in scores.items()
     ]
     head = ["law", "RMS / dec", "95 % within / dec", "largest / dec", "Ms", "RMS over that of " + own]
-    return table(head, rows, best=[s.law for s in result.scores].index(own))
+    return table(head, rows, best=0)
 
 
-def _errors(folder: RunFolder, folders: dict[str, RunFolder]) -> str:
-    fig, axes = new_figure(len(folders), 1.6 + 1.5 * len(folders))
-    for axis, (name, other) in zip(axes, folders.items(), strict=True):
-        track = _track(other)
-        error = np.log10(track["resistance_ohm"]) - np.log10(track["target_ohm"])
-        time, shown = thinned(track["time_s"], error)
-        _error_axis(axis, time, shown, name)
-    axes[-1].set_xlabel("time / s")
-    return figure(
-        saved(fig, folder.part, "errors"),
-        "Error over time, measured over wanted, in decades. Each law has its own scale; the band is +-0.05 decades.",
-    )
-
-
-def _error_axis(axis: Axes, time: np.ndarray, error: np.ndarray, name: str) -> None:
-    axis.axhspan(-0.05, 0.05, color="#eef2f8", zorder=0)
-    axis.plot(time, error, color=COLOURS.get(name, "#1f5fbf"), linewidth=1.0)
-    axis.set_ylabel(f"{name}\nerror / dec")
-
-
-def _meanings(result: Result, own: str) -> list[str]:
+def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
     texts = [
-        "Errors are log10 of measured over wanted resistance, counted after the first tenth of the target; the "
-        "first tenth is left to settle. All laws began from the same temperature on the same branch of the loop.",
+        f"Errors are log10 of measured over wanted resistance, counted {COUNTED}; conditioning, the way to the first "
+        "value and the time to settle on it come before. All laws began from the same temperature on the same branch "
+        "of the loop.",
     ]
-    design = result.designs[own]
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
         texts.append(f"{loops[own]} under this law, so that there are no margins to tell.")
         return [paragraph(text, "note") for text in texts]
+    ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(
-        f"The temperature PID was designed for a largest sensitivity of {design.margins.ms:.2f} with a dead time of "
-        f"{design.dead_time_s:g} s at a period of {design.period_s:g} s."
+        f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
+        f"{design['dead_time_s']:g} s at a period of {design['period_s']:g} s."
         if own != "pid"
-        else f"The PID on log R was designed for a largest sensitivity of {design.margins.ms:.2f} at the film's "
-        f"steepest slope, {design.process_gain:.3g} decades per ampere and second."
+        else f"The PID on log R was designed for a largest sensitivity of {ms} at the film's "
+        f"steepest slope, {design['process_gain']:.3g} decades per {unit} and second."
     )
-    if result.calibration is not None:
-        texts.append(
-            "The controller knows only what the calibration gave: see its report. "
-            + "; ".join(result.calibration.film.identifiability[:2])
-        )
+    if calibration is not None:
+        doubts = "; ".join(calibration.get("identifiability", [])[:2])
+        texts.append(f"The controller knows only what the calibration gave: see its report. {doubts}")
     return [paragraph(text, "note") for text in texts]

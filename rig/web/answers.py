@@ -22,6 +22,7 @@ from rig.web.replies import Refusal, asked, client, encoded, failed, given, said
 DAY_S = 86400.0
 HEALTHY_S = 10.0  # the oldest that a completed control cycle may be, beside five of its periods
 PLANE_S = 45.0  # the first question about a film compiles its model
+OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")
 MOST_VIEWERS = 300  # of the connections that there are, so that there is room for questions
 
 
@@ -114,7 +115,7 @@ class Requests:
     async def submit(self, request: Request) -> Response:
         """A new job."""
         body = await given(request)
-        wanted = {key: body[key] for key in ("configuration", "text", "name", "kind") if key in body}
+        wanted = {key: body[key] for key in OF_A_JOB if key in body}
         return said((await asked(self._link, "submit", **wanted))["job"], 201)
 
     async def cancel(self, request: Request) -> Response:
@@ -165,7 +166,7 @@ class Requests:
             wrong += [line for line in state["warnings"] if line.startswith("offline")] or ["offline"]
         if state["cycle_age_s"] > HEALTHY_S + 5.0 * float(self._settings["period_s"]):
             wrong.append(f"the last control cycle was completed {state['cycle_age_s']:.1f} s ago")
-        wrong += [line for line in state["warnings"] if line.startswith("the history cannot")]
+        wrong += [line for line in state["warnings"] if line.startswith(("the history cannot", "the latch cannot"))]
         return said({"ok": not wrong} | ({"wrong": wrong} if wrong else {}), 503 if wrong else 200)
 
     def close(self) -> None:

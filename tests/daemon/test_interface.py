@@ -42,7 +42,7 @@ def test_state_has_what_is_promised(bench: RunningBench) -> None:
     assert set(state) >= STATE
     assert set(state["reading"]) >= READING
     assert state["limits"] == {"temperature_degC": [10.0, 95.0], "current_A": 4.0}
-    assert set(state["ticks"]) == {"done", "missed", "latest_s"}
+    assert set(state["ticks"]) == {"done", "missed", "latest_s", "unwatched_s"}
 
 
 def test_events_begin_with_the_state_and_go_on_with_committed_rows(bench: RunningBench) -> None:

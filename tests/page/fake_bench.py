@@ -53,6 +53,7 @@ class FakeBench:
         self.trip: dict[str, object] | None = None
         self.jobs: list[dict[str, Any]] = []
         self.name = "film 7, bench A"
+        self.drive_unit = "A"
         self.viewers: set[asyncio.Queue[str | None]] = set()
         self.stops: list[float] = []
         self.answers_stop_after_s = 0.0
@@ -85,7 +86,8 @@ class FakeBench:
             "reading": row and {**row, "quality": "good"},
             "limits": {"temperature_degC": [10, 95], "current_A": 4.0}, "dead_man_s": 10.0,
             "instruments": {"controller": "Meerstetter TEC-1091 SN 1234", "meter": "Keithley 2000 SN 0812345"},
-            "ticks": {"done": self.cycles, "missed": 0, "latest_s": 0.004},
+            "ticks": {"done": self.cycles, "missed": 0, "latest_s": 0.004, "unwatched_s": 0.21},
+            "gaps": {"count": 2, "longest_s": 340.0, "total_s": 352.0}, "drive_unit": self.drive_unit,
             "memory_known": self.known, "viewers": len(self.viewers), "warnings": self.warnings,
             "stop_port": self.stop_port,
         }  # fmt: skip
@@ -202,6 +204,10 @@ class FakeBench:
         body = await request.json()
         if body.get("configuration") in ("demo", "major loop"):
             return JSONResponse(self.add_job(body["configuration"], "track_resistance"), 201)
+        if "hold_degC" in body:
+            if not 10 < body["hold_degC"] < 95:
+                return JSONResponse({"faults": ["hold_degC: expected a number between the bench's limits"]}, 422)
+            return JSONResponse(self.add_job(f"hold {body['hold_degC']:g} degC", "hold"), 201)
         try:
             settings = tomllib.loads(body.get("text", ""))
         except tomllib.TOMLDecodeError as fault:

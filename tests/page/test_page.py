@@ -83,6 +83,53 @@ def test_runs_are_started_queued_removed_and_ended(open_page: Open, bench: FakeB
     expect(link).to_have_attribute("href", "/runs/j1/report.html")
 
 
+def test_a_temperature_is_held_by_its_number_alone(open_page: Open, bench: FakeBench) -> None:
+    page = open_page()
+    expect(page.locator("#hold-note")).to_have_text("between 10 and 95 °C, the bench's limits")
+    field, button = page.get_by_label("Hold", exact=True), page.get_by_role("button", name="Hold it")
+    for text, says in (("", "temperature: expected a number"), ("warm", "temperature: expected"), ("300", "limits")):
+        field.fill(text)
+        button.click()
+        expect(page.locator("#faults li")).to_contain_text([says])
+    assert bench.jobs == []
+    field.fill("60,5")
+    button.click()
+    expect(page.locator("#job-line")).to_contain_text("hold 60.5 degC")
+    expect(page.locator("#faults")).to_be_hidden()
+
+
+def test_no_line_is_drawn_over_a_gap_in_the_loop(open_page: Open, bench: FakeBench) -> None:
+    bench.rig.frozen = True
+    bench.rig.loop = lambda known: {  # type: ignore[method-assign]
+        "temperature_degC": [25.0, 26.0, None, 60.0, 61.0], "resistance_ohm": [9e4, 8e4, None, 900.0, 800.0],
+        "model": None, "memory": None,
+    }  # fmt: skip
+    page = open_page()
+    trail = page.locator("#loop-plot path.trail")
+    expect(trail).to_have_attribute("d", re.compile(r"^M[^M]*L[^M]*M[^M]*L[^M]*$"))
+    rows = [(0, 30), (1, 31), (300, 70), (301, 71), (302, 72)]  # live: nobody read for five minutes
+    page.evaluate(
+        """async (rows) => {
+          const { loopRow } = await import("./loop.js");
+          for (const [time_s, degC] of rows) {
+            loopRow({ time_s, temperature_degC: degC, resistance_ohm: 1000 });
+            await new Promise((done) => setTimeout(done, 260));
+          }
+        }""",
+        rows,
+    )
+    expect(page.locator("#loop-plot path.fresh")).to_have_attribute("d", re.compile(r"^M[^M]*L[^M]*M[^M]*L[^M]*$"))
+
+
+def test_a_heater_has_a_drive(open_page: Open, bench: FakeBench) -> None:
+    bench.drive_unit = "of full drive"
+    page = open_page()
+    expect(page.locator("#tile-current h2")).to_contain_text("Drive")
+    expect(page.locator("#tile-current .unit")).to_have_text("of full")
+    expect(page.locator("#plot-current figcaption")).to_have_text("Drive, of full")
+    expect(page.locator("#facts")).to_contain_text("2, the longest 5 min 40 s")
+
+
 def test_faults_of_an_own_text_are_listed(open_page: Open, bench: FakeBench) -> None:
     page = open_page()
     page.get_by_label("Configuration", exact=True).select_option("demo")

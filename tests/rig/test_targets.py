@@ -47,7 +47,7 @@ def test_every_sentence_that_cannot_be_read_is_told_by_itself() -> None:
     ]  # fmt: skip
     assert "unit 'kfoo': expected ohm, kohm, Mohm" in lines[0]
     assert "decimal point" in lines[1]
-    assert "expected start, hold, ramp" in lines[2]
+    assert "expected 'ramp to 80 kohm at 0.1 dec/s' or 'ramp to 80 kohm in 30 s'" in lines[2]
     assert "unit 'K'" in lines[3]
 
 

@@ -23,7 +23,7 @@ def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) 
     status, out, _ = peltier("init", tmp_path / "new")
     assert status == 0
     paths = [Path(line) for line in out.splitlines()]
-    assert {path.name for path in paths} == {"rig.toml", "simulated.toml"}
+    assert {path.name for path in paths} == {"heater.toml", "rig.toml", "simulated.toml"}
     for path in paths:
         read_configuration(path)
     paths[0].write_text("mine")
@@ -46,8 +46,10 @@ def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:
 
 
 def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -> None:
-    path = write_bench(tmp_path, more="\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 8\n")
-    path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 25.0"))
+    more = "\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 8\n"
+    path = write_bench(tmp_path, target='"written_later.csv"', more=more)  # it asks for neither target nor model
+    text = path.read_text().replace("first_degC = 60.0", "first_degC = 25.0")
+    path.write_text(text.replace('model = "model.toml"', 'model = "written_later.toml"', 1))
     status, _, err = peltier("calibrate", path, "--out", tmp_path / "cal", "--json", tmp_path / "c.json")
     assert (status, err) == (0, "")
     result = json.loads((tmp_path / "c.json").read_text())

@@ -18,6 +18,9 @@ let took = null; // from STOP on this page to the bench's answer
 
 export const latestState = () => state;
 
+/** Whether the bench drives a heater, which takes a share of full drive in the place of a current. */
+export const heater = () => Boolean(state?.drive_unit) && state.drive_unit !== "A";
+
 const whole = (seconds) => (seconds < 10 ? `${Math.round(seconds)} s` : duration(seconds));
 const waitsForToken = () => !$("token-panel").hidden;
 
@@ -48,16 +51,16 @@ export function showReading(row, old_s = 0) {
   reading = row;
   seen = performance.now() - old_s * 1000;
   tile("temperature", degrees(row.temperature_degC), "°C");
-  tile("current", amperes(row.current_A), "A");
+  tile("current", amperes(row.current_A), heater() ? "of full" : "A");
   tile("resistance", ...ohms(row.resistance_ohm));
   const limits = state?.limits ?? {};
   const [low, high] = limits.temperature_degC ?? [null, null];
   gauge("temperature", row.temperature_degC, low, high);
-  gauge("current", row.current_A, -limits.current_A, limits.current_A);
+  gauge("current", row.current_A, heater() ? 0 : -limits.current_A, limits.current_A);
   const setpoint = row.setpoint_degC ?? null;
   note("temperature", [setpoint === null ? null : `setpoint ${degrees(setpoint)}`,
     low === null ? null : `limits ${low} to ${high}`]);
-  note("current", [limits.current_A ? `limit ±${limits.current_A}` : null]);
+  note("current", [limits.current_A ? `limit ${heater() ? "" : "±"}${limits.current_A}` : null]);
   const target = row.target_ohm ?? null;
   const miss = target > 0 && row.resistance_ohm > 0 ? Math.log10(row.resistance_ohm / target) : null;
   note("resistance", [target === null ? "no target" : `target ${ohmsShort(target)}`,
@@ -113,6 +116,14 @@ function output() {
   return ["output NOT KNOWN", false];
 }
 
+/** What the controller drives with, where it stands beside numbers. */
+function drive() {
+  const [what, unit] = heater() ? ["Drive", "of full"] : ["Current", "A"];
+  const title = $("tile-current").querySelector("h2").firstChild;
+  if (title.data !== `${what} `) title.data = `${what} `;
+  say($("plot-current").querySelector("figcaption"), `${what}, ${unit}`);
+}
+
 function render() {
   const name = !state ? "connecting" : linked ? (WORDS[state.state] ? state.state : "offline") : "lost";
   document.body.dataset.state = name;
@@ -128,6 +139,7 @@ function render() {
   const favicon = `icons/${ICONS[name] ?? "quiet"}.svg`;
   if ($("favicon").getAttribute("href") !== favicon) $("favicon").setAttribute("href", favicon);
   job(name);
+  drive();
   latch(name);
   facts();
   freshness();
@@ -163,6 +175,12 @@ function latch(name) {
   if (name === "lost") say($("latch-facts"), "no connection: this is the last that is known");
 }
 
+function gapsInWords(gaps) {
+  if (!gaps) return null;
+  if (!gaps.count) return "none";
+  return `${gaps.count}, the longest ${duration(gaps.longest_s)}, ${duration(gaps.total_s)} in all`;
+}
+
 function facts() {
   if (!state) return;
   const limits = state.limits ?? {};
@@ -170,10 +188,12 @@ function facts() {
   const rows = [
     ["controller", state.instruments?.controller], ["meter", state.instruments?.meter],
     ["limits", [limits.temperature_degC?.length ? `${limits.temperature_degC.join(" to ")} °C` : null,
-      limits.current_A ? `±${limits.current_A} A` : null].filter(Boolean).join(", ")],
+      limits.current_A ? (heater() ? `${limits.current_A} of full drive` : `±${limits.current_A} A`) : null].filter(Boolean).join(", ")],
     ["dead man", state.dead_man_s ? `${state.dead_man_s} s` : "none"],
     ["film's memory", state.memory_known ? "known" : "not known"],
     ["cycles", ticks.done === undefined ? null : `${ticks.done.toLocaleString("en")}, late ${ticks.missed}`],
+    ["gaps", gapsInWords(state.gaps)],
+    ["longest time unread with a current on", ticks.unwatched_s > 0 ? `${ticks.unwatched_s.toFixed(2)} s` : null],
     ["up", duration(state.uptime_s)], ["viewers", state.viewers], ["version", state.version],
   ].filter(([, value]) => value !== null && value !== undefined && value !== "");
   const list = $("facts");

@@ -6,13 +6,25 @@ import { degrees, ohmsShort } from "./format.js";
 import { decadeLimits, decades, linear, linearLimits } from "./ticks.js";
 
 const WIDTH = 380, HEIGHT = 400, LEFT = 56, RIGHT = 22, TOP = 10, BOTTOM = 42;
-const EVERY_S = 20, FRESH = 120;
+const EVERY_S = 20, FRESH = 120, LONGEST_STEP_S = 5;
+const GAP = [null, null]; // nobody read in between: no line is drawn over it
+let lastTime = Infinity;
+let lastStep_s = 0;
 let known = { temperature_degC: [], resistance_ohm: [], model: null, memory: null };
 let fresh = []; // live points since the loop was asked for
 let target_ohm = null;
 let asked = -Infinity;
 let drawn = 0;
 let lastRow = 0;
+
+/** Whether a live row comes after a gap: later than 5 s, and than three of the steps before. */
+function follows(time_s) {
+  const between_s = time_s - lastTime;
+  const gap = between_s > Math.max(LONGEST_STEP_S, 3 * lastStep_s);
+  lastTime = time_s;
+  lastStep_s = gap ? 0 : between_s;
+  return gap;
+}
 
 const finite = (values) => values.filter((value) => Number.isFinite(value));
 
@@ -105,6 +117,7 @@ export async function refreshLoop() {
   try {
     known = await ask("GET", "/api/loop", undefined, { timeout_s: 20 });
     fresh = fresh.slice(-20);
+    while (fresh[0] === GAP) fresh.shift();
     render();
   } catch {
     // asked again by and by
@@ -117,8 +130,9 @@ export function loopRow(row) {
   target_ohm = row.target_ohm ?? null;
   if (now - lastRow < 240 || !Number.isFinite(row.temperature_degC) || !(row.resistance_ohm > 0)) return;
   lastRow = now;
+  if (follows(row.time_s)) fresh.push(GAP);
   fresh.push([row.temperature_degC, row.resistance_ohm]);
-  if (fresh.length > FRESH) fresh.shift();
+  while (fresh.length > FRESH || fresh[0] === GAP) fresh.shift();
   if (document.hidden) return;
   if (now - asked > EVERY_S * 1000) refreshLoop();
   else if (now - drawn > 500) render();

@@ -19,6 +19,8 @@ function describe() {
   say($("text-summary"), own ? words : "Show and change its text");
   const state = latestState()?.state;
   say($("start-button"), state === "running" ? "Add to the queue" : "Start the run");
+  const limits = latestState()?.limits?.temperature_degC;
+  say($("hold-note"), limits ? `between ${limits[0]} and ${limits[1]} °C, the bench's limits` : "");
   say($("start-note"), state === "tripped" || state === "stopped" ? "waits in the queue until the reset" : "");
 }
 
@@ -41,7 +43,13 @@ async function submit(event) {
   event.preventDefault();
   const own = isOwn();
   const body = own ? { text: $("text").value, name: $("name").value.trim() || "own" } : { configuration: chosen().name };
-  $("start-button").disabled = true;
+  await asked(body, $("start-button"));
+  describe();
+}
+
+/** Ask for a run, and say what became of that. */
+async function asked(body, button) {
+  button.disabled = true;
   say($("start-said"), "");
   try {
     const job = await ask("POST", "/api/jobs", body);
@@ -52,7 +60,20 @@ async function submit(event) {
     const lines = fault instanceof Refused && Array.isArray(fault.body?.faults) ? fault.body.faults : [inWords(fault)];
     faults(lines, lines.length === 1 ? "Not started: one fault" : `Not started: ${lines.length} faults`);
   }
-  describe();
+}
+
+const numberIn = (text) => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
+
+/** A hold by its temperature alone: the bench's own configuration with that as its target. */
+async function hold(event) {
+  event.preventDefault();
+  const [degC, minutes] = [numberIn($("hold-degC").value), numberIn($("hold-minutes").value)];
+  const wrong = [Number.isFinite(degC) ? null : "temperature: expected a number, °C",
+    Number.isFinite(minutes) ? null : "time: expected a number, min"].filter(Boolean);
+  if (wrong.length) return faults(wrong, "Not started");
+  await asked({ hold_degC: degC, hold_s: minutes * 60 }, $("hold-button"));
+  $("hold-button").disabled = false;
+  return describe();
 }
 
 /** Ask for the listed configurations; what the user has typed stays. */
@@ -80,6 +101,7 @@ export function setUpStart() {
   $("configuration").addEventListener("change", fill);
   $("text").addEventListener("input", describe);
   $("start-form").addEventListener("submit", submit);
+  $("hold-form").addEventListener("submit", hold);
 }
 
 export const describeStart = describe;

@@ -1,0 +1,44 @@
+"""peltier report FOLDER [--out DIR]: the report of a run folder, written anew; of one that ended early too.
+
+FOLDER is what `run` or `calibrate` wrote, DIR or DIR.part. report.html and figures/ go there, or to --out DIR.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rig.faults import fault
+from rig.files.toml_text import shown
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the folder of a run, or of a calibration")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes; default: FOLDER itself")
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.report.run_rows import recorded_run
+
+    run = recorded_run(options.folder)
+    out = _made(options.out) if options.out is not None else options.folder
+    from rig.report.run import write_run_report
+
+    try:
+        write_run_report(run, out)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
+        raise fault(run.part / "run.json", "", f"is not that of a run ({shown(what)}); expected a run folder") from None
+    except OSError as error:
+        raise fault(out, "", f"cannot be written: {error.strerror or error}") from None
+    print(out / "report.html")
+    return 0
+
+
+def _made(out: Path) -> Path:
+    """The folder, made where it is missing. Raises Faults."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise fault(out, "--out", f"cannot be made: {error.strerror or error}") from None
+    return out

@@ -1,0 +1,79 @@
+"""How long an experiment will take, before it begins: its phases in order, each with its seconds.
+
+What is not known yet is guessed: the rates that the plate allows, where the transition lies. A phase tells its own
+length when it begins, which replaces the guess.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Protocol
+
+from compensator.plate import PlateModel
+from rig.experiment.calibration import PULSE_S, calibration_range, minor_turning_points
+from rig.files.configuration import Configuration
+from rig.files.model_file import Model
+from rig.files.target import Target
+from rig.loop import Tick
+
+Phases = list[tuple[str, float]]
+
+POLARITY_S = 5.0  # of a plate whose thermometer answers at once
+ROOM_DEGC = 25.0
+USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
+TRANSITION_SHARE = 0.4  # of the range that a calibration goes through
+
+
+class Onlooker(Protocol):
+    """Whoever shows how far an experiment is. The phases to come, then each as it goes on, and every tick."""
+
+    def expect(self, phases: Phases, drive_unit: str, quantity: str) -> None: ...
+    def phase(self, name: str, done_s: float, of_s: float) -> None: ...
+    def tick(self, tick: Tick) -> None: ...
+
+
+def expected_calibration(configuration: Configuration) -> Phases:
+    """Of `rig.experiment.calibration`."""
+    c = configuration.calibration
+    low, high = calibration_range(configuration)
+    rate, width = c.rate_K_per_s, TRANSITION_SHARE * (high - low)
+    middle = 0.5 * (low + high)
+    span = c.transition_degC or (middle - 0.5 * width, middle + 0.5 * width)
+    turns = minor_turning_points(span, c.minor_loops, c.seed)
+    fitted = turns[: max(2, (3 * len(turns)) // 4)]
+
+    def along(points: list[float]) -> float:
+        return sum(abs(b - a) / rate + c.dwell_s for a, b in pairwise(points)) + c.dwell_s
+
+    return [
+        ("polarity", POLARITY_S),
+        *[("pulse", seconds) for seconds in (2.0, PULSE_S, PULSE_S, PULSE_S, PULSE_S)],
+        ("condition", along([ROOM_DEGC, high])),
+        ("major", along([high, low, high, low])),
+        ("minor", along([low, *fitted])),
+        ("check", along([fitted[-1], *turns[len(fitted) :]])),
+    ]
+
+
+def expected_run(configuration: Configuration, target: Target, model: Model | None) -> Phases:
+    """Of `rig.experiment.session`: a calibration where there is no model, then each law."""
+    e = configuration.experiment
+    plate = model.plate if model is not None else None
+    if e.kind != "track_resistance":
+        approach = [("approach", e.settle_s)] if e.law != "instrument_pid" and e.kind != "current_profile" else []
+        return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
+    low, high = calibration_range(configuration)
+    rate = _rate(plate, configuration, high)
+    way_s = 0.5 * (high - low) / rate
+    first = [("polarity", POLARITY_S)] if model is not None else expected_calibration(configuration)
+    laws = [e.law, *[name for name in e.compare if name != e.law]]
+    each = [("condition", way_s), ("approach", way_s + e.settle_s), ("settle", e.settle_s)]
+    return [*first, *[phase for _ in laws for phase in (*each, ("track", target.duration_s))]]
+
+
+def _rate(plate: PlateModel | None, configuration: Configuration, high_degC: float) -> float:
+    """What the plate can do on the way to its conditioning and back, K/s."""
+    if plate is None:
+        return USUAL_K_PER_S
+    cool, heat = plate.rate_range_K_per_s(high_degC, configuration.limits.current_A)
+    return max(configuration.control.rate_share * min(heat, abs(cool)), 0.01)

@@ -1,0 +1,77 @@
+"""What came out of an experiment, as plain values: for run.json, for --json, for the report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from compensator.design import Design
+from rig.experiment.calibration import Calibration
+
+if TYPE_CHECKING:
+    from rig.experiment.session import Result
+
+
+def design_table(design: Design) -> dict[str, Any]:
+    """A design as plain values, for run.json and the report."""
+    return {
+        "gains": dict(design.gains.__dict__),
+        "margins": dict(design.margins.__dict__),
+        "closed_loop_time_s": design.closed_loop_time_s,
+        "process_gain": design.process_gain,
+        "process_pole_per_s": design.process_pole_per_s,
+        "dead_time_s": design.dead_time_s,
+        "period_s": design.period_s,
+    }
+
+
+def calibration_result(result: Calibration) -> dict[str, Any]:
+    """What came out as run.json keeps it: all that the report says."""
+    film, plate = result.film, result.plate
+    parameters = zip(plate.names, plate.values, plate.standard_errors, strict=True)
+    return {
+        "check_rmse_dec": result.check_rmse_dec,
+        "check_max_dec": result.check_max_dec,
+        "check_rmse_K": result.check_rmse_K,
+        "rmse_dec": film.rmse,
+        "rows_checked": result.rows_checked,
+        "transition_degC": list(result.transition_degC),
+        "memoryless": film.model.memoryless.function,
+        "operators": int((film.model.weights > 0.0).sum()),
+        "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
+        "identifiability": [*film.identifiability, *plate.identifiability],
+    }
+
+
+def calibration_summary(result: Calibration) -> dict[str, Any]:
+    """What came out, as `peltier calibrate --json` tells it."""
+    return {
+        "format": "peltier-calibration/1",
+        "folder": result.model_path.parent,
+        "model": result.model_path,
+        "check_rmse_dec": result.check_rmse_dec,
+        "check_max_dec": result.check_max_dec,
+        "check_rmse_K": result.check_rmse_K,
+        "rows_fitted": result.rows_fitted,
+        "rows_checked": result.rows_checked,
+        "transition_degC": list(result.transition_degC),
+        "identifiability": result.film.identifiability,
+    }
+
+
+def summary(result: Result) -> dict[str, Any]:
+    """What came out, as `peltier run --json` tells it."""
+    calibration = result.calibration
+    return {
+        "format": "peltier-run-result/1",
+        "folder": result.folder,
+        "scores": {score.law: score.table() for score in result.scores},
+        "designs": {name: design_table(design) for name, design in result.designs.items()},
+        "calibration": None
+        if calibration is None
+        else {
+            "model": calibration.model_path,
+            "check_rmse_dec": calibration.check_rmse_dec,
+            "rows_fitted": calibration.rows_fitted,
+            "rows_checked": calibration.rows_checked,
+        },
+    }

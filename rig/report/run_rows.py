@@ -1,0 +1,142 @@
+"""What a report needs of a run: its document and its rows, of a run that has just ended or of a folder on disk.
+
+live_run         a run that this process has just recorded
+recorded_run     a folder that was written some time: DIR, or DIR.part of a run that ended early
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.drivers.heater_drive import OF_FULL_DRIVE
+from rig.faults import Faults, fault
+from rig.files.json_text import parsed_json
+from rig.files.run_folder import RunFolder, plain_json
+
+FORMAT = "peltier-run/1"
+CALIBRATION = "calibration"
+LAW = "law "  # then its name: what a tracking run's document says that it is
+LAWS = ("full", "pid", "feedforward", "instrument_pid")
+NEEDED = ("temperature_degC", "current_A")
+PHASE = "phase"
+
+
+class RunRows:
+    """A run as its report sees it. path: the folder that it has at its end; part: where its files are now.
+
+    Its rows are read when they are first asked for, which raises Faults.
+    """
+
+    def __init__(self, folder: Path, document: dict[str, Any], columns: Mapping[str, Any] | None = None) -> None:
+        self.path = folder.with_name(folder.name.removesuffix(".part"))
+        self.part = folder
+        self.document = document
+        self._given = columns
+
+    @cached_property
+    def columns(self) -> Mapping[str, Any]:
+        """The columns by name."""
+        return self._given if self._given is not None else _columns_on_disk(self.part / "record.csv")
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return len(self.columns["time_s"])
+
+    def column(self, name: str) -> Any:
+        """A column; nan in every row where the record does not have it."""
+        found = self.columns.get(name)
+        return found if found is not None else np.full(self.rows, np.nan)
+
+
+def live_run(folder: RunFolder) -> RunRows:
+    """A run that this process has just recorded, its document as it is read from disk."""
+    document = json.loads(plain_json(folder.document))
+    return RunRows(folder.part, document, {name: folder.column(name) for name in folder.columns})
+
+
+def _columns_on_disk(path: Path) -> dict[str, Any]:
+    from rig.files.record_file import read_record
+
+    record = read_record(path, needs=NEEDED, flags=False)
+    if PHASE not in record.text_columns:
+        raise fault(path, PHASE, "missing; expected the record of a run")
+    return {**record.columns, **{name: np.array(texts) for name, texts in record.text_columns.items()}}
+
+
+def recorded_run(folder: Path) -> RunRows:
+    """The run in a folder. Raises Faults, a line, where there is none."""
+    file = folder / "run.json"
+    try:
+        there, text = folder.is_dir(), file.read_bytes() if folder.is_dir() else b""
+    except FileNotFoundError:
+        part = folder / "run.json.new"
+        raise fault(folder, "", f"no {'whole ' if part.exists() else ''}run.json; expected a run folder") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in a path
+        raise fault(file, "", f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not there:
+        part = folder.with_name(folder.name + ".part") if folder.name else folder
+        hint = f"; did you mean {part}, of a run that ended early?" if folder.name and part.is_dir() else ""
+        raise fault(folder, "", f"no such folder; expected a run folder{hint}")
+    try:
+        document = parsed_json(text)
+    except ValueError as error:
+        raise fault(file, "", str(error)) from None
+    if wrong := _wrong(document):
+        raise fault(file, *wrong)
+    return RunRows(folder, document)
+
+
+def _wrong(document: Any) -> tuple[str, str] | None:
+    """(place, what is expected) of what a report cannot do without."""
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        return "format", f"expected {FORMAT!r}"
+    start = document.get("start")
+    if not isinstance(start, dict):
+        return "start", "missing; expected the start of a run"
+    for key, kind in (("what", str), ("at", str), ("settings", dict), ("instruments", dict)):
+        if not isinstance(start.get(key), kind):
+            return f"start.{key}", f"expected {'text' if kind is str else 'a table'}"
+    for key in ("stop", "result"):
+        if not isinstance(document.get(key, {}), dict):
+            return key, "expected a table"
+    return None
+
+
+def inner_runs(folder: Path, settings: Mapping[str, Any]) -> dict[str, RunRows]:
+    """The runs inside a run's folder that can be read, by name: its calibration, and the laws to compare with, in
+    their order; those that ended early under the name of their .part."""
+    experiment = settings.get("experiment")
+    compared = experiment.get("compare") if isinstance(experiment, dict) else None
+    laws = [name for name in compared if name in LAWS] if isinstance(compared, list) else []
+    found = {}
+    for name in (CALIBRATION, *laws):
+        for inner in (name, f"{name}.part"):
+            if (folder / inner / "run.json").is_file():
+                try:
+                    found[inner] = recorded_run(folder / inner)
+                except Faults:
+                    continue
+    return found
+
+
+def limit_A(run: RunRows) -> float:
+    """The largest current, or drive, that was allowed."""
+    return float(run.document["start"]["settings"]["limits"]["current_A"])
+
+
+def ended_early(run: RunRows) -> bool:
+    """Whether a run has not come to its end."""
+    return bool(run.document.get("stop", {}).get("reason") != "done")
+
+
+def drive_label(run: RunRows) -> tuple[str, str]:
+    """What drives the plate: ("current", "A"), or of a heater ("drive", "of full drive")."""
+    unit = str(run.document["start"].get("drive_unit", "A"))
+    return ("drive", unit) if unit == OF_FULL_DRIVE else ("current", unit)

@@ -1,0 +1,253 @@
+"""What whoever keeps a bench is told, and a hold that is asked for by its temperature alone."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import sys
+import threading
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from rig.daemon.admission import admit
+from rig.daemon.answers import Answers, Refusal
+from rig.daemon.hold import hold_of
+from rig.daemon.job_run import JobRun
+from rig.daemon.log import MOST_WAITING, Log
+from rig.daemon.words import in_a_line, rows_of
+from rig.faults import Faults
+from rig.files.configuration import read_configuration
+from rig.history.reading import loop_points
+from rig.history.store import Retention, Store
+from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[RunningBench]:
+    with running(write_current(tmp_path, more=SERVE)) as one:
+        yield one
+
+
+def ended_job(bench: RunningBench, number: str) -> dict[str, Any]:
+    """A job when it has ended."""
+    tables = bench.desk.queue.tables
+    found = until(lambda: [job for job in tables() if job["id"] == number and job["ended_s"]], "the job's end")
+    return dict(found[0])
+
+
+def test_memory_is_known_when_conditioning_has_ended_and_not_before() -> None:
+    """A conditioning comes in two phases of that name: a look at the temperature, and the way to the hot end."""
+    desk = SimpleNamespace(
+        memory_since_s=None, label_s=lambda: 7.0, clock=SimpleNamespace(now_s=lambda: 0.0), changed=lambda: None
+    )
+    job = cast(JobRun, SimpleNamespace(_desk=desk, _conditioning=False))
+    for name, known in (("polarity", None), ("condition", None), ("condition", None), ("approach", 7.0)):
+        JobRun.phase(job, name, 1.0)
+        assert desk.memory_since_s == known, name
+
+
+def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    monkeypatch.setattr(bench.desk, "_log", lines.append)
+    answers = Answers(bench.desk)
+    job = answers.answer({"do": "submit", "configuration": "config"})["job"]["id"]
+    bench.until_phase("profile")
+    stopped = answers.answer({"do": "stop", "by": "a test"})
+    assert stopped["confirmed_by"] == "its status, and the current that it measures"
+    until(lambda: any(f"job {job} config (current_profile): stopped" in line for line in lines), "the job's end")
+    answers.answer({"do": "reset", "reason": "looked at it"})
+    bench.desk.trip("a_cause", "what was wrong")
+    told = [re.sub(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ", "", line) for line in lines]
+    assert all(a != b for a, b in zip(lines, told, strict=True))  # each begins with the time of day
+    order = [f"job {job} config (current_profile): queued", f"job {job} config (current_profile): running"]
+    assert told[:2] == order
+    stop = next(line for line in told if line.startswith("STOP by a test: output off, confirmed in"))
+    reset, trip = told.index("reset: looked at it"), told.index("TRIPPED, a_cause: what was wrong")
+    assert 2 <= told.index(stop) < reset < trip
+    assert [output for what, output in rows_of(bench.state()) if what == "output"] == [
+        "off, confirmed by the controller (its status, and the current that it measures)"
+    ]
+
+
+def test_whoever_does_not_read_the_log_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stalled(io.StringIO):
+        def write(self, text: str) -> int:
+            released.wait(10.0)
+            return super().write(text)
+
+    released, stream = threading.Event(), Stalled()
+    monkeypatch.setattr(sys, "stderr", stream)
+    log = Log()
+    for k in range(2 * MOST_WAITING):
+        log(f"line {k}")
+    released.set()
+    log.close()
+    lines = stream.getvalue().splitlines()
+    assert lines[:2] == ["peltier serve: line 0", "peltier serve: line 1"]
+    assert len(lines) <= MOST_WAITING + 2
+
+
+def test_a_job_that_was_ended_has_its_report(bench: RunningBench) -> None:
+    text = bench.file.path.read_text()
+    job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "long"})["job"]["id"]
+    bench.until_phase("profile")
+    until(lambda: len(bench.desk.recent) > 5)
+    bench.desk.cancel(job, "a test")
+    ended = ended_job(bench, job)
+    assert ended["report"] == f"/runs/{job}/report.html"
+    assert "ended early" in (Path(ended["folder"]) / "report.html").read_text()
+
+
+def test_health_tells_of_a_latch_that_cannot_be_written(bench: RunningBench) -> None:
+    bench.serve()
+    assert bench.ask("GET", "/health")[0] == 200
+    with contextlib.ExitStack() as stack:
+        stack.callback(setattr, bench.desk.latching, "_asked", bench.desk.latching._asked)
+        stack.callback(setattr, bench.desk.latching, "fault", None)
+        bench.desk.latching._asked += 1  # as where the thread that writes has tried, and could not
+        bench.desk.latching.fault = "bench.latch: No space left on device"
+        status, answer = bench.ask("GET", "/health")
+    assert status == 503
+    assert "the latch cannot be written" in answer["wrong"][0]
+
+
+# -- a hold ------------------------------------------------------------------------------------------------------
+
+
+def test_a_hold_is_the_benchs_own_configuration_with_another_experiment(tmp_path: Path) -> None:
+    path = write_current(tmp_path, more="[serve]\nport = 0\n[control]\nms = 1.3\n")
+    file = read_configuration(path)
+    hold = hold_of(file, 60.5, 300, None)
+    admit(hold, file, {})
+    ours, theirs = hold.content.model_dump(), file.content.model_dump()
+    assert ours.pop("experiment") != theirs.pop("experiment")
+    assert ours == theirs
+    e = hold.content.experiment
+    assert (e.kind, e.law, e.target) == ("hold", "instrument_pid", ["start 60.5 degC", "hold 300.0 s"])
+    assert tomllib.loads(hold.text)["experiment"]["kind"] == "hold"  # what the run folder keeps says what was done
+    known = hold_of(file, 60.5, 300, tmp_path / "model.toml").content.experiment
+    assert (known.model, known.law) == (str(tmp_path / "model.toml"), "full")
+
+
+@pytest.mark.parametrize(
+    ("question", "says"),
+    [
+        ({"hold_degC": 95.0}, "hold_degC: 95.0: expected a number between the bench's limits, 10 and 95"),
+        ({"hold_degC": "60"}, "hold_degC: '60': expected a number"),
+        ({"hold_degC": True}, "hold_degC: True: expected a number"),
+        ({"hold_degC": None}, "hold_degC: None: expected a number"),
+        ({"hold_degC": 60, "hold_s": 0}, "hold_s: 0: expected a number from 1 to"),
+        ({"hold_degC": 60, "hold_s": 1e9}, "hold_s: 1000000000.0: expected"),
+        ({"hold_degC": 60, "kind": "calibration"}, "configuration: missing"),
+    ],
+)
+def test_a_hold_that_is_none_is_refused(tmp_path: Path, question: dict[str, Any], says: str) -> None:
+    file = read_configuration(write_current(tmp_path))
+    desk = SimpleNamespace(file=file, model=None, configurations=tmp_path, queue=[])
+    with pytest.raises(Refusal) as refusal:
+        Answers(cast(Any, desk)).answer({"do": "submit", **question})
+    assert refusal.value.status == 422
+    assert says in refusal.value.lines[0]
+
+
+def test_an_experiment_written_in_another_way_is_left_alone(tmp_path: Path) -> None:
+    path = write_current(tmp_path)
+    before, _, after = path.read_text().partition("[experiment]")
+    kept = after.partition("[simulation]")[2]
+    path.write_text(f'experiment.kind = "current_profile"\n{before}[simulation]{kept}')
+    with pytest.raises(Faults, match=r"expected as a table \[experiment\]"):
+        hold_of(read_configuration(path, for_experiment=False), 60, 60, None)
+
+
+def test_a_hold_runs_through_the_same_door(bench: RunningBench) -> None:
+    job = Answers(bench.desk).answer({"do": "submit", "hold_degC": 59.5, "hold_s": 1})["job"]
+    assert (job["name"], job["kind"]) == ("hold 59.5 degC", "hold")
+    ended = ended_job(bench, job["id"])
+    assert (ended["state"], ended["reason"]) == ("done", None)
+
+
+def test_the_procedure_for_pymeasure_does_what_the_page_says(bench: RunningBench, root: Path) -> None:
+    pytest.importorskip("pymeasure")
+    text = (root / "docs" / "pymeasure.md").read_text()
+    block = re.search(r"^```py\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert block is not None
+    bench.serve()
+    names: dict[str, Any] = {"__name__": "page"}
+    exec(block[1].replace("http://127.0.0.1:8765", bench.url.rstrip("/")), names)
+    rows: list[dict[str, float]] = []
+    procedure = names["Staircase"]()
+    procedure.low_degC, procedure.high_degC, procedure.steps, procedure.hold_s = 59.5, 59.0, 2, 1.0
+    procedure.emit, procedure.should_stop = lambda kind, row: rows.append(row), lambda: False
+    procedure.execute()
+    jobs = [(job["name"], job["state"]) for job in bench.desk.queue.tables()]
+    assert jobs == [("hold 59 degC", "done"), ("hold 59.5 degC", "done")]
+    assert len(rows) >= 4
+    assert all(50.0 < row["temperature_degC"] < 62.0 and row["resistance_ohm"] > 100.0 for row in rows)
+
+
+# -- the loop ----------------------------------------------------------------------------------------------------
+
+
+def test_no_line_is_drawn_over_a_gap_in_the_films_plane(tmp_path: Path) -> None:
+    times = [*range(50), *range(350, 400), *range(400, 700, 10)]  # idle; a gap of 301 s; idle, then a slow run
+    store = Store(tmp_path / "history.sqlite", Retention(30.0, 400.0, 4000.0))
+    film = {"resistance_ohm": 1e4, "quality": "good", "phase": "idle"}
+    store.add({"time_s": 1e9 + time_s, "temperature_degC": 20.0 + time_s / 10, **film} for time_s in times)
+    store.close()
+    for points in (1000, 20):
+        found = loop_points(tmp_path / "history.sqlite", 1e9 - 1.0, points)
+        gaps = [k for k, point in enumerate(found) if point[1] is None]
+        assert len(gaps) == 1
+        assert found[gaps[0] - 1][0] == 1e9 + 49
+        assert found[gaps[0] + 1][0] == 1e9 + 350
+        assert found[-1][0] == 1e9 + times[-1]
+        assert len(found) <= points + 6
+
+
+# -- words -------------------------------------------------------------------------------------------------------
+
+
+def test_a_job_that_was_handed_over_is_told_in_a_line() -> None:
+    row = {"time_s": 103.0, "temperature_degC": 61.234, "resistance_ohm": 12340.0, "current_A": 0.5}
+    job = {"phase": "track", "done_s": 10.0, "total_s": 60.0, "drive_unit": "A"}
+    assert in_a_line(row, job, 100.0) == "track     13 s of 60 s   61.23 degC   12.34 kohm   0.50 A"
+    heater = in_a_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
+    assert heater.endswith("0.50 of full drive")
+
+
+def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
+    import configparser
+    import shutil
+    import subprocess
+
+    from rig.daemon.keeper import JOB_ENDS_S
+    from rig.daemon.places import SYSTEM
+
+    text = (root / "docs" / "peltier.service").read_text()
+    unit = configparser.ConfigParser(strict=False, interpolation=None, comment_prefixes=("#",))
+    unit.optionxform = str  # type: ignore[assignment, method-assign]
+    unit.read_string(text)
+    service = unit["Service"]
+    assert (service["Type"], service["NotifyAccess"]) == ("notify", "all")  # the guard's child is who notifies
+    program, verb, configuration = service["ExecStart"].split()
+    assert (verb, service["ExecStopPost"]) == ("serve", f"{program} off {configuration}")
+    assert service["SuccessExitStatus"] == str(128 + 15)
+    assert Path("/run", service["RuntimeDirectory"]) == SYSTEM
+    assert Path("/var/lib", service["StateDirectory"]) == Path(service["WorkingDirectory"])
+    assert float(service["TimeoutStopSec"]) > JOB_ENDS_S
+    assert unit["Install"]["WantedBy"] == "multi-user.target"
+    if analyze := shutil.which("systemd-analyze"):
+        there = root / "docs" / "peltier.service"
+        copy = Path(os.environ.get("TMPDIR", "/tmp")) / f"peltier-verify-{os.getpid()}" / "peltier.service"
+        copy.parent.mkdir()
+        copy.write_text(there.read_text().replace(program, shutil.which("true") or "/bin/true"))
+        done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True)
+        shutil.rmtree(copy.parent)
+        assert (done.returncode, done.stderr) == (0, "")

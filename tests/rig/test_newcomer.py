@@ -1,0 +1,210 @@
+"""What a newcomer at a bench stumbles over first: each is told in one line, with what to look at."""
+
+from __future__ import annotations
+
+import io
+import math
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from rig.bench import emulated_instruments
+from rig.command.progress import Progress, clock
+from rig.command.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
+from rig.experiment.expected import expected_calibration, expected_run
+from rig.files.configuration import read_configuration
+from rig.files.model_file import read_model
+from rig.files.target import target_in_words
+from rig.loop import Decision, Tick
+from rig.ports.pseudo_terminal import PseudoTerminals
+from rig.reading import Reading
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+class Deaf:
+    """What is plugged in and does not answer."""
+
+    def receive(self, data: bytes, time_s: float) -> None: ...
+
+    def transmit(self, time_s: float) -> bytes:
+        return b""
+
+    def next_transmit_s(self) -> float | None:
+        return None
+
+
+@pytest.mark.parametrize(
+    ("role", "status", "asked"),
+    [
+        ("controller", 11, "the controller (meerstetter) was asked to switch its output off"),
+        ("meter", 1, "the meter (keithley2000) was asked who it is"),
+    ],
+)
+def test_a_port_on_which_nobody_answers(tmp_path: Path, peltier: Peltier, role: str, status: int, asked: str) -> None:
+    path = write_bench(tmp_path)
+    instruments = {name: i for name, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    instruments[role] = cast(Any, Deaf())
+    with PseudoTerminals(instruments) as terminals:
+        ports = terminals.paths
+        path = write_bench(tmp_path, time="real", controller=ports["controller"], meter=ports["meter"])
+        found, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert found == status
+    assert len(err.strip().splitlines()) == 1
+    for text in (ports[role], "nobody answers there", asked, "peltier ports --ask", f"bench.{role}: driver, baud"):
+        assert text in err
+    assert ("output off, confirmed" in err) == (role == "meter")
+
+
+def test_a_limit_beyond_the_device_names_both(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("current_A = 4.0", "current_A = 40.0"))
+    status, _, err = peltier("check", path)
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    assert "current limit 40 A: this device takes at most 4 A" in err
+
+
+@pytest.mark.parametrize(
+    ("sentence", "says"),
+    [
+        ("ramp 5", "expected 'ramp to 80 kohm at 0.1 dec/s' or 'ramp to 80 kohm in 30 s'"),
+        ("strat 50 kohm", "expected 'start 80 kohm'"),
+        ("hold 10", "10 without a unit: expected a time > 0 in s, min, h, as in '10 s'"),
+        ("sine 3", "expected 'sine 0.4 dec period 40 s for 80 s'"),
+        ("wiggle", "expected 'start 80 kohm' or 'hold 20 s' or 'ramp to"),
+    ],
+)
+def test_a_sentence_that_cannot_be_read_is_told_with_what_would_be(
+    peltier: Peltier, tmp_path: Path, sentence: str, says: str
+) -> None:
+    path = write_bench(tmp_path, target=f'["start 20 kohm", "{sentence}", "hold 5 s"]')
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    assert f"experiment.target[1]: {sentence!r}: " in err
+    assert says in err
+
+
+def test_what_would_be_read_is_read() -> None:
+    words = ["start 80 kohm", "hold 20 s", "ramp to 80 kohm at 0.1 dec/s", "ramp to 80 kohm in 30 s"]
+    words += ["step to 80 kohm", "sine 0.4 dec period 40 s for 80 s"]
+    assert target_in_words(words, "resistance", "a test").duration_s == pytest.approx(130.0, abs=0.1)
+
+
+def test_only_the_experiment_needs_its_target_and_its_model(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='"later.csv"')
+    path.write_text(path.read_text().replace('kind = "track_resistance"\nmodel = "model.toml"',
+                                             'kind = "track_resistance"\nmodel = "later.toml"'))  # fmt: skip
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert [line.partition(": ")[2].partition(":")[0] for line in err.splitlines()] == [
+        "experiment.model",
+        "experiment.target",
+    ]
+    assert peltier("check", path)[0] == 0
+
+
+# -- the line that tells how far it is ---------------------------------------------------------------------------
+
+
+class Screen(io.StringIO):
+    """A stream that is a terminal, or not; and its clock."""
+
+    def __init__(self, terminal: bool) -> None:
+        super().__init__()
+        self._terminal, self.now_s = terminal, 0.0
+
+    def isatty(self) -> bool:
+        return self._terminal
+
+
+def a_tick(time_s: float, phase: str) -> Tick:
+    readings = Reading(61.234, time_s), Reading(12340.0, time_s)
+    return Tick(time_s, phase, *readings, 1.25, Decision(), cast(Any, None))
+
+
+def test_a_terminals_line_is_rewritten_in_place_and_cleared() -> None:
+    screen = Screen(True)
+    line = TerminalLine(screen, lambda: screen.now_s)
+    progress = Progress(line)
+    progress.expect([("condition", 60.0), ("track", 100.0)], "A", "resistance_ohm")
+    for k in range(100):
+        screen.now_s = 0.1 * k
+        if k % 16 == 0:
+            progress.phase("condition", 0.1 * k, 40.0)
+        progress.tick(a_tick(0.1 * k, "condition"))
+    shown = screen.getvalue().split("\r")[1:]
+    assert 30 < len(shown) <= 51  # five a second at most
+    assert "\n" not in screen.getvalue()
+    assert shown[0].rstrip() == ("condition 0:00 of about 2:20, 2:20 to go   61.23 degC   12.34 kohm   1.25 A")
+    line.clear()
+    assert screen.getvalue().endswith("\r" + " " * len(shown[0]) + "\r")
+
+
+def test_a_log_gets_a_line_now_and_then() -> None:
+    screen = Screen(False)
+    line = TerminalLine(screen, lambda: screen.now_s)
+    progress = Progress(line)
+    for k in range(600):
+        screen.now_s = float(k)
+        progress.tick(a_tick(float(k), "track"))
+    lines = screen.getvalue().splitlines()
+    assert len(lines) == 600 // NEW_LINE_S
+    assert lines[-1].startswith("track     9:30 of about 9:30")
+
+
+def test_a_terminal_that_is_halted_holds_up_nobody() -> None:
+    class Halted(Screen):
+        def write(self, text: str) -> int:
+            reached.set()
+            go_on.wait(20.0)
+            return super().write(text)
+
+    reached, go_on, screen = threading.Event(), threading.Event(), Halted(True)
+    line = PatientLine(TerminalLine(screen, lambda: screen.now_s))
+    line.show("the first")
+    assert reached.wait(20.0)
+    for k in range(1000):  # each would wait for ever
+        line.show(f"number {k}")
+    assert screen.getvalue() == ""
+    go_on.set()
+    line.clear()
+    shown = [text.strip() for text in screen.getvalue().split("\r") if text.strip()]
+    assert shown[0] == "the first"
+    assert len(shown) <= 2
+
+
+def test_the_time_to_go_follows_the_phases_as_they_are() -> None:
+    progress = Progress(TerminalLine(Screen(False)))
+    progress.expect([("polarity", 5.0), ("pulse", 8.0), ("pulse", 8.0), ("track", 100.0)], "A", "")
+    assert progress.to_go_s == 121.0
+    progress.phase("polarity", 0.0, 80.0)  # at the longest
+    progress.tick(a_tick(4.0, "polarity"))
+    progress.phase("pulse", 0.0, 10.0)
+    progress.phase("pulse", 4.0, 10.0)
+    assert progress.to_go_s == 6.0 + 8.0 + 100.0
+    progress.phase("pulse", 0.0, 10.0)
+    progress.phase("something else", 0.0, 3.0)
+    assert progress.to_go_s == 3.0 + 100.0
+    progress.tick(a_tick(20.0, "track"))
+    progress.tick(a_tick(1.0, "track"))  # the next law's run
+    assert progress.elapsed_s == 21.0
+    assert clock(3725.0) == "1:02:05"
+
+
+def test_what_is_expected_is_about_what_it_takes(tmp_path: Path) -> None:
+    file = read_configuration(write_bench(tmp_path))
+    model = read_model(tmp_path / "model.toml")
+    target = target_in_words(["start 20 kohm", "hold 50 s"], "resistance", "a test")
+    phases = expected_run(file.content, target, model)
+    assert [name for name, _ in phases] == ["polarity", "condition", "approach", "settle", "track"]
+    assert phases[-1] == ("track", 50.0)
+    assert [name for name, _ in expected_run(file.content, target, None)][:-4] == [
+        name for name, _ in expected_calibration(file.content)
+    ]
+    assert all(math.isfinite(seconds) and seconds > 0.0 for _, seconds in expected_calibration(file.content))
