@@ -121,8 +121,13 @@ def one(number: int, good: Path, folder: Path) -> tuple[str, int, str, float]:
         case = chance.choice(CASES)
         if chance.random() < RARE.get("own.py" if "own.py" in case.files else case.verb, 1.0):
             break
-    words = [w.replace("OUT", chance.choice(OUTS)).replace("WORD", chance.choice(WORDS)) for w in case.words]
-    words += chance.choice(ANSWERS) if case.verb not in ("emulate", "serve", "init", "reset") else []
+    out = chance.choice(OUTS) if chance.random() < 0.1 else "new"  # else the file's faults would hide behind it
+    words = [w.replace("OUT", out).replace("WORD", chance.choice(WORDS)) for w in case.words]
+    words += (
+        chance.choice(ANSWERS if chance.random() < 0.1 else ANSWERS[:2])
+        if case.verb not in ("emulate", "serve", "init", "reset")
+        else []
+    )
     shutil.copytree(good, folder, symlinks=True)
     name = ""
     if case.files and chance.random() < 0.93:

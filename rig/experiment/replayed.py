@@ -126,7 +126,7 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
 def _record(path: Path) -> Record:
     """The run's rows. Raises Faults where a column is missing that the law saw or set."""
     return read_record(
-        path, needs=("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
+        path, needs=("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC", "phase")
     )
 
 
