@@ -77,7 +77,7 @@ def read_target(path: Path, quantity: str) -> Target:
         faults += [f"{path}: row {k + 1}: {column}: expected > 0" for k in np.flatnonzero(values <= 0.0)[:5]]
     times = record["time_s"]
     if not float(times[-1]) - float(times[0]) <= LONGEST_S:
-        faults.append(f"{path}: time_s: from {times[0]:g} to {times[-1]:g}: expected a profile of a year at most")
+        faults.append(f"{path}: time_s: from {times[0]:g} to {times[-1]:g}: expected a profile of three years at most")
     if faults:
         raise Faults(faults)
     said = tuple(f"{path}: {line}" for line in record.said)
