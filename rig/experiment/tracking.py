@@ -203,6 +203,8 @@ def score(folder: RunFolder, law: str, duration_s: float, limit_A: float) -> Sco
     error = np.log10(resistance[good]) - np.log10(target[good])
     late = (time[good] - time[0]) >= FIRST_SHARE_LEFT_OUT * duration_s
     counted = error[late]
+    if not counted.size:
+        raise fault("the run", "track", "expected rows with a reading of the film in this phase")
     return Score(
         law=law,
         rms_dec=float(np.sqrt(np.mean(counted**2))),
