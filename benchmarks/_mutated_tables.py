@@ -64,7 +64,7 @@ def bad_workbook(content: bytes, chance: random.Random) -> bytes:
     with zipfile.ZipFile(io.BytesIO(content)) as package:
         files = [(name, package.read(name)) for name in package.namelist()]
     at = chance.randrange(len(files))
-    sheet = next(k for k, (name, _) in enumerate(files) if "sheet1" in name)
+    sheet = next((k for k, (name, _) in enumerate(files) if "sheet1" in name), at)
     at = sheet if chance.random() < 0.6 else at
     name, text = files[at]
     way = chance.randrange(8)
@@ -73,7 +73,7 @@ def bad_workbook(content: bytes, chance: random.Random) -> bytes:
     elif way == 1:
         del files[at]
     elif way == 2:
-        files.append((name, text[: len(text) // 2]))
+        files.append((name.upper(), text[: len(text) // 2]))
     elif way == 3:
         spot = chance.randrange(len(text))
         files[at] = (name, text[:spot] + chance.choice([*MARKUP, b"\0", b"\xff", b"<", b"&b;"]) + text[spot:])
