@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from rig.faults import Faults, fault
 from rig.files.table import Column, Table
 
 MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
+MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
 
 
 def array_table(columns: Mapping[str, Any], source: str) -> Table:
@@ -62,14 +64,19 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
 
 def matlab_table(path: Path) -> Table:
     """The vectors of one length in a .mat file, in structs too. Raises Faults."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
     try:
+        most = max((math.prod(shape) for _, shape, _ in whosmat(str(path))), default=0)
+        if most > MOST_NUMBERS:
+            raise fault(path, "", f"an array of {most} numbers; expected a record, {MOST_NUMBERS} at most")
         content = loadmat(str(path), squeeze_me=True, struct_as_record=False, chars_as_strings=True)
     except NotImplementedError:
         raise fault(path, "", "a .mat file of version 7.3; expected save(..., '-v7'), or a CSV file") from None
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
+    except Faults:
+        raise
     except Exception as error:  # scipy raises what its parser happened to meet in a broken file
         raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {error}") from None
     vectors = list(_vectors(content))
