@@ -357,11 +357,21 @@ def test_packed_files_far_too_large_are_refused(
     openpyxl.Workbook().save(tmp_path / "a.xlsx")
     scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
     monkeypatch.setattr("rig.files.workbook_table.MOST_BYTES", 1000)
-    monkeypatch.setattr("rig.files.array_table.MOST_NUMBERS", 1000)
+    monkeypatch.setattr("rig.files.matlab_vectors.MOST_NUMBERS", 1000)
     for name, expected in (("a.xlsx", "unpacks to"), ("a.mat", "an array of 2000 numbers")):
         status, _, err = peltier("identify", tmp_path / name)
         assert (status, len(err.splitlines())) == (2, 1)
         assert expected in err
+
+
+def test_a_matlab_file_on_which_its_reader_dies_is_refused(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "a.mat"
+    scipy.io.savemat(file, {"time_s": np.arange(3.0)})
+    content = bytearray(file.read_bytes())
+    content[content.index(np.arange(3.0).tobytes()) - 8] = 127  # the kind of its numbers: there is none of this code
+    file.write_bytes(content)
+    status, _, err = peltier("identify", file)
+    assert (status, err) == (2, f"{file}: cannot be read as .mat: its sizes and kinds do not fit its bytes\n")
 
 
 def test_a_workbook_without_its_reader_says_what_to_install(
