@@ -8,6 +8,7 @@ import io
 import os
 import sys
 
+from rig.command.overwriting import refuse_overwriting
 from rig.faults import Faults
 
 # verb -> what it does, for the overview; the verb's module is rig.command.VERB
@@ -76,7 +77,12 @@ def main(arguments: list[str] | None = None) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     options.own_process = arguments is None  # whether it may fork: a caller inside Python is not ours to double
-    return ended(lambda: int(module.main(options)), verb)
+
+    def act() -> int:
+        refuse_overwriting(options)
+        return int(module.main(options))
+
+    return ended(act, verb)
 
 
 def ended(action: object, verb: str) -> int:
