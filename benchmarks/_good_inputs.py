@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
+import numpy as np
+
+from benchmarks._mutated_tables import matlab, workbook
 from rig.__main__ import main as peltier
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -90,6 +94,46 @@ token = "a token of many letters"
 hosts = ["https://bench.lab.example"]
 """
 TRACK = '["start 20 kohm", "hold 1 s", "ramp to 15 kohm at 0.5 dec/s"]'
+RIGS = {  # other instruments: [bench.controller], [bench.meter], each with the options that it has
+    "lakeshore": (
+        'driver = "lakeshore"\nport = "sim://"\n'
+        'options = {input = "A", output = 1, range = "high", max_current_A = 1.0}',
+        'driver = "hp34401a"\nport = "sim://"\noptions = {first_range_ohm = 1e5}',
+    ),
+    "tclab": (
+        'driver = "tclab"\nport = "sim://"\noptions = {heater = 1, full_pwm = 200, boot_s = 1.0, agreement_K = 1.0}',
+        'driver = "keithley2400"\nport = "sim://"\noptions = {output_between_readings = true}',
+    ),
+    "te_technology": (
+        'driver = "te_technology"\nport = "sim://"\noptions = {model = "tc-48-20", drain_s = 2.0, units = "degC"}',
+        'driver = "keithley2450"\nport = "sim://"\nquantity = "voltage"\nrange_V = 10.0\noutput = "curvature_per_m"\n'
+        'formula = "(voltage_V - 0.131) * 22.4"',
+    ),
+    "srs": (
+        'driver = "srs_ldc500"\nport = "sim://"\noptions = {heating_sign = 1, framing = "8N1"}\n'
+        'serial_number = "098023"',
+        'driver = "keithley2000"\nport = "sim://"\noptions = {framing = "7E1"}\nserial_number = "1234567"',
+    ),
+    "visa": (
+        'driver = "lakeshore"\nport = "visa://ASRL/dev/nothing::INSTR"\nbaud = 57600',
+        'driver = "keithley2450"\nport = "visa://TCPIP0::127.0.0.1::9::SOCKET"',
+    ),
+}
+OTHER_BENCH = """[bench]
+[bench.controller]
+{controller}
+[bench.meter]
+{meter}
+[limits]
+temperature_degC = [10, 95]
+current_A = 0.9
+polarity_share = 0.1
+[experiment]
+kind = "current_profile"
+target = ["start 0 A", "ramp to 0.5 A in 2 s"]
+period_s = 0.25
+settle_s = 0.5
+"""
 OWN = (ROOT / "docs" / "own_effect.md").read_text(encoding="utf-8")
 
 
@@ -108,11 +152,30 @@ def lay_out(folder: Path) -> None:
     assert said == 0
     lines = (folder / "record.csv").read_text().splitlines(keepends=True)
     (folder / "short.csv").write_text("".join(lines[:13]))
+    lay_out_tables(folder)
+    for name, (controller, meter) in RIGS.items():
+        (folder / f"{name}.toml").write_text(OTHER_BENCH.format(controller=controller, meter=meter))
     assert peltier(["run", str(folder / "config.toml"), "--out", str(folder / "run")]) in (0, 10)
     (folder / "taken").mkdir()
     (folder / "taken" / "file").write_text("")
     (folder / "link").symlink_to("taken")
     (folder / "dangling").symlink_to("nowhere")
+
+
+def lay_out_tables(folder: Path) -> None:
+    """The record in the other forms in which labs write one."""
+    lines = list(csv.reader((folder / "record.csv").read_text().splitlines()))
+    rows = [[float(field) if field else None for field in line] for line in lines[1:]]
+    (folder / "record.xlsx").write_bytes(workbook([lines[0], *rows]))
+    columns = {name: np.array([row[k] for row in rows], dtype=float) for k, name in enumerate(lines[0])}
+    (folder / "record.mat").write_bytes(matlab(columns))
+    dated = ["Datum;Zeit;Temperatur (°C);Widerstand (kΩ);Strom (A)"]
+    for k in range(40):
+        comma = f"{40 + 0.3 * k:.2f};{20 - 0.05 * k:.3f};{0.02 * k:.2f}".replace(".", ",")
+        dated.append(f"23.11.2026;10:00:{k:02d};{comma}")
+    text = "\r\n".join(dated) + "\r\n"
+    (folder / "wide.txt").write_bytes(text.encode("utf-16"))
+    (folder / "western.txt").write_bytes(text.replace("Ω", "Ohm").encode("cp1252"))
 
 
 def own_effect() -> str:

@@ -8,14 +8,21 @@ import io
 import json
 import random
 import tomllib
+import zipfile
+import zlib
 from collections.abc import Callable
 from typing import Any
 
 import tomli_w
 
+from benchmarks._mutated_tables import bad_matlab, bad_workbook
+
 DIGITS = "9" * 5000
 ENCODINGS = ["utf-16", "utf-32", "cp037", "utf-8-sig"]
-BROKEN = (ValueError, IndexError, KeyError, TypeError, RecursionError, csv.Error)  # no TOML, JSON or CSV any more
+BROKEN = (  # no TOML, JSON, CSV or workbook any more
+    *(ValueError, IndexError, KeyError, TypeError, RecursionError, csv.Error),
+    *(OSError, EOFError, NotImplementedError, RuntimeError, zipfile.BadZipFile, zlib.error),
+)
 NUMBERS = [
     "0",
     "-1",
@@ -228,9 +235,19 @@ def table(content: bytes, chance: random.Random) -> bytes:
     return text.getvalue().encode("utf-8", "surrogatepass")
 
 
+WAYS = {
+    "toml": toml,
+    "json": json_text,
+    "jsonl": json_text,
+    "csv": table,
+    "xlsx": bad_workbook,
+    "mat": bad_matlab,
+}
+
+
 def mutated(name: str, content: bytes, chance: random.Random) -> bytes:
     """A file made bad in one of the ways that go with its name."""
-    own = {"toml": toml, "json": json_text, "jsonl": json_text, "csv": table}.get(name.rpartition(".")[2])
+    own = WAYS.get(name.rpartition(".")[2])
     if own is None or not content or chance.random() < 0.35:
         return by_bytes(content, chance)
     try:

@@ -30,7 +30,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._good_inputs import lay_out
+from benchmarks._good_inputs import RIGS, lay_out
 from benchmarks._mutated_requests import LONGEST_S, over_http
 from benchmarks._mutations import DIGITS, mutated
 from rig.__main__ import main as peltier
@@ -62,6 +62,12 @@ CASES = [
     Case("calibrate", ("config.toml", "--out", "OUT"), ("config.toml",)),
     Case("identify", ("record.csv", "--out", "OUT", "--operators", "4"), ("record.csv",)),
     Case("identify", ("record.csv", "--column=WORD", "--kind", "generalized_pi", "--operators=WORD"), ("record.csv",)),
+    Case("identify", ("record.xlsx", "--out", "OUT", "--operators", "4"), ("record.xlsx",)),
+    Case("identify", ("record.mat", "--kind", "generalized_pi", "--operators", "4"), ("record.mat",)),
+    Case("predict", ("model.toml", "record.xlsx", "--out", "OUT"), ("record.xlsx",)),
+    Case("predict", ("model.toml", "record.mat", "--column=WORD"), ("record.mat",)),
+    Case("predict", ("model.toml", "wide.txt", "--column=WORD"), ("wide.txt",)),
+    Case("predict", ("model.toml", "western.txt", "--out", "OUT"), ("western.txt",)),
     Case("predict", ("model.toml", "record.csv", "--out", "OUT"), ("model.toml", "record.csv")),
     Case("predict", ("model.toml", "record.csv", "--initial", "fitted", "--column=WORD"), ("model.toml", "record.csv")),
     Case("diagnose", ("short.csv", "--report", "OUT"), ("short.csv",)),
@@ -75,6 +81,9 @@ CASES = [
         "replay", ("run",), ("run/run.json", "run/record.csv", "run/events.jsonl", "run/config.toml", "run/model.toml")
     ),
     Case("replay", ("run", "--config", "config.toml", "--out", "OUT"), ("config.toml", "run/model.toml")),
+    *(Case("run", (f"{name}.toml", "--out", "OUT"), (f"{name}.toml",)) for name in RIGS),
+    *(Case("check", (f"{name}.toml",), (f"{name}.toml",)) for name in RIGS),
+    Case("off", ("visa.toml",), ("visa.toml",)),
     Case("tune", ("config.toml",), ("config.toml", "model.toml")),
     Case("check", ("config.toml",), ("config.toml",)),
     Case("off", ("config.toml",), ("config.toml",)),
@@ -121,8 +130,15 @@ def one(number: int, good: Path, folder: Path) -> tuple[str, int, str, float]:
         case = chance.choice(CASES)
         if chance.random() < RARE.get("own.py" if "own.py" in case.files else case.verb, 1.0):
             break
-    words = [w.replace("OUT", chance.choice(OUTS)).replace("WORD", chance.choice(WORDS)) for w in case.words]
-    words += chance.choice(ANSWERS) if case.verb not in ("emulate", "serve", "init", "reset") else []
+    out = chance.choice(OUTS) if chance.random() < 0.1 else "new"  # else the file's faults would hide behind it
+    bad_words = not case.files or chance.random() < 0.4  # else their faults, too, would hide the file's
+    words = [w for w in case.words if bad_words or "=WORD" not in w]
+    words = [w.replace("OUT", out).replace("WORD", chance.choice(WORDS)) for w in words]
+    words += (
+        chance.choice(ANSWERS if chance.random() < 0.1 else ANSWERS[:2])
+        if case.verb not in ("emulate", "serve", "init", "reset")
+        else []
+    )
     shutil.copytree(good, folder, symlinks=True)
     name = ""
     if case.files and chance.random() < 0.93:

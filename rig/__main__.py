@@ -8,6 +8,7 @@ import io
 import os
 import sys
 
+from rig.command.overwriting import refuse_overwriting
 from rig.faults import Faults
 
 # verb -> what it does, for the overview; the verb's module is rig.command.VERB
@@ -67,17 +68,24 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"peltier: {verb!r} is no verb{hint}. There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
+    own_process = arguments is None  # whether it may fork: a caller inside Python is not ours to double
+    return ended(lambda: _act(verb, words[1:], own_process), verb)
+
+
+def _act(verb: str, words: list[str], own_process: bool) -> int:
+    """Read the words and do what they say. Importing is part of it: Ctrl-C comes then, too."""
     module = importlib.import_module(f"rig.command.{verb}")
     parser = argparse.ArgumentParser(
         prog=f"peltier {verb}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     module.arguments(parser)
     try:
-        options = parser.parse_args(words[1:])
+        options = parser.parse_args(words)
     except SystemExit as stop:
         return int(stop.code or 0)
-    options.own_process = arguments is None  # whether it may fork: a caller inside Python is not ours to double
-    return ended(lambda: int(module.main(options)), verb)
+    options.own_process = own_process
+    refuse_overwriting(options)
+    return int(module.main(options))
 
 
 def ended(action: object, verb: str) -> int:

@@ -12,7 +12,7 @@ from rig.clock import Clock, RealClock, VirtualClock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
-from rig.drivers.registry import open_controller, open_meter
+from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
 from rig.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
@@ -187,6 +187,11 @@ def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[
         if table.driver not in known:
             expected = f"{table.driver!r} has no emulator; there are {', '.join(known)}"
             raise fault(file.path, f"bench.{role}.driver", expected)
+        driver = controller_class(table.driver) if role == "controller" else meter_class(table.driver)
+        try:
+            check_options(role, table.driver, driver, table.options)
+        except ValueError as error:
+            raise fault(file.path, f"bench.{role}.options", str(error)) from None
     plant = SimulatedPlant(simulated_world(file), start_s)
     make = {"controller": emulated_controller, "meter": emulated_meter}
     return [(role, t.driver, make[role](t.driver, plant, start_s, **_shared(role, t))) for role, t in roles]

@@ -55,6 +55,8 @@ class MecomLink:
     ) -> None:
         if not 0 <= address <= 254:
             raise ValueError(f"a MeCom address is 0..254, not {address}")
+        if not 1 <= instance <= 255:
+            raise ValueError(f"an instance of a MeCom device is 1..255, not {instance}")
         self.transport = transport
         self._address = b"%02X" % address
         self.instance = b"%02X" % instance

@@ -5,6 +5,7 @@ A driver of the user's own is one file, named with its class: "/home/ada/bath.py
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -15,6 +16,7 @@ from typing import Any, cast
 from rig.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
+from rig.drivers.option_kinds import check_kinds
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Port, Transport
 
@@ -32,6 +34,9 @@ METERS = {
     "keithley2400": ("keithley2400", "Keithley2400Meter"),
     "keithley2450": ("keithley2450", "Keithley2450Meter"),
 }
+
+OF_THE_LINE = ("baud", "framing")  # options that are not the driver's
+OF_A_FORMULA = ("formula", "output", "range_V")  # nor these, of a meter
 
 # what a driver of the user's own has to have
 OPTIONAL = {"transport", "confirms_off_by", "dead_man_s", "clear_error"}
@@ -57,7 +62,7 @@ def open_meter(name: str, port: str, clock: Clock, **options: Any) -> Meter:
     With the options `formula`, `output` and `range_V` it reads a voltage that stands for another quantity
     (`rig.drivers.formula_meter`).
     """
-    wrapped = {key: options.pop(key) for key in ("formula", "output", "range_V") if key in options}
+    wrapped = {key: options.pop(key) for key in OF_A_FORMULA if key in options}
     if wrapped:
         from rig.drivers.formula import formula
         from rig.drivers.formula_meter import FormulaMeter, check_output
@@ -95,6 +100,11 @@ def controller_class(name: str) -> Any:
     return driver_class(CONTROLLERS, "controller", name)
 
 
+def meter_class(name: str) -> Any:
+    """The class of a meter's driver. ValueError where there is none."""
+    return driver_class(METERS, "meter", name)
+
+
 def _own_class(role: str, name: str) -> Any:
     file, _, kind = name.rpartition(":")
     path = Path(file)
@@ -115,6 +125,21 @@ def _own_class(role: str, name: str) -> Any:
     return driver
 
 
+def check_options(role: str, name: str, driver: Any, options: Mapping[str, Any]) -> None:
+    """Raises ValueError for an option that a driver does not have, or one of another kind than its own."""
+    known = set(signature(driver).parameters) - {"transport", "line"}
+    others = (*OF_THE_LINE, *OF_A_FORMULA) if role == "meter" else OF_THE_LINE
+    own = {key: value for key, value in options.items() if key not in others}
+    if not own.keys() <= known:
+        unknown = ", ".join(sorted(own.keys() - known))
+        raise ValueError(
+            f"{role} {name!r} has no option {unknown}; there are {', '.join((*OF_THE_LINE, *sorted(known)))}"
+        )
+    check_kinds(driver, own)
+    if hasattr(driver, "line_for"):
+        driver.line_for(**own)
+
+
 def _open(
     drivers: dict[str, tuple[str, str]],
     role: str,
@@ -126,19 +151,14 @@ def _open(
     driver = driver_class(drivers, role, name)
     options = dict(options)
     baud, framing = options.pop("baud", None), options.pop("framing", None)
-    known = set(signature(driver).parameters) - {"transport", "line"}
-    if not options.keys() <= known:
-        unknown = ", ".join(sorted(options.keys() - known))
-        raise ValueError(
-            f"{role} {name!r} has no option {unknown}; there are baud, framing, {', '.join(sorted(known))}"
-        )
+    check_options(role, name, driver, options)
     line: LineSettings = driver.line_for(**options) if hasattr(driver, "line_for") else driver.LINE
     if baud is not None:
         if not (isinstance(baud, int) and baud > 0):
             raise ValueError(f"baud {baud!r}: a positive whole number is expected")
         line = replace(line, baudrate=baud)
     if framing is not None:
-        line = line.framed(framing)
+        line = line.framed(str(framing))
     opened = open_port(port, line)
     try:
         return driver(Transport(cast(Port, opened), clock), line=line, **options)

@@ -73,6 +73,8 @@ class ScpiMeter:
             after_resynchronisation=self._look_after_doubt,
             **self.LINK,
         )
+        if first_range_ohm is not None and first_range_ohm <= 0.0:
+            raise ValueError(f"first_range_ohm {first_range_ohm}: more than 0 is expected")
         currents_A = self.TEST_CURRENTS_A if test_currents_A is None else test_currents_A
         self._test_currents_A = dict(sorted(currents_A.items()))
         self._first_range_ohm = self.FIRST_RANGE_OHM if first_range_ohm is None else first_range_ohm

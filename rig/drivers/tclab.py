@@ -40,6 +40,7 @@ OLDEST = (1, 4)
 NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input
+LONGEST_BOOT_S = 60.0  # an Arduino needs two seconds
 FIRMWARE_PWM = 200  # its default for heater 1
 
 
@@ -68,6 +69,10 @@ class TcLabController(HeaterDrive):
             raise ValueError(f"heater {heater}: 1 or 2 is expected")
         if not 1 <= full_pwm <= 255:
             raise ValueError(f"full_pwm {full_pwm}: 1 to 255 is expected")
+        if agreement_K <= 0.0:
+            raise ValueError(f"agreement_K {agreement_K}: more than 0 is expected")
+        if not 0.0 <= boot_s <= LONGEST_BOOT_S:
+            raise ValueError(f"boot_s {boot_s}: 0 to {LONGEST_BOOT_S:g} is expected")
         self.transport = transport
         self.link = TcLabLink(
             transport, fence=f"P{3 - heater}", byte_s=line.byte_s, boot_s=boot_s, first_token=first_token

@@ -25,6 +25,7 @@ At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint thre
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from math import isfinite, nan
 from typing import ClassVar
@@ -40,6 +41,7 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 from rig.reading import Quality, Reading
 
+LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
 TRIALS = 3
 MODEL_CODE = 9613
 ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
@@ -133,6 +135,15 @@ class TeTechnologyController(SetpointOnly):
             raise ValueError(f"address {address}: 0 to 255 is expected")
         if units not in (None, "degC", "degF"):
             raise ValueError(f"units {units!r}: 'degC' or 'degF' is expected")
+        if agreement_K <= 0.0:
+            raise ValueError(f"agreement_K {agreement_K}: more than 0 is expected")
+        for name, pause_s in (("gap_s", gap_s), ("drain_s", drain_s or 0.0)):
+            if not 0.0 <= pause_s <= LONGEST_PAUSE_S:
+                raise ValueError(f"{name} {pause_s}: 0 to {LONGEST_PAUSE_S:g} is expected")
+        if alarm_type is not None and not 0 <= alarm_type <= 9:
+            raise ValueError(f"alarm_type {alarm_type}: 0 to 9 is expected")
+        if power_read_code is not None and not re.fullmatch("[0-9a-z]{2}", power_read_code):
+            raise ValueError(f"power_read_code {power_read_code!r}: two digits of a command are expected")
         self._model = table = _model(model)
         self.NAME = f"a {table.name}"
         self.transport = transport

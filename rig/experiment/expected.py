@@ -10,7 +10,9 @@ from itertools import pairwise
 from typing import Protocol
 
 from compensator.plate import PlateModel
-from rig.experiment.calibration import PULSE_S, calibration_range, minor_turning_points
+from rig.experiment.calibration import calibration_range
+from rig.experiment.minor_loops import minor_turning_points
+from rig.experiment.pulses import PULSE_S
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target

@@ -125,9 +125,11 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
 
 def _record(path: Path) -> Record:
     """The run's rows. Raises Faults where a column is missing that the law saw or set."""
-    return read_record(
-        path, needs=("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
-    )
+    needs = ("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
+    record = read_record(path, needs=needs, flags=False)
+    if "phase" not in record.text_columns:
+        raise fault(path, "phase", "missing; expected the column of a run's record")
+    return record
 
 
 def _phases(path: Path) -> list[dict[str, Any]]:

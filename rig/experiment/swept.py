@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import csv
 import itertools
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -22,6 +24,7 @@ from rig.files.record_file import write_columns
 from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
 from rig.outcome import Outcome
+from rig.safety.signals import CAUGHT, SignalStop
 
 RESULTS = ("status", "rows", "rms_dec", "max_dec", "rms_K", "max_K", "text")
 
@@ -73,9 +76,13 @@ def sweep(
         file.write_text(",".join(f'"{name}"' for name in names) + "\n", encoding="utf-8")
     count = min(workers or os.cpu_count() or 1, max(len(left), 1))
     context = multiprocessing.get_context("spawn")  # compiled loops and signal handlers do not survive a fork
-    with ProcessPoolExecutor(count, context) as pool, file.open("a", encoding="utf-8", newline="") as lines:
+    with SignalStop(), contextlib.ExitStack() as stack:
+        with _signals_for_us_alone():
+            pool = stack.enter_context(ProcessPoolExecutor(count, context))
+            stack.enter_context(_ended_with(pool))
+            jobs = [pool.submit(experiment, path, point, out if records else None) for point in left]
+        lines = stack.enter_context(file.open("a", encoding="utf-8", newline=""))
         writer = csv.DictWriter(lines, names, lineterminator="\n", restval="")
-        jobs = [pool.submit(experiment, path, point, out if records else None) for point in left]
         for job in as_completed(jobs):
             row = job.result()
             writer.writerow(row)
@@ -83,6 +90,31 @@ def sweep(
             done[int(row["number"])] = {name: str(row.get(name, "")) for name in names}
             tell(len(done), len(points), " ".join(f"{key}={value}" for key, value in row.items() if value != ""))
     return [done[number] for number in sorted(done)]
+
+
+@contextlib.contextmanager
+def _ended_with(pool: ProcessPoolExecutor) -> Iterator[None]:
+    """Whatever goes wrong, Ctrl-C too, ends the experiments that run and those that wait; their rows are not there."""
+    try:
+        yield
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.kill()
+        raise
+
+
+@contextlib.contextmanager
+def _signals_for_us_alone() -> Iterator[None]:
+    """Ctrl-C on a terminal reaches every process of the group: those that begin here leave it to this one."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, CAUGHT)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def experiment(path: Path, point: Point, records: Path | None) -> dict[str, str]:

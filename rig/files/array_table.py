@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.faults import Faults, fault
+from rig.files.matlab_vectors import vectors_of
 from rig.files.table import Column, Table
-
-MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 
 
 def array_table(columns: Mapping[str, Any], source: str) -> Table:
@@ -62,17 +61,7 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
 
 def matlab_table(path: Path) -> Table:
     """The vectors of one length in a .mat file, in structs too. Raises Faults."""
-    from scipy.io import loadmat
-
-    try:
-        content = loadmat(str(path), squeeze_me=True, struct_as_record=False, chars_as_strings=True)
-    except NotImplementedError:
-        raise fault(path, "", "a .mat file of version 7.3; expected save(..., '-v7'), or a CSV file") from None
-    except FileNotFoundError:
-        raise fault(path, "", "no such file") from None
-    except Exception as error:  # scipy raises what its parser happened to meet in a broken file
-        raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {error}") from None
-    vectors = list(_vectors(content))
+    vectors = vectors_of(path)
     lengths = [values.size for _, values in vectors if values.size >= 2]
     if not lengths:
         raise fault(path, "", "no vectors of numbers; expected one for each column, in a struct or beside each other")
@@ -87,21 +76,3 @@ def matlab_table(path: Path) -> Table:
     if left:
         table.said.append(f"of another length and left: {', '.join(left[:8])}")
     return table
-
-
-def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
-    """Names and vectors of numbers; a matrix gives one for each of its columns."""
-    items = content.items() if isinstance(content, dict) else ((n, getattr(content, n)) for n in content._fieldnames)
-    for name, value in items:
-        if name.startswith("__"):
-            continue
-        if hasattr(value, "_fieldnames") and depth < 3:
-            yield from _vectors(value, depth + 1)
-            continue
-        values = np.asarray(value)
-        if values.dtype.kind not in "biuf":
-            continue
-        if values.ndim == 1:
-            yield name, values
-        elif values.ndim == 2 and values.shape[1] <= MOST_COLUMNS:
-            yield from ((f"{name}{k + 1}", values[:, k]) for k in range(values.shape[1]))

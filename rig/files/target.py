@@ -76,10 +76,13 @@ def read_target(path: Path, quantity: str) -> Target:
     ]
     if quantity == "resistance":
         faults += [f"{path}: row {k + 1}: {column}: expected > 0" for k in np.flatnonzero(values <= 0.0)[:5]]
+    times = record["time_s"]
+    if not float(times[-1]) - float(times[0]) <= LONGEST_S:
+        faults.append(f"{path}: time_s: from {times[0]:g} to {times[-1]:g}: expected a profile of three years at most")
     if faults:
         raise Faults(faults)
     said = tuple(f"{path}: {line}" for line in record.said)
-    return Target(quantity, record["time_s"] - record["time_s"][0], _internal(values, quantity), said)
+    return Target(quantity, times - times[0], _internal(values, quantity), said)
 
 
 def _internal(values: Array, quantity: str) -> Array:

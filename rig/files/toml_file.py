@@ -6,6 +6,7 @@ A value is shown with its fault, shortened; one that is secret, never.
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,11 +34,54 @@ def checked(schema: type[T], content: dict[str, Any], path: Path) -> T:
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise Faults(_line(schema, content, path, item) for item in error.errors()) from None
+        raise Faults(_line(schema, path, *item) for item in _one_each(content, error.errors())) from None
 
 
-def _line(schema: type[BaseModel], content: dict[str, Any], path: Path, error: Any) -> str:
-    place = [str(part) for part in error["loc"]]
+def _one_each(content: dict[str, Any], errors: Sequence[Any]) -> list[tuple[list[str], Any]]:
+    """(place, error) of each fault. Where one of several kinds was expected there is an error for each of the kinds;
+    those become one, or, where a kind fits but for something inside it, what is wrong there."""
+    faults: list[tuple[list[str], Any]] = []
+    choices: dict[tuple[str, ...], list[tuple[str, list[str], Any]]] = {}
+    for error in errors:
+        place, kinds = _place(content, error)
+        if kinds:
+            at, kind = kinds[0]
+            choices.setdefault(tuple(place[:at]), []).append((kind, place, error))
+        else:
+            faults.append((place, error))
+    for found in choices.values():
+        if len({kind for kind, _, _ in found}) == 1:
+            faults += [(place, error) for _, place, error in found]
+            continue
+        deepest = max(len(place) for _, place, _ in found)
+        alike: dict[tuple[str, ...], list[Any]] = {}
+        for _, place, error in found:
+            if len(place) == deepest:
+                alike.setdefault(tuple(place), []).append(error)
+        for where, same in alike.items():
+            messages = dict.fromkeys(error["msg"].removeprefix("Input should be ") for error in same)
+            text = f"Input should be {' or '.join(messages)}" if len(same) > 1 else same[0]["msg"]
+            faults.append((list(where), {**same[0], "msg": text}))
+    return faults
+
+
+def _place(content: Any, error: Any) -> tuple[list[str], list[tuple[int, str]]]:
+    """Where an error is in the file; and the kinds that are no keys of it but names of what was tried, with how far
+    down each was."""
+    place: list[str] = []
+    kinds: list[tuple[int, str]] = []
+    for k, part in enumerate(error["loc"]):
+        inside = isinstance(content, list) and isinstance(part, int) and part < len(content)
+        if inside or (isinstance(content, dict) and part in content):
+            content = content[part]
+        elif not (error["type"] == "missing" and k == len(error["loc"]) - 1):
+            kinds.append((len(place), str(part)))
+            continue
+        place.append(str(part))
+    return place, kinds
+
+
+def _line(schema: type[BaseModel], path: Path, place: list[str], error: Any) -> str:
     where = ".".join(place) or "the file"
     if error["type"] == "extra_forbidden":
         near = difflib.get_close_matches(place[-1], _keys(schema, place[:-1]), n=1)

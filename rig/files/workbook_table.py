@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import zipfile
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from rig.faults import Faults, fault
 from rig.files.table import Table
 from rig.files.text_table import text_table
 
-MOST_CELLS = 60_000_000  # a full sheet has a million rows; beyond this many cells it is no record
+MOST_ROWS = 1_048_576  # that a sheet can have; the number of a row in a broken file may be any
+MOST_CELLS = 60_000_000  # beyond this many it is no record
+MOST_BYTES = 2_000_000_000  # unpacked: a full sheet of twenty columns; a file of 2 MB can unpack to this, too
 
 
 def workbook_table(path: Path, decimal: str = "") -> Table:
@@ -23,6 +26,12 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
         text = "an Excel workbook, which needs openpyxl: pip install 'peltier-rig[files]'; or save it as CSV"
         raise fault(path, "", text) from None
     try:
+        with zipfile.ZipFile(path) as package:
+            unpacked = sum(member.file_size for member in package.infolist())
+        if unpacked > MOST_BYTES:
+            raise fault(
+                path, "", f"unpacks to {unpacked / 1e9:.1f} GB; expected a record, {MOST_BYTES / 1e9:g} GB at most"
+            )
         book = load_workbook(path, read_only=True, data_only=True)
         sheets = {sheet.title: _as_text(sheet, path) for sheet in book.worksheets}
         book.close()
@@ -54,14 +63,18 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
 
 def _as_text(sheet: Any, path: Path) -> str:
     """A sheet's cells as tab-separated text, numbers to the same bits."""
+    sheet.reset_dimensions()  # else rows beyond the size that the file says of itself would be left out in silence
+    rows: list[list[str]] = []
+    cells = width = 0
+    for row in sheet.iter_rows(values_only=True):
+        rows.append([_shown(cell) for cell in row])
+        cells, width = cells + len(row), max(width, len(row))
+        if len(rows) > MOST_ROWS or max(cells, width * len(rows)) > MOST_CELLS:
+            most = f"more than {MOST_ROWS} rows or {MOST_CELLS} cells"
+            raise fault(path, f"sheet {sheet.title!r}", f"{most}; expected a record")
     out = io.StringIO()
     writer = csv.writer(out, delimiter="\t", lineterminator="\n")
-    cells = 0
-    for row in sheet.iter_rows(values_only=True):
-        cells += len(row)
-        if cells > MOST_CELLS:
-            raise fault(path, f"sheet {sheet.title!r}", f"more than {MOST_CELLS} cells; expected a record")
-        writer.writerow([_shown(cell) for cell in row])
+    writer.writerows([*row, *[""] * (width - len(row))] for row in rows)
     return out.getvalue()
 
 

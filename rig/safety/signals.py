@@ -9,10 +9,15 @@ from types import FrameType, TracebackType
 from rig.outcome import Stopped
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name))
+COMPILERS = ("numba", "llvmlite")  # they take exceptions for their own: one raised inside is lost, or breaks them
+AGAIN_S = 0.02  # until a signal that came while something was compiled is tried again
 
 
 class SignalStop:
-    """Context in which INT, TERM, HUP and QUIT raise `Stopped`; `shield` holds them back from then on."""
+    """Context in which INT, TERM, HUP and QUIT raise `Stopped`; `shield` holds them back from then on.
+
+    While a loop is being compiled they wait for its end: seconds, before anything is switched on (`policies.tried`).
+    """
 
     def __init__(self) -> None:
         self.received: int | None = None
@@ -42,9 +47,22 @@ class SignalStop:
             raise Stopped(self.received)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        first = self.received is None
-        if first:
-            self.received = number
-        if first and not self._shielded:
-            self._shielded = True
-            raise Stopped(number)
+        self.received = number if self.received is None else self.received
+        if self._shielded:
+            return
+        if _compiling(frame):
+            again = threading.Timer(AGAIN_S, signal.raise_signal, (number,))
+            again.daemon = True
+            again.start()
+            return
+        self._shielded = True
+        raise Stopped(self.received)
+
+
+def _compiling(frame: FrameType | None) -> bool:
+    """Whether a signal came in the middle of the compilation of a loop."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__")).partition(".")[0] in COMPILERS:
+            return True
+        frame = frame.f_back
+    return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import os
@@ -50,9 +51,9 @@ def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, **more}
 
 
-@pytest.fixture(scope="module")
-def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    folder = tmp_path_factory.mktemp("daemon")
+@contextlib.contextmanager
+def started(folder: Path) -> Iterator[Daemon]:
+    """A daemon that is ready, until the end of the block."""
     path = write_current(folder, '["start 0 A", "hold 0.5 s"]')
     emulated = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
     with PseudoTerminals(emulated) as terminals, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notified:
@@ -79,11 +80,25 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
             process.stdout.close()
 
 
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
+    with started(tmp_path_factory.mktemp("daemon")) as one:
+        yield one
+
+
 @pytest.fixture
 def here(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> Daemon:
     """The daemon, found by the verbs of this process."""
     monkeypatch.setenv("PELTIER_SOCKET", str(daemon.folder / "bench.sock"))
     return daemon
+
+
+@pytest.fixture
+def ending(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Daemon]:
+    """A daemon that no other test needs: it may be ended."""
+    with started(tmp_path_factory.mktemp("ending")) as one:
+        monkeypatch.setenv("PELTIER_SOCKET", str(one.folder / "bench.sock"))
+        yield one
 
 
 def test_status_as_text_and_as_json(here: Daemon, peltier: Peltier) -> None:
@@ -235,21 +250,21 @@ def output_is_on(here: Daemon) -> bool:
     return bool(here.instruments["controller"].status == 2)  # "run"
 
 
-def test_a_bench_process_that_is_killed_leaves_the_output_off(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
-    process = long_run(here, tmp_path)
-    assert output_is_on(here)
-    os.kill(here.ask("who")["pid"], signal.SIGKILL)
-    until(lambda: not output_is_on(here), "the output going off")
+def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, peltier: Peltier, tmp_path: Path) -> None:
+    process = long_run(ending, tmp_path)
+    assert output_is_on(ending)
+    os.kill(ending.ask("who")["pid"], signal.SIGKILL)
+    until(lambda: not output_is_on(ending), "the output going off")
     status, text = ended(process)
     assert status == 11
     assert "NOT CONFIRMED OFF" in text  # the one that was handed over cannot know better
-    here.process.wait(STARTS_S)
-    assert here.process.returncode == 128 + signal.SIGKILL
+    ending.process.wait(STARTS_S)
+    assert ending.process.returncode == 128 + signal.SIGKILL
     status, _, err = peltier("status")
     assert status == 1
     assert "no daemon runs here" in err
     assert peltier("stop")[0] == 1
-    status, out, _ = peltier("off", here.path)  # and with no daemon the port is opened
+    status, out, _ = peltier("off", ending.path)  # and with no daemon the port is opened
     assert status == 0
     assert "output off, confirmed by the controller" in out
     status, _, err = peltier("off")
@@ -257,23 +272,26 @@ def test_a_bench_process_that_is_killed_leaves_the_output_off(here: Daemon, pelt
     assert "expected CONFIG" in err
 
 
-def test_sigterm_ends_it_with_the_output_off(here: Daemon) -> None:
+def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:
+    """One that began where another had been killed."""
+    os.kill(ending.ask("who")["pid"], signal.SIGKILL)
+    ending.process.wait(STARTS_S)
     again = subprocess.Popen(
-        [sys.executable, "-m", "rig", "serve", str(here.path)],
-        env=environment(here.folder),
+        [sys.executable, "-m", "rig", "serve", str(ending.path)],
+        env=environment(ending.folder),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
     try:
-        while not here.notified.recv(4096).startswith(b"READY"):
+        while not ending.notified.recv(4096).startswith(b"READY"):
             pass
     finally:
         again.terminate()
         status, text = ended(again)
     assert status == 128 + signal.SIGTERM
     assert "output off, confirmed by the controller" in text
-    assert not (here.folder / "bench.sock").exists()
+    assert not (ending.folder / "bench.sock").exists()
 
 
 @pytest.mark.parametrize("words", [["stop"], ["off"], ["status"], ["reset", "--reason", "x"]])

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from rig.drivers import registry
+from rig.experiment.tracking import score
+from rig.faults import Faults
 from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -182,3 +187,57 @@ def test_a_record_that_never_crosses_the_transition_is_told_so(peltier: Peltier,
     status, out, _ = peltier("identify", path)
     assert status == 0
     assert "does not cross the transition" in out
+
+
+@pytest.mark.parametrize("driver", sorted(registry.CONTROLLERS))
+def test_every_option_of_a_controller_takes_its_own_kind_only(peltier: Peltier, tmp_path: Path, driver: str) -> None:
+    names = set(signature(registry.controller_class(driver)).parameters) - {"transport", "line"}
+    for name in {*names, "framing", "model"}:
+        for value in ("-1.5", "1e300", "nan", '""', '"no such"'):
+            path = tmp_path / "bench.toml"
+            path.write_text(
+                f'[bench.controller]\ndriver = "{driver}"\nport = "sim://"\noptions = {{{name} = {value}}}\n'
+                '[limits]\ncurrent_A = 0.5\n[experiment]\nkind = "hold"\n'
+            )
+            if (name, value) == ("agreement_K", "1e300"):  # every two readings agree
+                continue
+            status, _, err = peltier("check", path)
+            assert (status, len(err.splitlines())) == (2, 1), f"{name} = {value}: {err}"
+            assert f"{path}: bench.controller.options" in err
+            assert "expected" in err or "there are" in err or "should be" in err
+
+
+def test_a_value_that_may_be_of_several_kinds_has_one_line(peltier: Peltier, tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    path.write_text(
+        '[bench.controller]\ndriver = "tclab"\nport = "sim://"\n'
+        '[bench.meter]\ndriver = "keithley2000"\nport = "sim://"\noptions = {a = [1], b = nan}\n'
+        '[limits]\ncurrent_A = 0.5\n[experiment]\ntarget = ["start 20 kohm", 5]\n'
+        '[sweep]\nseeds = "x"\n[simulation.film]\nrelais = 5\nmemoryless = {a = "x"}\n'
+    )
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    places = [line.removeprefix(f"{path}: ").partition(": ")[0] for line in err.splitlines()]
+    assert {"bench.meter.options.a", "bench.meter.options.b", "experiment.target.1", "sweep.seeds"} <= set(places)
+    assert {"simulation.film.relais", "simulation.film.memoryless.a"} <= set(places)
+    assert len(places) == len(set(places))
+
+
+class NothingRead:
+    """A run's rows of which none has a reading of the film."""
+
+    def column(self, name: str) -> np.ndarray:
+        return {"phase": np.array(["track"] * 3), "time_s": np.arange(3.0)}.get(name, np.full(3, np.nan))
+
+
+def test_a_run_without_a_row_that_counts_says_so() -> None:
+    with pytest.raises(Faults, match="track: expected rows with a reading of the film"):
+        score(NothingRead(), "full", 3.0, 4.0)
+
+
+def test_a_target_of_years_is_refused(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='"target.csv"')
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n1e9,15000\n")
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "time_s: from 0 to 1e+09: expected a profile of three years at most" in err

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import re
 import shlex
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 
 from rig.faults import Faults
 from rig.files.column_mapping import ColumnMapping
@@ -321,6 +324,54 @@ def test_broken_workbooks(peltier: Peltier, tmp_path: Path, name: str, expected:
     assert status == 2
     assert expected in err
     assert len(err.splitlines()) == 1
+
+
+def said_of_itself(path: Path, dimension: str) -> None:
+    """Rewrite a workbook so that its sheet says another size of itself, as some instruments' writers do."""
+    with zipfile.ZipFile(path) as package:
+        members = {name: package.read(name) for name in package.namelist()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as package:
+        for name, text in members.items():
+            if "sheet1" in name:
+                text, changed = re.subn(rb'<dimension ref="[^"]*"', f'<dimension ref="{dimension}"'.encode(), text)
+                assert changed == 1
+            package.writestr(name, text)
+
+
+@pytest.mark.parametrize("dimension", ["A1", "A1:B4", "A1:XFD1048576"])
+def test_a_workbook_that_says_a_wrong_size_of_its_sheet_is_read_whole(tmp_path: Path, dimension: str) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in [["time_s", "temperature_degC", "note"], *([k, 25.0 + k, None] for k in range(9)), [9, 34.0, "end"]]:
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    said_of_itself(tmp_path / "a.xlsx", dimension)
+    record = read_record(tmp_path / "a.xlsx", [], NEEDS)
+    assert list(record["temperature_degC"]) == [25.0 + k for k in range(10)]
+
+
+def test_packed_files_far_too_large_are_refused(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    openpyxl = pytest.importorskip("openpyxl")
+    openpyxl.Workbook().save(tmp_path / "a.xlsx")
+    scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
+    monkeypatch.setattr("rig.files.workbook_table.MOST_BYTES", 1000)
+    monkeypatch.setattr("rig.files.matlab_vectors.MOST_NUMBERS", 1000)
+    for name, expected in (("a.xlsx", "unpacks to"), ("a.mat", "an array of 2000 numbers")):
+        status, _, err = peltier("identify", tmp_path / name)
+        assert (status, len(err.splitlines())) == (2, 1)
+        assert expected in err
+
+
+def test_a_matlab_file_on_which_its_reader_dies_is_refused(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "a.mat"
+    scipy.io.savemat(file, {"time_s": np.arange(3.0)})
+    content = bytearray(file.read_bytes())
+    content[content.index(np.arange(3.0).tobytes()) - 8] = 127  # the kind of its numbers: there is none of this code
+    file.write_bytes(content)
+    status, _, err = peltier("identify", file)
+    assert (status, err) == (2, f"{file}: cannot be read as .mat: its sizes and kinds do not fit its bytes\n")
 
 
 def test_a_workbook_without_its_reader_says_what_to_install(

@@ -1,0 +1,87 @@
+"""The vectors of numbers in a MATLAB file (.mat), read with scipy in a process of its own.
+
+On some broken files scipy's reader does not raise but ends its whole process (a segmentation fault). Nothing that reads
+a record may end that way, least of all a program that keeps a heater.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compensator.functions import Array
+from rig.faults import Faults, fault
+
+MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
+MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
+DEEPEST = 3  # structs inside each other
+READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
+
+
+def vectors_of(path: Path) -> list[tuple[str, Array]]:
+    """Names and vectors; a matrix gives one for each of its columns. Raises Faults."""
+    if not path.is_file():
+        raise fault(path, "", "no such file")
+    command = [sys.executable, "-c", READ.format(paths=sys.path, most=MOST_NUMBERS), str(path)]
+    child = subprocess.run(command, capture_output=True, check=False)
+    if child.returncode == 2:
+        raise Faults(child.stderr.decode(errors="replace").strip().splitlines()[-1:])
+    if child.returncode != 0:
+        raise fault(path, "", "cannot be read as .mat: its sizes and kinds do not fit its bytes")
+    with np.load(io.BytesIO(child.stdout), allow_pickle=False) as content:
+        names = [str(name) for name in content["names"]]
+        return [(name, content[f"vector{k}"]) for k, name in enumerate(names)]
+
+
+def tell(path: str, most: int) -> None:
+    """In the process of its own: the vectors as .npz on stdout, or a line on stderr and exit status 2."""
+    try:
+        found = list(_vectors(_content(Path(path), most)))
+    except Faults as faults:
+        print(str(faults), file=sys.stderr)
+        sys.exit(2)
+    out = io.BytesIO()
+    vectors = {f"vector{k}": values for k, (_, values) in enumerate(found)}
+    np.savez(out, names=np.array([name for name, _ in found], dtype=str), **vectors)
+    sys.stdout.buffer.write(out.getvalue())
+
+
+def _content(path: Path, most: int) -> Any:
+    from scipy.io import loadmat, whosmat
+
+    try:
+        largest = max((math.prod(shape) for _, shape, _ in whosmat(str(path))), default=0)
+        if largest > most:
+            raise fault(path, "", f"an array of {largest} numbers; expected a record, {most} at most")
+        return loadmat(str(path), squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    except Faults:
+        raise
+    except NotImplementedError:
+        raise fault(path, "", "a .mat file of version 7.3; expected save(..., '-v7'), or a CSV file") from None
+    except Exception as error:  # scipy raises what its parser happened to meet in a broken file
+        text = " ".join(str(error).split())[:200]
+        raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {text}") from None
+
+
+def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    items = content.items() if isinstance(content, dict) else ((n, getattr(content, n)) for n in content._fieldnames)
+    for name, value in items:
+        if name.startswith("__"):
+            continue
+        if hasattr(value, "_fieldnames") and depth < DEEPEST:
+            yield from _vectors(value, depth + 1)
+            continue
+        values = np.asarray(value)
+        if values.dtype.kind not in "biuf":
+            continue
+        if values.ndim == 1:
+            yield name, values
+        elif values.ndim == 2 and values.shape[1] <= MOST_COLUMNS:
+            yield from ((f"{name}{k + 1}", values[:, k]) for k in range(values.shape[1]))
