@@ -7,7 +7,9 @@
 
 The film's memory is driven by the temperature of a state observer (plate model corrected by the reading), never by
 the noisy reading itself, which would ratchet the play operators. What the model gets wrong of the resistance is
-estimated as a disturbance on the output and taken off the target: feedback of the resistance through the inverse.
+estimated as a disturbance on the output and taken off the target: feedback of the resistance through the inverse. Both
+estimates weigh readings by their noise: `compensator.estimate`. A step stands for the moment at which the thermometer
+was read; the ohmmeter was read some time before.
 
     law                 film inverse   plate inverse   feedback of T   feedback of R
     "full"              yes            yes             PID             disturbance estimate
@@ -27,6 +29,15 @@ from typing import Final, Literal
 import numpy as np
 from numba import njit
 
+from compensator.estimate import (
+    DOUBT,
+    DRIFT,
+    MOVED,
+    TOWARD,
+    Estimate,
+    corrected_disturbance,
+    corrected_temperature,
+)
 from compensator.film import IDENTITY, FilmModel, Memory, Packed, memory_owning
 from compensator.functions import Array, memoryless_value
 from compensator.inverse import Inverse
@@ -44,9 +55,10 @@ class LawSettings:
     """What the law needs to know.
 
     period_s: of the loop. preview: number of coming targets that a step is given, preview_spacing_s apart, the first
-    one period ahead. band: outputs this near to the target ask for no move (about twice the meter's noise).
-    observer_gain: share of a reading's innovation taken into the temperature. disturbance_time_s: of the estimate
-    of what the film model gets wrong. rate_share: share of the plate's fastest rates that the reference may use.
+    one period ahead. reversal: the output turns round for a difference of so many standard deviations of the estimate,
+    and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
+    (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
+    use.
     """
 
     name: LawName
@@ -57,16 +69,17 @@ class LawSettings:
     gains: PidGains
     preview: int = 8
     preview_spacing_s: float = 0.3
-    band: float = 0.003
-    observer_gain: float = 0.3
-    disturbance_time_s: float = 1.0
+    band: float = 0.0
+    reversal: float = 2.0
+    trusts_model: bool = True
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
 class LawState:
-    """Temperature estimate and reference (degC), film memory, output disturbance, PID and the current in force."""
+    """Temperature estimate and reference (degC), film memory, output disturbance, PID, the current in force, and what
+    the estimates know of noise and model."""
 
     temperature_degC: float
     reference_degC: float
@@ -74,6 +87,7 @@ class LawState:
     disturbance: float = 0.0
     pid: PidState = field(default_factory=PidState)
     current_A: float = 0.0
+    estimate: Estimate = field(default_factory=Estimate)
 
 
 @dataclass(frozen=True)
@@ -94,8 +108,8 @@ class Command:
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
 # places in a law's numbers
-LAW, PERIOD, LIMIT, LOW, HIGH, SPACING, BAND, OBSERVER, DISTURBANCE_TIME, SHARE, HAS_FILM, FASTEST = range(12)
-# places in a state's numbers, then in a command's
+LAW, PERIOD, LIMIT, LOW, HIGH, SPACING, BAND, REVERSAL, TRUSTS, SHARE, HAS_FILM, FASTEST = range(12)
+# places in a state's numbers, then in a command's; then those of the estimate
 T, REF, DISTURBANCE, INTEGRAL, DERIVATIVE, ERROR, CURRENT, INPUT, SETPOINT, REF_NOW, MODEL, REACHED = range(12)
 
 
@@ -113,23 +127,24 @@ def law_step(
     reading: float,
     output: float,
     target_now: float,
+    output_age: float,
 ) -> None:
     """One period of the law: `state` and `plays` are brought to this sample, the command stands behind the state."""
     name, period, limit = law[LAW], law[PERIOD], law[LIMIT]
     envelopes, radii, weights, code, par = film
-    here = plate_step(plate, state[T], state[CURRENT], period)
-    if name == INSTRUMENT_PID and not math.isnan(reading):
+    here = plate_step(plate, state[T], state[CURRENT], period) + state[DRIFT] * period
+    if not math.isnan(reading) and (name == INSTRUMENT_PID or law[TRUSTS] == 0.0):
         here = reading  # the current is the controller's own
-    elif name != FEEDFORWARD and not math.isnan(reading):
-        here += law[OBSERVER] * (reading - here)
+    elif not math.isnan(reading) and name != FEEDFORWARD:
+        here = corrected_temperature(state, here, reading, period)
     model = math.nan
     if law[HAS_FILM] > 0.0:
         advance(here, state[INPUT], envelopes, radii, plays)
         state[INPUT] = here
         model = memoryless_value(code, par, here) + weighted_sum(weights, plays)
         if name in (FULL, INSTRUMENT_PID) and math.isfinite(output):
-            share = min(period / law[DISTURBANCE_TIME], 1.0)
-            state[DISTURBANCE] += share * (output - model - state[DISTURBANCE])
+            off = output + state[MOVED] / period * output_age - model
+            state[DISTURBANCE] = corrected_disturbance(state, state[DISTURBANCE], off, output, period)
     state[T] = here
     if name == PID:  # on the film's output alone, in A; the last current holds while there is no reading
         if math.isfinite(output):
@@ -148,9 +163,11 @@ def law_step(
     if name == TEMPERATURE:
         following = next_temperature(targets, law[SPACING], period, reference, cooling, heating)
     else:
-        reached, following = next_reference(
+        band = max(law[BAND], law[REVERSAL] * math.sqrt(state[DOUBT])) if name != FEEDFORWARD else 0.0
+        reached, following, state[MOVED] = next_reference(
             targets - state[DISTURBANCE],
-            law[BAND] if name != FEEDFORWARD else 0.0,
+            band,
+            state[TOWARD],
             state[INPUT],
             plays,
             film,
@@ -162,6 +179,8 @@ def law_step(
             cooling,
             heating,
         )
+        if following != reference and state[MOVED] != 0.0:
+            state[TOWARD] = math.copysign(1.0, state[MOVED])
     following = min(max(following, law[LOW]), law[HIGH])
     wanted_rate = (following - reference) / period
     feedback = name in (FULL, TEMPERATURE)
@@ -192,7 +211,7 @@ class Law:
         self.inverse = Inverse(film, settings.low_degC, settings.high_degC) if film is not None else None
         s = settings
         numbers = (s.period_s, s.current_limit_A, s.low_degC, s.high_degC, s.preview_spacing_s, s.band)
-        shares = (s.observer_gain, s.disturbance_time_s, s.rate_share, float(film is not None), s.fastest_K_per_s)
+        shares = (s.reversal, float(s.trusts_model), s.rate_share, float(film is not None), s.fastest_K_per_s)
         self._numbers = np.array([float(NAMES.index(s.name)), *numbers, *shares])
         self._gains = s.gains.array()
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
@@ -216,11 +235,18 @@ class Law:
         return s.period_s + s.preview_spacing_s * np.arange(s.preview, dtype=np.float64)
 
     def step(
-        self, state: LawState, temperature_degC: float, output: float, target_now: float, targets: Array
+        self,
+        state: LawState,
+        temperature_degC: float,
+        output: float,
+        target_now: float,
+        targets: Array,
+        output_age_s: float = 0.0,
     ) -> tuple[Command, LawState]:
         """One period. Readings are nan where there is none; targets: shape (preview,), see `preview_times_s`.
 
-        For the law "temperature" targets are degC, else in the film's output unit.
+        output_age_s: by how much the output was read before the temperature, at whose moment target_now and targets
+        begin. For the law "temperature" targets are degC, else in the film's output unit.
         """
         pid = state.pid
         plays = state.memory.plays.copy()
@@ -238,6 +264,7 @@ class Law:
                 nan,
                 nan,
                 1.0,
+                *state.estimate.numbers(),
             )
         )
         if not targets.flags.writeable:
@@ -255,7 +282,9 @@ class Law:
             temperature_degC,
             output,
             target_now,
+            output_age_s,
         )
-        t, r, d, i, derivative, error, current, v, setpoint, reference, model, reached = numbers.tolist()
-        following = LawState(t, r, memory_owning(v, plays), d, PidState(i, derivative, error), current)
+        t, r, d, i, derivative, error, current, v, setpoint, reference, model, reached, *known = numbers.tolist()
+        pid = PidState(i, derivative, error)
+        following = LawState(t, r, memory_owning(v, plays), d, pid, current, Estimate(*known))
         return Command(current, setpoint, reference, model, reached > 0.0), following

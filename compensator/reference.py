@@ -26,6 +26,7 @@ DEPARTURES: Final = 5  # departure times that are tried, between now and just in
 def wanted_temperatures(
     targets: Array,
     band: float,
+    toward: float,
     v_now: float,
     memory: Array,
     film: Packed,
@@ -35,8 +36,9 @@ def wanted_temperatures(
 ) -> bool:
     """Temperatures (degC) for the coming targets from the present memory; `memory` is used up.
 
-    A target within `band` of the present output asks for no move: near a turning point the loop is so flat that
-    noise on the output would become degrees. Returns whether the first target can be reached; where one cannot,
+    toward: the sign of the output's last move. To go on that way the film needs little; to turn round it has to cross
+    the loop, so that noise on the output would become degrees: a target within `band` of the present output on the
+    other side asks for no move. Returns whether the first target can be reached; where one cannot,
     the temperature stays, or goes to the limit on whose side the target lies. limits, table: of `Inverse.settings`.
     """
     first_reached = True
@@ -47,10 +49,12 @@ def wanted_temperatures(
     monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
     for i in range(targets.size):
         output = play.weighted_sum(weights, memory) + memoryless_value(code, par, v)
-        wanted = min(max(output, targets[i] - band), targets[i] + band)
-        if wanted == output:
+        wanted = targets[i]
+        gap = wanted - output
+        if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
             temperatures[i] = v
             continue
+        toward = math.copysign(1.0, gap)
         if monotone:
             found, v_next, _, _ = solve_monotone(
                 wanted, v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
@@ -117,6 +121,7 @@ def next_temperature(
 def next_reference(
     targets: Array,
     band: float,
+    toward: float,
     v_now: float,
     plays: Array,
     film: Packed,
@@ -127,8 +132,8 @@ def next_reference(
     reference: float,
     slowest: float,
     fastest: float,
-) -> tuple[bool, float]:
-    """(whether the first target can be reached, the reference after first_s) for coming outputs.
+) -> tuple[bool, float, float]:
+    """(whether the first target can be reached, the reference after first_s, the output's move until then).
 
     The targets lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s). Of
     several departure times, from `now` to `just in time`, the one is taken whose course, limited to the plate's
@@ -136,14 +141,15 @@ def next_reference(
     """
     count = targets.size
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, band, v_now, plays.copy(), film, limits, table, wanted)
+    reached = wanted_temperatures(targets, band, toward, v_now, plays.copy(), film, limits, table, wanted)
     latest_departures(wanted, spacing_s, slowest, fastest, departures)
     envelopes, radii, weights, code, par = film
-    best, cheapest = reference, math.inf
+    best, cheapest, best_move = reference, math.inf, 0.0
+    before = memoryless_value(code, par, v_now) + play.weighted_sum(weights, plays)
     for choice in range(DEPARTURES):
         share = choice / (DEPARTURES - 1.0)
         memory = plays.copy()
-        temperature, v, cost, first = reference, v_now, 0.0, reference
+        temperature, v, cost, first, move = reference, v_now, 0.0, reference, 0.0
         for i in range(count):
             dt = first_s if i == 0 else spacing_s
             step = wanted[i] + share * (departures[i] - wanted[i]) - temperature
@@ -153,7 +159,7 @@ def next_reference(
             error = memoryless_value(code, par, v) + play.weighted_sum(weights, memory) - targets[i]
             cost += dt * error * error
             if i == 0:
-                first = temperature
+                first, move = temperature, error + targets[i] - before
         if cost < cheapest:
-            best, cheapest = first, cost
-    return reached, best
+            best, cheapest, best_move = first, cost, move
+    return reached, best, best_move

@@ -75,10 +75,30 @@ class Decision:
     wait: bool = False
 
 
-class Policy(Protocol):
-    """What decides. time_s runs from the start of its phase; output is -log10(R / 1 ohm), nan where unknown."""
+@dataclass(frozen=True)
+class ReadAt:
+    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's."""
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision: ...
+    after_s: float = 0.0
+    output_age_s: float = 0.0
+
+
+AT_THE_TICK = ReadAt()
+
+
+def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float) -> ReadAt:
+    """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
+
+    tick_s: of the tick, from the beginning of the phase.
+    """
+    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s)
+
+
+class Policy(Protocol):
+    """What decides. time_s, of the tick, runs from the start of its phase; output is -log10(R / 1 ohm), nan where
+    unknown."""
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision: ...
 
 
 @dataclass
@@ -207,7 +227,7 @@ class Loop:
                 self.ticks.missed += missed
                 k += missed
                 due = begin + k * period_s
-            if self._tick(name, policy, k, period_s):
+            if self._tick(name, policy, begin - self._start_s, k, period_s):
                 break
             if self._progress is not None and k % 16 == 0:
                 self._progress(name, k * period_s, duration_s)
@@ -222,7 +242,7 @@ class Loop:
         self.watch.begin_anew(now)
         self.sent, self._read_s = OFF, None
 
-    def _tick(self, name: str, policy: Policy, k: int, period_s: float) -> bool:
+    def _tick(self, name: str, policy: Policy, begin_s: float, k: int, period_s: float) -> bool:
         asked = self.bench.clock.now_s()
         resistance = self._read_resistance()
         temperature = self._read_temperature()
@@ -236,19 +256,21 @@ class Loop:
         output = film_output(self._output, resistance)
         good = resistance is not None and not math.isnan(output)
         value = resistance.value if resistance is not None and (good or is_reading(resistance)) else math.nan
-        decision = policy.decide(k * period_s, degC, output)
+        row_s = (temperature.time_s if known else now) - self._start_s
+        output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
+        decision = policy.decide(k * period_s, degC, output, read_at(begin_s, k * period_s, row_s, output_s))
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             self._apply(decision, now, degC)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         meter = self.bench.meter
         self.folder.row(
             (
-                (temperature.time_s if known else now) - self._start_s,
+                row_s,
                 degC,
                 value if self._output == LOG_RESISTANCE else math.nan,
                 self.sent.current_A,
                 meter.test_current_A if meter is not None else math.nan,
-                resistance.time_s - self._start_s if good and resistance is not None else math.nan,
+                output_s,
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,

@@ -56,7 +56,13 @@ class ExtendedLaw(Law):
         return ahead
 
     def step(
-        self, state: LawState, temperature_degC: float, output: float, target_now: float, targets: Array
+        self,
+        state: LawState,
+        temperature_degC: float,
+        output: float,
+        target_now: float,
+        targets: Array,
+        output_age_s: float = 0.0,
     ) -> tuple[Command, LawState]:
         """As `Law.step`; readings and targets are the instruments' own."""
         x, name = self.extension, self.settings.name
@@ -70,7 +76,7 @@ class ExtendedLaw(Law):
         a, g = self.plate.ambient_degC, self.plate.conductance_over_capacity_per_s
         before = a + (here - a) * math.exp(g * x.period_s)  # from there the law comes to `here` without a current
         state = replace(state, temperature_degC=before, current_A=0.0)
-        command, following = super().step(state, math.nan, output, target_now, targets)
+        command, following = super().step(state, math.nan, output, target_now, targets, output_age_s)
         following = replace(following, temperature_degC=here)
         if x.film_lag_s > 0.0:
             current = self._through_the_lag(command.reference_degC, following.reference_degC, here, plate_degC)

@@ -21,7 +21,7 @@ import numpy as np
 from compensator.plate import PlateModel
 from rig.drivers.heater_drive import cools
 from rig.files.configuration import Configuration
-from rig.loop import Decision, Loop
+from rig.loop import AT_THE_TICK, Decision, Loop, ReadAt
 from rig.outcome import Tripped
 from rig.reading import Reading
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
@@ -65,7 +65,7 @@ class PolarityPulse:
         """Longest that it takes, s."""
         return self.rest_s + DOUBLED_S + self._charge_A_s / abs(self._strong_A) + LONGEST_QUIET_S
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         known = not math.isnan(temperature_degC)
         if known:
             self._times.append(time_s)

@@ -11,7 +11,7 @@ import numpy as np
 from compensator.film import Memory
 from compensator.law import Law, LawState
 from rig.files.target import Target
-from rig.loop import Decision, Loop
+from rig.loop import AT_THE_TICK, Decision, Loop, ReadAt
 from rig.resistance import ohm
 
 
@@ -22,7 +22,7 @@ class CurrentProfile:
         self._target = target
         self._low, self._high = low_degC, high_degC
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         if temperature_degC < self._low or temperature_degC > self._high:
             return Decision(0.0, done=True)
         return Decision(float(self._target.at(time_s)))
@@ -50,15 +50,16 @@ class Follow:
         self._memory = memory
         self._ahead = law.preview_times_s()
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         law = self.law
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
             self.state = law.start(temperature_degC, self._memory)
-        now = float(self.target.at(time_s))
-        coming = np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
-        command, self.state = law.step(self.state, temperature_degC, output, now, coming)
+        at_s = time_s + read.after_s
+        now = float(self.target.at(at_s))
+        coming = np.asarray(self.target.at(at_s + self._ahead), dtype=np.float64)
+        command, self.state = law.step(self.state, temperature_degC, output, now, coming, read.output_age_s)
         resistance = self.target.quantity == "resistance"
         return Decision(
             current_A=command.current_A,
@@ -76,7 +77,7 @@ class Setpoints:
     def __init__(self, target: Target) -> None:
         self._target = target
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         return Decision(setpoint_degC=float(self._target.at(time_s)), use_setpoint=True)
 
 
@@ -86,7 +87,7 @@ class Look:
     def __init__(self) -> None:
         self.temperature_degC = math.nan
 
-    def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         self.temperature_degC = temperature_degC
         return Decision(wait=True, done=not math.isnan(temperature_degC))
 
@@ -101,7 +102,10 @@ def temperature_now(loop: Loop, name: str, period_s: float) -> float:
 def handed_over(state: LawState, law: Law) -> LawState:
     """The state of one law as the start of another: the estimates stay, the correction begins anew."""
     fresh = law.start(state.temperature_degC, state.memory, state.current_A)
-    return replace(fresh, disturbance=state.disturbance if law.settings.name != "feedforward" else 0.0)
+    known = replace(state.estimate, toward=0.0, moved=0.0)
+    if law.settings.name == "feedforward":  # its own prediction is all that it goes by
+        return replace(fresh, estimate=replace(known, drift_K_per_s=0.0))
+    return replace(fresh, disturbance=state.disturbance, estimate=known)
 
 
 def warmed_up(law: Law) -> Law:

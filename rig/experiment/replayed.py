@@ -22,7 +22,7 @@ from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
 from rig.files.target import read_target
 from rig.files.toml_text import read_text, read_toml, shown
-from rig.loop import Loop, Policy
+from rig.loop import Loop, Policy, read_at
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
 LAWS = ("full", "pid", "feedforward")
@@ -65,13 +65,15 @@ class RecordedLoop:
             return
         begin = self.phases.pop(0)["time_s"]
         end = self.phases[0]["time_s"] if self.phases else math.inf
-        time = self.record["time_s"]
+        time, dated = self.record["time_s"], self.record.has("resistance_time_s")
         for row in np.flatnonzero((time >= begin) & (time < end)):
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
             self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
-            decision = policy.decide(tick * period_s, degC, output)
+            output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
+            read = read_at(begin, tick * period_s, float(time[row]), output_s)
+            decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"

@@ -32,7 +32,6 @@ from rig.loop import Loop
 from rig.resistance import ohm
 
 HOT_DWELL_S = 3.0
-DEFAULT_BAND_DEC = 0.002
 
 
 def law_and_design(
@@ -68,8 +67,7 @@ def law_and_design(
         gains=design.gains,
         preview=max(2, math.ceil(control.preview_s / spacing)),
         preview_spacing_s=spacing,
-        band=control.band_dec if control.band_dec is not None else DEFAULT_BAND_DEC,
-        disturbance_time_s=control.disturbance_time_s or design.closed_loop_time_s,
+        band=control.band_dec,
         rate_share=control.rate_share,
         fastest_K_per_s=fastest_K_per_s,
     )
@@ -110,7 +108,7 @@ def plan_tracking(
     setpoints = name == "instrument_pid"
     mover, _ = law_and_design("temperature", configuration, film, plate, extension, fastest_K_per_s)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
-        mover = Law(replace(mover.settings, observer_gain=1.0), plate, film)
+        mover = Law(replace(mover.settings, trusts_model=False), plate, film)
     own = own_target(target, film, effects if extension is not None else ())
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     inverse.solve(float(own.values[0]), film.initial_memory(calibration_range(configuration)[1], "heated"))

@@ -136,15 +136,14 @@ class ExperimentTable(Table):
 class ControlTable(Table):
     """[control]: design of the laws.
 
-    ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. disturbance_time_s: of
-    the feedback of R, by default the closed-loop time of the temperature PID, which it must not outrun.
+    ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. band_dec: a difference
+    for which the resistance does not turn round, at the least; what noise makes of it is estimated in the run.
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
     dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
     preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] = 4.0
-    band_dec: NotNegative | None = None
-    disturbance_time_s: Span | None = None
+    band_dec: NotNegative = 0.0
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
 
 

@@ -7,7 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from compensator.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
 from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.functions import Array
 from compensator.inverse import Inverse
 from compensator.law import NAMES, Law, LawName, LawSettings, LawState
 from compensator.pid import PidGains, PidState, pid_integrate, pid_output
@@ -22,6 +24,7 @@ FILM = FilmModel(
     Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
 )
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+AGE_S = 0.04
 
 
 def law_of(name: LawName) -> Law:
@@ -29,21 +32,62 @@ def law_of(name: LawName) -> Law:
     return Law(LawSettings(name, 0.1, 4.0, 10.0, 95.0, gains), PLATE, None if name == "temperature" else FILM)
 
 
+class PlainEstimate:
+    """Both filters, written once more: noise by second differences, alpha-beta, Kalman with a learned model error."""
+
+    def __init__(self) -> None:
+        self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
+        self.lately: dict[str, list[float]] = {"degC": [], "output": []}
+        self.drift, self.doubt, self.error2, self.lengths = 0.0, 1e-4, 9e-6, 0
+        self.course, self.mark, self.moved, self.toward = 0.0, math.nan, 0.0, 0.0
+
+    def learn(self, which: str, value: float) -> None:
+        past, noise = self.lately[which], self.noise[which]
+        if len(past) == 2:
+            noise[1] = min(noise[1] + 1, 300)
+            noise[0] += ((value - 2.0 * past[1] + past[0]) ** 2 / 6.0 - noise[0]) / (noise[1] + 20)
+        self.lately[which] = [*past, value][-2:]
+
+    def temperature(self, predicted: float, reading: float, period: float) -> float:
+        self.learn("degC", reading)
+        index = UNSTEADY_K_PER_S2 * period**2 / math.sqrt(self.noise["degC"][0] + 1e-12)
+        r = (4.0 + index - math.sqrt(8.0 * index + index**2)) / 4.0
+        alpha = 1.0 - r**2
+        self.drift += (2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)) / period * (reading - predicted)
+        return predicted + alpha * (reading - predicted)
+
+    def disturbance(self, before: float, off: float, output: float, period: float) -> float:
+        self.learn("output", output)
+        self.doubt += 2.0 * self.error2 * abs(self.moved) / LENGTH + CREEP_PER_ROOT_S**2 * period
+        share = self.doubt / (self.doubt + self.noise["output"][0] + 1e-12)
+        self.doubt *= 1.0 - share
+        found = before + share * (off - before)
+        self.course += abs(self.moved)
+        if self.course >= LENGTH:
+            if not math.isnan(self.mark):
+                sample = 0.5 * (found - self.mark) ** 2 * LENGTH / self.course - self.doubt
+                self.error2 += (max(sample, 1e-8) - self.error2) / (min(self.lengths, 20) + 3)
+                self.lengths += 1
+            self.course, self.mark = 0.0, found
+        return found
+
+
 def plain_step(
-    law: Law, state: LawState, reading: float, output: float, target_now: float, targets: np.ndarray
+    law: Law, state: LawState, known: PlainEstimate, reading: float, output: float, target_now: float, targets: Array
 ) -> tuple[float, float, LawState]:
     """One period from the public parts, as the law's docstring says: (current, setpoint, state)."""
     s, film, pid = law.settings, law.film, state.pid
-    here = PLATE.step(state.temperature_degC, state.current_A, s.period_s)
+    here = PLATE.step(state.temperature_degC, state.current_A, s.period_s) + known.drift * s.period_s
     if s.name == "instrument_pid" and not math.isnan(reading):
         here = reading
     elif s.name != "feedforward" and not math.isnan(reading):
-        here += s.observer_gain * (reading - here)
+        here = known.temperature(here, reading, s.period_s)
     memory, disturbance = state.memory, state.disturbance
     if film is not None:
         expected, memory = film.step(here, memory)
         if s.name in ("full", "instrument_pid") and math.isfinite(output):
-            disturbance += min(s.period_s / s.disturbance_time_s, 1.0) * (output - expected - disturbance)
+            off = output + known.moved / s.period_s * AGE_S - expected
+            disturbance = known.disturbance(disturbance, off, output, s.period_s)
     if s.name == "pid":
         if not math.isfinite(output):
             return state.current_A, math.nan, LawState(here, state.reference_degC, memory, 0.0, pid, state.current_A)
@@ -58,12 +102,14 @@ def plain_step(
         following = next_temperature(targets, s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating)
     else:
         limits, table = Inverse(film, s.low_degC, s.high_degC).settings()
-        band = s.band if s.name != "feedforward" else 0.0
+        band = max(s.band, s.reversal * math.sqrt(known.doubt)) if s.name != "feedforward" else 0.0
         rates = s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating
-        plays = memory.plays.copy()
-        _, following = next_reference(
-            targets - disturbance, band, memory.input_degC, plays, film.packed, limits, table, *rates
+        here_and_before = memory.input_degC, memory.plays.copy()
+        _, following, known.moved = next_reference(
+            targets - disturbance, band, known.toward, *here_and_before, film.packed, limits, table, *rates
         )
+        if following != state.reference_degC and known.moved != 0.0:
+            known.toward = math.copysign(1.0, known.moved)
     following = min(max(following, s.low_degC), s.high_degC)
     rate = (following - state.reference_degC) / s.period_s
     if s.name in ("full", "temperature"):
@@ -82,7 +128,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
     law, rng, plate_degC, current = law_of(name), np.random.default_rng(5), 50.0, 0.0
     film_memory = FILM.initial_memory(50.0)
     state = law.start(50.0, film_memory if law.film is not None else None)
-    ahead, rows = law.preview_times_s(), []
+    ahead, rows, known = law.preview_times_s(), [], PlainEstimate()
     for k in range(400):
         t = 0.1 * k
         plate_degC = PLATE.step(plate_degC, current, 0.1) + 0.002 * math.sin(t)
@@ -90,8 +136,8 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
         reading = math.nan if k % 37 == 5 else plate_degC + 0.01 * rng.normal()
         measured = math.nan if k % 53 == 7 else output + 0.002 * rng.normal() + 0.02 * math.sin(0.1 * t)
         now, coming = wanted(name, t), np.asarray(wanted(name, t + ahead))
-        expected_current, setpoint, expected = plain_step(law, state, reading, measured, float(now), coming)
-        command, state = law.step(state, reading, measured, float(now), coming)
+        expected_current, setpoint, expected = plain_step(law, state, known, reading, measured, float(now), coming)
+        command, state = law.step(state, reading, measured, float(now), coming, AGE_S)
         assert command.current_A == pytest.approx(expected_current, abs=1e-12)
         assert command.setpoint_degC == pytest.approx(setpoint, abs=1e-12, nan_ok=True)
         for mine, other in ((state.disturbance, expected.disturbance), (state.pid.integral, expected.pid.integral)):
