@@ -40,6 +40,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.design",
         "compensator.reference",
         "compensator.law",
+        "compensator.estimate",
     ),
     "Records": (
         "rig.files.record",
