@@ -15,9 +15,8 @@ So nothing of this has to be told: a model that is exact is believed more and mo
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
 from math import nan
-from typing import Final
+from typing import Final, NamedTuple
 
 from numba import njit
 
@@ -34,14 +33,13 @@ NOISE_FIRST, NOISE_MANY = 20.0, 300.0  # the same, of readings
 TINY: Final = 1e-12
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """What is known at a step beyond temperature and disturbance.
 
     drift_K_per_s: heating that the plate model does not know of. doubt: variance of the disturbance. noise_K2, noise2:
     variances of the two readings. model_error2: of the film model, along LENGTH. The two readings before (degC,
     output), how many have come, the output's course since its mark, the disturbance there, how many lengths have come.
-    toward: sign of the output's last move; moved: the move that the last step planned.
+    toward: sign of the output's last move; moved: the move that the last step planned. In the order of the places below.
     """
 
     drift_K_per_s: float = 0.0
@@ -60,10 +58,6 @@ class Estimate:
     lengths: float = 0.0
     toward: float = 0.0
     moved: float = 0.0
-
-    def numbers(self) -> tuple[float, ...]:
-        """As the compiled step has them, in the order of the places below."""
-        return astuple(self)
 
 
 # places in a state's numbers, from FIRST on

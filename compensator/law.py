@@ -87,7 +87,7 @@ class LawState:
     disturbance: float = 0.0
     pid: PidState = field(default_factory=PidState)
     current_A: float = 0.0
-    estimate: Estimate = field(default_factory=Estimate)
+    estimate: Estimate = Estimate()
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ class Law:
                 nan,
                 nan,
                 1.0,
-                *state.estimate.numbers(),
+                *state.estimate,
             )
         )
         if not targets.flags.writeable:

@@ -102,9 +102,9 @@ def temperature_now(loop: Loop, name: str, period_s: float) -> float:
 def handed_over(state: LawState, law: Law) -> LawState:
     """The state of one law as the start of another: the estimates stay, the correction begins anew."""
     fresh = law.start(state.temperature_degC, state.memory, state.current_A)
-    known = replace(state.estimate, toward=0.0, moved=0.0)
+    known = state.estimate._replace(toward=0.0, moved=0.0)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
-        return replace(fresh, estimate=replace(known, drift_K_per_s=0.0))
+        return replace(fresh, estimate=known._replace(drift_K_per_s=0.0))
     return replace(fresh, disturbance=state.disturbance, estimate=known)
 
 
