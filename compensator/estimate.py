@@ -39,7 +39,8 @@ class Estimate(NamedTuple):
     drift_K_per_s: heating that the plate model does not know of. doubt: variance of the disturbance. noise_K2, noise2:
     variances of the two readings. model_error2: of the film model, along LENGTH. The two readings before (degC,
     output), how many have come, the output's course since its mark, the disturbance there, how many lengths have come.
-    toward: sign of the output's last move; moved: the move that the last step planned. In the order of the places below.
+    toward: sign of the output's last move; moved: the move that the last step planned. The order is that of the places
+    below.
     """
 
     drift_K_per_s: float = 0.0

@@ -87,7 +87,7 @@ class LawState:
     disturbance: float = 0.0
     pid: PidState = field(default_factory=PidState)
     current_A: float = 0.0
-    estimate: Estimate = Estimate()
+    estimate: Estimate = field(default_factory=Estimate)
 
 
 @dataclass(frozen=True)
