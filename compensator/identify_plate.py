@@ -98,9 +98,7 @@ def identify_plate(
     return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind, lag=lag)
 
 
-def identify_plate_records(
-    records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False
-) -> PlateFit:
+def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False) -> PlateFit:
     """One plate for several records; a stretch of rows between gaps has a first temperature of its own.
 
     lag: whether the thermometer may lag; then `lag_s` is the lag, 0 where it does not make the record likelier.
