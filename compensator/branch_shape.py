@@ -59,7 +59,7 @@ class BranchShape:
         """Where the output is halfway between what it is at two temperatures."""
         x = self.branch.temperature_degC
         places = np.linspace(low_degC, high_degC, PLACES)
-        fit = local_fit(x, places, 0.5 * self.window_K, PILOT_DEGREE).value
+        fit = local_fit(x, places, self.window_K, DEGREE).value
         (low, low_draws), (high, high_draws) = self.at(low_degC), self.at(high_degC)
         curve = fit @ self.branch.output
         found = _crossing(places, curve, 0.5 * (low + high))

@@ -166,9 +166,7 @@ def _check_same_plate(first: KnownPlate, now: KnownPlate, time_s: float) -> None
     if now.lag_s > OTHER_LAG_S + OTHER_LAG * first.behind_s:
         text = f"it shows a current {now.lag_s:.1f} s late now, {first.behind_s:.1f} s at the most at the first pulse"
         raise Tripped("other_plate", f"the thermometer is not as it was: {text}; is it still on the plate?", time_s)
-    then, after = (
-        p.plate.seebeck_over_capacity_per_A_s or p.plate.drive_over_capacity_K_per_s for p in (first, now)
-    )
+    then, after = (p.plate.seebeck_over_capacity_per_A_s or p.plate.drive_over_capacity_K_per_s for p in (first, now))
     other = OTHER_PLATE if max(first.behind_s, now.behind_s) < LONG_LAG_S else OTHER_PLATE_BEHIND
     if not 1.0 / other < after / then < other:
         text = (

@@ -18,7 +18,6 @@ DEEPEST = 20  # tables and lists inside each other; a configuration needs five
 SHOWN = 80  # characters of a value that is told of
 
 
-
 def read_toml(path: Path) -> dict[str, Any]:
     """The file's content. Raises Faults where it is missing, unreadable or no TOML."""
     return parsed_toml(read_text(path), path)

@@ -280,4 +280,3 @@ class PlateWatch:
 def watchable_rate_K_per_s(known: KnownPlate) -> float:
     """How fast a plate may be moved so that what has not shown yet stays bounded (`UNSEEN_K`)."""
     return min(FASTEST_K_PER_S, UNSEEN_K / max(known.behind_s, 1e-3))
-

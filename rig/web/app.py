@@ -60,4 +60,3 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
         lifespan=lifespan,
         exception_handlers={Refusal: refused},
     )
-

@@ -1,9 +1,9 @@
 """By which names this bench is reached, and from which pages it may be asked.
 
-    the bench's own address, the loopback's names     http, at the port that was asked
-    numbers, where it listens beyond the loopback     the same; no other site's name is a number
-    "bench.lab.example" in serve.hosts                http or https, at the port that was asked
-    "https://bench.lab.example" in serve.hosts        exactly this origin, whatever its proxy says who was asked
+the bench's own address, the loopback's names     http, at the port that was asked
+numbers, where it listens beyond the loopback     the same; no other site's name is a number
+"bench.lab.example" in serve.hosts                http or https, at the port that was asked
+"https://bench.lab.example" in serve.hosts        exactly this origin, whatever its proxy says who was asked
 """
 
 from __future__ import annotations

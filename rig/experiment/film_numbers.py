@@ -1,0 +1,88 @@
+"""The transition and the reversal curves of a record, as `identify` and `calibrate` tell them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from compensator.forc import Forc, forc
+from compensator.functions import Array
+from compensator.transition import Transition, transition
+from rig.files.record import Record, in_decades, unit_of
+from rig.report.transition_words import document, lines, notes
+
+if TYPE_CHECKING:
+    from rig.files.run_folder import RunFolder
+
+MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has more to say
+
+
+@dataclass(frozen=True, eq=False)
+class FilmNumbers:
+    """What a record tells of its film without a model. output: its name; lag_s: the thermometer's lag behind the plate
+    that was taken out of the temperatures, None where none is known."""
+
+    source: str
+    output: str
+    transition: Transition
+    forc: Forc
+    lag_s: float | None = None
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        return lines(self.transition, self.forc, self.unit, self.lag_s)
+
+    def notes(self) -> list[str]:
+        """What to know of the numbers."""
+        return notes(self.transition, self.lag_s)
+
+    def document(self) -> dict[str, Any]:
+        """For the JSON."""
+        return document(self.source, self.transition, self.forc, self.lag_s)
+
+    @property
+    def unit(self) -> str:
+        """Of the output, where it is no resistance."""
+        return unit_of(self.output)
+
+
+def film_numbers(
+    time_s: Array, degC: Array, output: Array, name: str, source: str, lag_s: float | None = None
+) -> FilmNumbers:
+    """Of arrays of shape (rows,): s, degC, and the output of that name, nan where there is no reading."""
+    step = -(-time_s.size // MOST_READINGS)
+    thin = slice(None, None, step)
+    decades = in_decades(name)
+    columns = time_s[thin], degC[thin], output[thin] * (-1.0 if name == "log10_ohm" else 1.0)
+    found = transition(*columns, in_decades=decades)
+    return FilmNumbers(source, name, found, forc(*columns, in_decades=decades), lag_s)
+
+
+def numbers_of_record(record: Record, output: str) -> FilmNumbers:
+    """Of a record, each reading at the temperature of its own time."""
+    time, degC = record["time_s"], record["temperature_degC"]
+    values = record.output(output)
+    if record.has("resistance_time_s"):
+        own = record["resistance_time_s"]
+        values = at_own_times(time, values, own)
+    return film_numbers(time, degC, values, output, record.source)
+
+
+def at_own_times(time_s: Array, values: Array, read_s: Array) -> Array:
+    """What the values were at the rows' times, by straight lines between the times that they were read at."""
+    read = np.where(np.isfinite(read_s), read_s, time_s)
+    good = np.isfinite(values)
+    if int(np.sum(good)) < 2 or not np.all(np.diff(read[good]) > 0.0):
+        return values
+    return np.where(good, np.interp(time_s, read[good], values[good]), np.nan)
+
+
+def numbers_of_run(folder: RunFolder, plate_degC: Array, lag_s: float) -> FilmNumbers:
+    """Of a run's rows; plate_degC: the plate's course, from which the thermometer's lag is taken out."""
+    time, resistance = folder.column("time_s"), folder.column("resistance_ohm")
+    good = np.isfinite(resistance) & (resistance > 0.0)
+    values = np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan)
+    values = at_own_times(time, values, folder.column("resistance_time_s"))
+    return film_numbers(time, plate_degC, values, "minus_log10_ohm", folder.path.name, lag_s)
