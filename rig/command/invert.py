@@ -22,7 +22,8 @@ from rig.command.record_arguments import (
     writable_file,
 )
 from rig.command.say import Voice
-from rig.faults import Faults
+from rig.faults import Faults, fault
+from rig.files.film_output import in_decades, sign_of
 from rig.files.record_file import print_columns, write_columns
 from rig.resistance import ohm
 
@@ -49,6 +50,8 @@ def main(options: argparse.Namespace) -> int:
     assert film is not None
     (record,) = read_records([options.target], options, needs=("target_ohm",))
     target = record["target_ohm"]
+    if not in_decades(film.output):
+        raise fault(options.model, "film.output", f"{film.output!r}; expected a resistance for target_ohm")
     bad = [
         f"{options.target}: row {k + 1}: target_ohm: {float(target[k])!r}: expected a finite number > 0"
         for k in np.flatnonzero(~(np.isfinite(target) & (target > 0.0)))[:10]
@@ -62,7 +65,7 @@ def main(options: argparse.Namespace) -> int:
             "reversals, and targets inside a jump are reported as not reachable",
             file=sys.stderr,
         )
-    columns, counts = inverted(Inverse(film, low, high), -np.log10(target), options.initial)
+    columns, counts = inverted(Inverse(film, low, high), sign_of(film.output) * np.log10(target), options.initial)
     table: dict[str, Any] = {**record.columns, **record.text_columns, **columns}
     if options.out is not None:
         write_columns(options.out, table)
@@ -95,8 +98,8 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
             memory = solution.memory
         output = film.output_at(memory) if memory is not None else math.nan
         temperature = memory.input_degC if memory is not None else math.nan
-        resistance = ohm(output)
-        nearest = resistance if solution.reachable else ohm(solution.nearest)
+        resistance = ohm(output, film.output)
+        nearest = resistance if solution.reachable else ohm(solution.nearest, film.output)
         rows.append((temperature, int(solution.reachable), resistance, nearest))
     return {
         "temperature_degC": np.array([row[0] for row in rows]),

@@ -26,9 +26,11 @@ from compensator.law import Law, LawSettings
 from compensator.temperature_path import temperature_path
 from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
+from rig.experiment.film_numbers import FilmNumbers, numbers_of_run
 from rig.experiment.policies import CurrentProfile, Follow, temperature_now, warmed_up
 from rig.faults import fault
 from rig.files.configuration import Configuration
+from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
@@ -55,7 +57,8 @@ LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transiti
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What came out: the fits, the check on held-out rows, the model and where it was written."""
+    """What came out: the fits, the check on held-out rows, the model and where it was written; predicted_output:
+    -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model."""
 
     film: FilmFit
     plate: PlateFit
@@ -68,6 +71,7 @@ class Calibration:
     check_max_dec: float
     check_rmse_K: float
     predicted_output: Array
+    numbers: FilmNumbers | None = None
 
 
 def calibration_range(configuration: Configuration) -> tuple[float, float]:
@@ -252,6 +256,8 @@ def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, floa
     grid = np.linspace(temperature.min(), temperature.max(), 400)
     rising = np.gradient(temperature) > 0.0
     distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
+    if np.corrcoef(temperature, output)[0, 1] < 0.0:  # a film whose resistance rises
+        distance = -distance
     if float(np.max(distance)) < LEAST_LOOP_DEC:
         text = (
             f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "
@@ -308,6 +314,10 @@ def identify_calibration(
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
+    known = np.isfinite(output) & np.isfinite(temperature)
+    name = FALLING_RESISTANCE
+    if np.corrcoef(temperature[known], output[known])[0, 1] < 0.0:
+        name, output = RISING_RESISTANCE, -output
     checked = folder.column("phase") == "check"
     fitted = ~checked
     plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind, lag=True)
@@ -318,6 +328,7 @@ def identify_calibration(
         plate_degC[fitted],
         output[fitted],
         output_time_s=read_s[fitted],
+        output_name=name,
         seed=configuration.calibration.seed,
     )
     film: FilmModel = film_fit.model
@@ -349,5 +360,6 @@ def identify_calibration(
         check_rmse_dec=rmse,
         check_max_dec=float(np.max(np.abs(error))),
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
-        predicted_output=predicted,
+        predicted_output=sign_of(name) * -predicted,
+        numbers=numbers_of_run(folder, plate_degC, plate_fit.lag_s),
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from compensator.film import Memory
 from compensator.law import Law, LawState
+from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target
 from rig.loop import Decision, Loop
 from rig.resistance import ohm
@@ -48,6 +49,8 @@ class Follow:
         self.state = state
         self.setpoints = setpoints
         self._memory = memory
+        # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
+        self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
         self._ahead = law.preview_times_s()
 
     def decide(self, time_s: float, temperature_degC: float, output: float) -> Decision:
@@ -56,17 +59,19 @@ class Follow:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
             self.state = law.start(temperature_degC, self._memory)
-        now = float(self.target.at(time_s))
-        coming = np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
-        command, self.state = law.step(self.state, temperature_degC, output, now, coming)
         resistance = self.target.quantity == "resistance"
+        sign = self._sign if resistance else 1.0
+        now = float(self.target.at(time_s))
+        coming = sign * np.asarray(self.target.at(time_s + self._ahead), dtype=np.float64)
+        command, self.state = law.step(self.state, temperature_degC, self._sign * output, sign * now, coming)
+        predicted = self._sign * command.output_model
         return Decision(
             current_A=command.current_A,
             setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
             use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
             target_ohm=ohm(now) if resistance else math.nan,
-            predicted_ohm=ohm(command.output_model) if math.isfinite(command.output_model) else math.nan,
+            predicted_ohm=ohm(predicted) if math.isfinite(predicted) else math.nan,
         )
 
 

@@ -110,6 +110,8 @@ def calibrate(session: Session, path: Path) -> Calibration:
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
+    for line in result.numbers.lines() if result.numbers is not None else []:
+        say(line)
     return result
 
 
@@ -329,6 +331,7 @@ def calibration_summary(result: Calibration) -> dict[str, Any]:
         "rows_checked": result.rows_checked,
         "transition_degC": list(result.transition_degC),
         "identifiability": result.film.identifiability,
+        "transition": [result.numbers.document()] if result.numbers is not None else [],
     }
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from rig.files.run_folder import RunFolder
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
+from rig.report.film_section import transition_section
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def write_calibration_report(folder: RunFolder, result: Calibration) -> None:
         facts(folder),
         tiles(numbers),
         section("The film", _loops(folder, result), _residual(folder, result)),
+        *([transition_section(folder.part, result.numbers)] if result.numbers is not None else []),
         section(
             "What this record cannot fix",
             bullets(open_questions) if open_questions else paragraph("Nothing: it fixes the film and the plate."),

@@ -66,6 +66,7 @@ def histogram_figure(folder: Path, error: Array, unit: str, suffix: str = "") ->
     finite = error[np.isfinite(error)]
     axes[0].hist(finite, bins="fd" if np.ptp(finite) > 0.0 and finite.size > 4 else 10, color=COLOURS["measured"])
     axes[0].set_xlabel(f"model - measured / {unit}")
+    axes[0].set_axisbelow(True)
     axes[0].set_ylabel("rows")
     return figure(saved(fig, folder, f"histogram{suffix}"), "How often the prediction is wrong by how much.")
 
@@ -82,7 +83,13 @@ def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> 
         axes[0].fill_between(degC, slope - half, slope + half, color=colour, alpha=0.2, linewidth=0)
         if place is not None:
             axes[0].axvline(place, color=colour, linestyle="--", linewidth=1.0)
-            axes[0].annotate(f"{place:.1f} {DEGREE}", (place, float(np.interp(place, degC, slope))), color=colour)
+            axes[0].annotate(
+                f" {place:.1f} {DEGREE} ",
+                (place, 0.04),
+                xycoords=("data", "axes fraction"),
+                ha="left" if sense == "heating" else "right",
+                color=colour,
+            )
     axes[0].set_xlabel(f"temperature / {DEGREE}")
     axes[0].set_ylabel("d log10 R / dT / (1/K)" if found.in_decades else f"d output / dT / ({unit}/K)")
     axes[0].legend(loc="best")

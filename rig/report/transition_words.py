@@ -18,8 +18,8 @@ WORDS = {
     "midpoint_heating_degC": ("midpoint on heating", "degC"),
     "midpoint_cooling_degC": ("midpoint on cooling", "degC"),
     "hysteresis_at_midpoint_K": ("hysteresis at the midpoints", "K"),
-    "change_dec": ("change of log10 R", "decades"),
-    "change": ("change of the output", ""),
+    "change_dec": ("fall of log10 R, cold to hot", "decades"),
+    "change": ("change of the output, cold to hot", ""),
     "activation_energy_eV": ("activation energy, insulating side", "eV"),
 }
 
