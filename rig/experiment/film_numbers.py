@@ -10,7 +10,8 @@ import numpy as np
 from compensator.forc import Forc, forc
 from compensator.functions import Array
 from compensator.transition import Transition, transition
-from rig.files.record import Record, in_decades, unit_of
+from rig.files.film_output import in_decades, sign_of, unit_of
+from rig.files.record import Record
 from rig.report.transition_words import document, lines, notes
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ def film_numbers(
     step = -(-time_s.size // MOST_READINGS)
     thin = slice(None, None, step)
     decades = in_decades(name)
-    columns = time_s[thin], degC[thin], output[thin] * (-1.0 if name == "log10_ohm" else 1.0)
+    sign = -sign_of(name) if decades else sign_of(name)  # -log10 R, or the column as the record has it
+    columns = time_s[thin], degC[thin], sign * output[thin]
     found = transition(*columns, in_decades=decades)
     return FilmNumbers(source, name, found, forc(*columns, in_decades=decades), lag_s)
 

@@ -12,7 +12,7 @@ import numpy as np
 from compensator.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 
-__all__ = ["Record", "column_of", "in_decades", "unit_of"]
+__all__ = ["Record", "unit_of"]
 
 
 @dataclass(frozen=True, eq=False)

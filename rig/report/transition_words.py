@@ -53,7 +53,7 @@ def lines(found: Transition, forc: Forc, unit: str = "", lag_s: float | None = N
 
 def definition(found: Transition) -> str:
     """What the numbers are, with the windows that they were taken over."""
-    what = "log10 R" if found.in_decades else "the output"
+    what = "log10 R" if found.in_decades else "output"
     windows = ", ".join(f"{sense} {2.0 * shape.window_K:.1f} K" for sense, shape in found.shapes.items())
     text = f"transition temperature: where |d {what} / dT| of the major branch is largest, over a window of {windows}"
     low, high = found.range_degC
