@@ -52,8 +52,8 @@ def main(options: argparse.Namespace) -> int:
     film = read_model(options.model, needs=("film",)).film
     assert film is not None
     decades, name = in_decades(film.output), column_of(film.output)
-    wanted = "target_ohm" if decades else f"target_{name}"
-    (record,) = read_records([options.target], options, needs=("target_ohm",) if decades else ())
+    wanted = "target_ohm" if name == "resistance_ohm" else f"target_{name}"
+    (record,) = read_records([options.target], options, needs=(wanted,) if wanted == "target_ohm" else ())
     if wanted not in record.columns:
         raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
     target = record[wanted]
@@ -115,7 +115,7 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
         nearest = shown if solution.reachable else shown_output(solution.nearest, film.output)
         rows.append((temperature, int(solution.reachable), shown, nearest))
     name = column_of(film.output)
-    last = "nearest_ohm" if in_decades(film.output) else f"nearest_{name}"
+    last = "nearest_ohm" if name == "resistance_ohm" else f"nearest_{name}"
     return {
         "temperature_degC": np.array([row[0] for row in rows]),
         "reachable": np.array([row[1] for row in rows]),

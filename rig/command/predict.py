@@ -83,7 +83,8 @@ def main(options: argparse.Namespace) -> int:
         if in_decades(name):
             columns["predicted_ohm"] = 10.0 ** (sign_of(name) * predicted)
         else:
-            columns[f"predicted_{column_of(name)}"] = sign_of(name) * predicted
+            shown = "ohm" if column_of(name) == "resistance_ohm" else column_of(name)
+            columns[f"predicted_{shown}"] = sign_of(name) * predicted
         if record.has_output(name):
             what = "log R" if in_decades(name) else column_of(name)
             _report(result, predicted - record.output(name), unit_of(name), what, voice)
