@@ -78,6 +78,9 @@ def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> 
         if sense not in found.shapes:
             continue
         degC, slope, half = slope_curve(found.shapes[sense], found.in_decades)
+        margin = 0.5 * found.shapes[sense].window_K  # nearer to an end a window is too one-sided to look at
+        inside = (degC > degC[0] + margin) & (degC < degC[-1] - margin)
+        degC, slope, half = degC[inside], slope[inside], half[inside]
         colour, place = SENSE_COLOURS[sense], found.quantities[f"{sense}_degC"].value
         axes[0].plot(degC, slope, color=colour, label=sense)
         axes[0].fill_between(degC, slope - half, slope + half, color=colour, alpha=0.2, linewidth=0)
