@@ -121,4 +121,5 @@ def full_width_K(degC: Array, log_ohm: Array) -> float:
 def halfway_degC(degC: Array, log_ohm: Array, ends_degC: tuple[float, float]) -> float:
     """Where the curve is halfway between what it is at both ends."""
     half = 0.5 * float(np.sum(np.interp(ends_degC, degC, log_ohm)))
-    return float(degC[np.argmax(log_ohm < half)])
+    k = int(np.argmax(log_ohm < half))
+    return float(degC[k] - FINE_K * (half - log_ohm[k]) / (log_ohm[k - 1] - log_ohm[k]))

@@ -9,8 +9,9 @@
 
 Of an output that is no resistance the same is told of the output itself. Each number comes with a 95 % interval that
 holds the noise of both instruments with its memory, as the record shows it (`branch_shape`, `local_fit`), and not what
-shifts a whole branch: a thermometer that lags behind the film moves heating up and cooling down by the rate times its
-lag. Where the record cannot tell a number, it says why.
+shifts a whole branch: a thermometer that lags behind the film shows what the film had before, so that heating moves
+down and cooling up by the rate times its lag; a film that lags behind the thermometer, the other way. Where the record
+cannot tell a number, it says why.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Transition:
         return {sense: shape.branch.rate_K_per_s for sense, shape in self.shapes.items()}
 
     def shift_K(self, lag_s: float) -> float:
-        """By how much a thermometer's lag behind the film makes the loop look wider."""
+        """By how much a thermometer's lag behind the film makes the loop look narrower; a film's behind it, wider."""
         return lag_s * sum(self.rates_K_per_s().values())
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from compensator.film import FilmModel
     from compensator.identify_film import FilmFit, FilmRecord
     from compensator.identify_plate import PlateFit
+    from rig.experiment.film_numbers import FilmNumbers
     from rig.report.identification import Compared
 
 FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
@@ -83,7 +84,7 @@ def main(options: argparse.Namespace) -> int:
     film = _film(with_film, options) if with_film else None
     film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
-    from rig.experiment.film_numbers import FilmNumbers, numbers_of_record
+    from rig.experiment.film_numbers import numbers_of_record
     from rig.files.model_file import Model, write_model
 
     numbers: list[FilmNumbers] = []
@@ -99,6 +100,7 @@ def main(options: argparse.Namespace) -> int:
         result["transition"] = [one.document() for one in numbers]
     if plate is not None:
         result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
+        _tell_lag(_plate(with_plate, options, lag=True).lag_s if numbers else 0.0, numbers, result, voice)
     if options.report is not None:
         options.report.mkdir(exist_ok=True)
     paths = [path for path in (options.out, options.report / "model.toml" if options.report else None) if path]
@@ -204,12 +206,12 @@ def _film_record(record: Record, output: str) -> FilmRecord:
     return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), record.source, own_times)
 
 
-def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
+def _plate(records: list[Record], options: argparse.Namespace, lag: bool = False) -> PlateFit:
     from compensator.identify_plate import PlateRecord, identify_plate_records
 
     inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
     try:
-        return identify_plate_records(inputs, kind=options.plate)
+        return identify_plate_records(inputs, kind=options.plate, lag=lag)
     except ValueError as error:
         raise _said_of(records, error) from None
 
@@ -235,6 +237,18 @@ def _tell_film(fit: FilmFit, unit: str, voice: Voice) -> dict[str, Any]:
         "candidates": [dict(c.__dict__) for c in fit.candidates],
         "identifiability": list(fit.identifiability),
     }
+
+
+def _tell_lag(lag_s: float, numbers: list[FilmNumbers], result: dict[str, Any], voice: Voice) -> None:
+    """What a thermometer that lags behind the plate, as the current shows it, does to the transition's numbers."""
+    for one, entry in zip(numbers, result.get("transition", []), strict=True):
+        shift = one.transition.shift_K(lag_s)
+        if lag_s > 0.0 and shift > 0.0:
+            entry["sensor_lag"] = {"tau_s": lag_s, "shift_K": shift, "taken_out": False}
+            voice.say(
+                f"film: {one.source}: the current says that the thermometer lags behind the plate by {lag_s:.2g} s: at "
+                f"these ramps the loop looks {shift:.2g} K narrower than it is; this is not taken out"
+            )
 
 
 def _checked(model: FilmModel, records: list[Record], voice: Voice) -> list[dict[str, Any]]:

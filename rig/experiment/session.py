@@ -137,6 +137,11 @@ def run(
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:
     """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
     result = Result(path, model=model, target=target)
+    meter = session.bench.meter
+    if session.file.content.experiment.kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
+        raise fault(
+            session.file.path, "bench.meter", f"reads {meter.output}; expected an ohmmeter to track a resistance"
+        )
     _tell_dead_man(session)
     if session.file.content.experiment.kind == "track_resistance":
         _track_all(session, path, result)

@@ -71,7 +71,8 @@ def notes(found: Transition, lag_s: float | None = None) -> list[str]:
     if rates:
         ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
         text = f"ramps: {ramps}; each second that the thermometer lags behind the film makes the loop look "
-        text += f"{found.shift_K(1.0):.2g} K wider, which is in no interval"
+        text += f"{found.shift_K(1.0):.2g} K narrower, each that the film lags behind it as much wider; "
+        text += "no interval holds that"
         if lag_s is not None and lag_s > 0.0:
             text += f"; its lag behind the plate of {lag_s:.2g} s ({found.shift_K(lag_s):.2g} K) is taken out"
         said.append(text)
@@ -98,7 +99,7 @@ def document(source: str, found: Transition, forc: Forc, lag_s: float | None = N
         "definition": definition(found),
         "window_K": {sense: 2.0 * shape.window_K for sense, shape in found.shapes.items()},
         "rate_K_per_s": found.rates_K_per_s(),
-        "sensor_lag_s": lag_s,
+        "sensor_lag": None if lag_s is None else {"tau_s": lag_s, "shift_K": found.shift_K(lag_s), "taken_out": True},
         "range_degC": list(found.range_degC) if found.shapes else None,
         "activation_range_degC": (
             [found.activation.low_degC, found.activation.high_degC]

@@ -87,6 +87,11 @@ def test_activation_energy_and_a_lagging_thermometer() -> None:
     assert energy.ci95[1] - energy.ci95[0] < 0.02
     assert found.rates_K_per_s()["heating"] == pytest.approx(0.2, rel=0.02)
     assert found.shift_K(3.0) == pytest.approx(1.2, rel=0.02)
+    time = np.arange(degC.size) * 0.5
+    behind = transition(time, np.interp(time - 3.0, time, degC), -log)  # shows what the film had 3 s before
+    before, after = found.quantities["hysteresis_K"].value, behind.quantities["hysteresis_K"].value
+    assert before is not None
+    assert after == pytest.approx(before - found.shift_K(3.0), abs=0.05)
 
 
 def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
