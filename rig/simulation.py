@@ -8,6 +8,7 @@ from __future__ import annotations
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
 from rig.files.effect_tables import switched_effects
+from rig.files.film_output import RISING_RESISTANCE
 from rig.files.model_file import read_model
 from sim.chain import World
 from sim.detector import Detector
@@ -15,6 +16,7 @@ from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.film_side import Film
 from sim.films.preisach import PreisachFilm
+from sim.films.rising import RisingFilm
 from sim.links import links_of
 
 
@@ -24,7 +26,7 @@ def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
     if isinstance(table, ModelFilmTable):
         model = read_model(file.beside(table.model), needs=("film",)).film
         assert model is not None
-        return model, model.initial
+        return RisingFilm(model) if model.output == RISING_RESISTANCE else model, model.initial
     assert isinstance(table, RelayFilmTable)
     film = PreisachFilm.bell_shaped(
         table.seed,

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +28,9 @@ from rig.files.record_file import Record
 if TYPE_CHECKING:
     from sim.diagnosis.diagnose import Diagnosis
     from sim.diagnosis.extended_model import ExtendedModel
+
+
+RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,6 +128,7 @@ def _diagnosed(
     def say(text: str) -> None:
         print(f"{record.source}: {text}", file=sys.stderr, flush=True)
 
+    record = _falling(record, say)
     columns, notes = telling_columns(record)
     for note in notes:
         say(note)
@@ -141,6 +147,24 @@ def _diagnosed(
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     return with_film(diagnosis, extended), extended
+
+
+def _falling(record: Record, say: Callable[[str], None]) -> Record:
+    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
+    falls. Raises Faults where nothing else is left."""
+    import numpy as np
+
+    if not record.has("resistance_ohm"):
+        return record
+    output, degC = record.output(), record["temperature_degC"]
+    good = np.isfinite(output) & np.isfinite(degC)
+    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
+        return record
+    text = "rises with temperature; a diagnosis knows films whose resistance falls"
+    if not record.has("current_A"):
+        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
+    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
+    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
 
 
 def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:

@@ -11,16 +11,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_file
+from rig.command.record_arguments import (
+    add_json_argument,
+    add_record_arguments,
+    read_records,
+    writable_file,
+    writable_parent,
+)
 from rig.command.say import Voice
 from rig.faults import Faults, fault
+from rig.files.film_output import column_of, other_sense
 from rig.files.record_file import Record, unit_of
 
 if TYPE_CHECKING:
     from compensator.film import FilmModel
     from compensator.identify_film import FilmFit, FilmRecord
     from compensator.identify_plate import PlateFit
+    from rig.experiment.film_numbers import FilmNumbers
+    from rig.report.identification import Compared
 
+FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
 MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
 
 
@@ -28,6 +38,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
     add_record_arguments(parser)
     parser.add_argument("--out", type=Path, metavar="MODEL.toml")
+    parser.add_argument(
+        "--report", type=Path, metavar="DIR", help="report.html, figures, identification.json and model.toml there"
+    )
     add_json_argument(parser)
     parser.add_argument(
         "--kind",
@@ -49,7 +62,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         default="minus_log10_ohm",
         metavar="COLUMN",
-        help="the film's output where it is not a resistance: a column with its unit, as curvature_per_m",
+        help="the film's output where it is not a resistance on a log scale: a column with its unit, as "
+        "curvature_per_m or resistance_ohm",
     )
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
     parser.add_argument("--seed", type=int, default=0)
@@ -58,31 +72,82 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         writable_file(options.out)
+    if options.report is not None:
+        writable_parent(options.report)
     voice = Voice(options.json)
     records = read_records(options.records, options)
     with_film = [r for r in records if r.has_output(options.output)]
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
         raise _nothing_to_fit(records, options.output)
+    options.output = _rising(with_film, options.output, voice)
     film = _film(with_film, options) if with_film else None
     film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
+    from rig.experiment.film_numbers import numbers_of_record
     from rig.files.model_file import Model, write_model
 
+    numbers: list[FilmNumbers] = []
     result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in records]}
     if film is not None:
         result["film"] = _tell_film(film, unit_of(options.output), voice)
         result["film"]["check"] = _checked(film.model, with_film, voice)
         film_model = _compressed(film.model, with_film, options, result["film"], voice)
+        numbers = [numbers_of_record(record, options.output) for record in with_film]
+        for one in numbers:
+            for line in one.lines():
+                voice.say(f"film: {line}" if len(numbers) == 1 else f"film: {one.source}: {line}")
+        result["transition"] = [one.document() for one in numbers]
     if plate is not None:
         result["plate"] = _tell_plate(plate, with_plate[0].drive, voice)
-    if options.out is not None:
-        model = Model(film_model, plate.model if plate else None)
-        write_model(options.out, model, _comment(options, records, result))
-        voice.say(f"model: {options.out}")
-        result["model"] = options.out
+        _tell_lag(_plate(with_plate, options, lag=True).lag_s if numbers else 0.0, numbers, result, voice)
+    if options.report is not None:
+        options.report.mkdir(exist_ok=True)
+    paths = [path for path in (options.out, options.report / "model.toml" if options.report else None) if path]
+    for path in paths:
+        write_model(path, Model(film_model, plate.model if plate else None), _comment(options, records, result))
+    if paths:
+        voice.say(f"model: {paths[0]}")
+        result["model"] = paths[0]
+    if options.report is not None:
+        from rig.report.identification import write_identification_report
+
+        compared = _compared(film, with_film, options.output) if film is not None else []
+        write_identification_report(options.report, result, compared, numbers, options.output)
+        voice.say(f"report: {options.report / 'report.html'}")
     voice.report(result)
     return 0
+
+
+def _rising(records: list[Record], output: str, voice: Voice) -> str:
+    """The output, or its negative where it falls as temperature rises: a film model's output rises."""
+    pairs = [(r["temperature_degC"], r.output(output)) for r in records]
+    v, y = (np.concatenate(columns) for columns in zip(*pairs, strict=True)) if pairs else (np.empty(0), np.empty(0))
+    good = np.isfinite(v) & np.isfinite(y)
+    if int(np.sum(good)) < 3 or np.ptp(v[good]) == 0.0 or np.ptp(y[good]) == 0.0:
+        return output
+    if float(np.corrcoef(v[good], y[good])[0, 1]) >= FALLS:
+        return output
+    other = other_sense(output)
+    voice.say(f"film: {output} falls as temperature rises: the model's output is {other}")
+    return other
+
+
+def _compared(film: FilmFit, records: list[Record], output: str) -> list[Compared]:
+    """Each record beside the model that was fitted."""
+    from compensator.temperature_path import temperature_path
+    from rig.report.identification import Compared
+
+    found = []
+    for record, memory in zip(records, film.memories, strict=True):
+        time, path = record["time_s"], temperature_path(record["time_s"], record["temperature_degC"])
+        modelled, _ = film.model.simulate(path.temperature_degC, memory)
+        measured = record.output(output)
+        if record.has("resistance_time_s"):
+            read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
+            modelled = np.interp(read, time, modelled)
+        found.append(Compared(record.source, time, path.temperature_degC, measured, modelled))
+    return found
 
 
 def _comment(options: argparse.Namespace, records: list[Record], result: dict[str, Any]) -> str:
@@ -97,7 +162,7 @@ def _comment(options: argparse.Namespace, records: list[Record], result: dict[st
 
 def _nothing_to_fit(records: list[Record], output: str) -> Faults:
     """Why there is neither a film nor a plate in the records."""
-    name = "resistance_ohm" if output == "minus_log10_ohm" else output
+    name = column_of(output)
     lines = []
     for record in records:
         there = [column for column in (name, "current_A") if column in record.columns]
@@ -141,12 +206,12 @@ def _film_record(record: Record, output: str) -> FilmRecord:
     return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), record.source, own_times)
 
 
-def _plate(records: list[Record], options: argparse.Namespace) -> PlateFit:
+def _plate(records: list[Record], options: argparse.Namespace, lag: bool = False) -> PlateFit:
     from compensator.identify_plate import PlateRecord, identify_plate_records
 
     inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
     try:
-        return identify_plate_records(inputs, kind=options.plate)
+        return identify_plate_records(inputs, kind=options.plate, lag=lag)
     except ValueError as error:
         raise _said_of(records, error) from None
 
@@ -172,6 +237,18 @@ def _tell_film(fit: FilmFit, unit: str, voice: Voice) -> dict[str, Any]:
         "candidates": [dict(c.__dict__) for c in fit.candidates],
         "identifiability": list(fit.identifiability),
     }
+
+
+def _tell_lag(lag_s: float, numbers: list[FilmNumbers], result: dict[str, Any], voice: Voice) -> None:
+    """What a thermometer that lags behind the plate, as the current shows it, does to the transition's numbers."""
+    for one, entry in zip(numbers, result.get("transition", []), strict=True):
+        shift = one.transition.shift_K(lag_s)
+        if lag_s > 0.0 and shift > 0.0:
+            entry["sensor_lag"] = {"tau_s": lag_s, "shift_K": shift, "taken_out": False}
+            voice.say(
+                f"film: {one.source}: the current says that the thermometer lags behind the plate by {lag_s:.2g} s: at "
+                f"these ramps the loop looks {shift:.2g} K narrower than it is; this is not taken out"
+            )
 
 
 def _checked(model: FilmModel, records: list[Record], voice: Voice) -> list[dict[str, Any]]:

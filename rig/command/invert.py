@@ -1,5 +1,8 @@
 """peltier invert MODEL.toml TARGET.csv [--out F]: temperatures for a desired resistance (time_s, target_ohm).
 
+For a model of another output, such as curvature_per_m, the target is in target_curvature_per_m, and the columns written
+are curvature_per_m and nearest_curvature_per_m instead of those in ohm.
+
 Of several temperatures the nearest to the row before is taken, in the first row the lowest. Where a target cannot be
 reached within the limits, temperature and memory stay, `reachable` is 0, and `nearest_ohm` is what could be.
 """
@@ -22,7 +25,8 @@ from rig.command.record_arguments import (
     writable_file,
 )
 from rig.command.say import Voice
-from rig.faults import Faults
+from rig.faults import Faults, fault
+from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import print_columns, write_columns
 from rig.resistance import ohm
 
@@ -47,11 +51,16 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice("-" if options.out is None else options.json)
     film = read_model(options.model, needs=("film",)).film
     assert film is not None
-    (record,) = read_records([options.target], options, needs=("target_ohm",))
-    target = record["target_ohm"]
+    decades, name = in_decades(film.output), column_of(film.output)
+    wanted = "target_ohm" if name == "resistance_ohm" else f"target_{name}"
+    (record,) = read_records([options.target], options, needs=(wanted,) if wanted == "target_ohm" else ())
+    if wanted not in record.columns:
+        raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
+    target = record[wanted]
+    expected = "a finite number > 0" if decades else "a finite number"
     bad = [
-        f"{options.target}: row {k + 1}: target_ohm: {float(target[k])!r}: expected a finite number > 0"
-        for k in np.flatnonzero(~(np.isfinite(target) & (target > 0.0)))[:10]
+        f"{options.target}: row {k + 1}: {wanted}: {float(target[k])!r}: expected {expected}"
+        for k in np.flatnonzero(~(np.isfinite(target) & ((target > 0.0) | (not decades))))[:10]
     ]
     if bad:
         raise Faults(bad)
@@ -62,7 +71,9 @@ def main(options: argparse.Namespace) -> int:
             "reversals, and targets inside a jump are reported as not reachable",
             file=sys.stderr,
         )
-    columns, counts = inverted(Inverse(film, low, high), -np.log10(target), options.initial)
+    columns, counts = inverted(
+        Inverse(film, low, high), sign_of(film.output) * (np.log10(target) if decades else target), options.initial
+    )
     table: dict[str, Any] = {**record.columns, **record.text_columns, **columns}
     if options.out is not None:
         write_columns(options.out, table)
@@ -83,6 +94,11 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+def shown_output(output: float, name: str) -> float:
+    """The quantity in its own unit: ohms, or that of the record's column."""
+    return ohm(output, name) if in_decades(name) else sign_of(name) * output
+
+
 def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dict[str, Any], list[int]]:
     """The four columns of `invert`, and the evaluations that each row took."""
     film = inverse.model
@@ -95,12 +111,14 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
             memory = solution.memory
         output = film.output_at(memory) if memory is not None else math.nan
         temperature = memory.input_degC if memory is not None else math.nan
-        resistance = ohm(output)
-        nearest = resistance if solution.reachable else ohm(solution.nearest)
-        rows.append((temperature, int(solution.reachable), resistance, nearest))
+        shown = shown_output(output, film.output)
+        nearest = shown if solution.reachable else shown_output(solution.nearest, film.output)
+        rows.append((temperature, int(solution.reachable), shown, nearest))
+    name = column_of(film.output)
+    last = "nearest_ohm" if name == "resistance_ohm" else f"nearest_{name}"
     return {
         "temperature_degC": np.array([row[0] for row in rows]),
         "reachable": np.array([row[1] for row in rows]),
-        "resistance_ohm": np.array([row[2] for row in rows]),
-        "nearest_ohm": np.array([row[3] for row in rows]),
+        name: np.array([row[2] for row in rows]),
+        last: np.array([row[3] for row in rows]),
     }, counts

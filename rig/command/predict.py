@@ -16,9 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.command.record_arguments import add_json_argument, add_record_arguments, read_records, writable_file
+from rig.command.record_arguments import (
+    add_json_argument,
+    add_record_arguments,
+    read_records,
+    writable_file,
+    writable_parent,
+)
 from rig.command.say import Voice
 from rig.faults import fault
+from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import Record, unit_of, write_columns
 
 
@@ -36,6 +43,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="a Python file with an effect of one's own that the model has (repeatable)",
     )
     parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and prediction.json there")
     add_json_argument(parser)
 
 
@@ -46,6 +54,8 @@ def main(options: argparse.Namespace) -> int:
 
     if options.out is not None:
         writable_file(options.out)
+    if options.report is not None:
+        writable_parent(options.report)
     voice = Voice(options.json)
     if options.effect_file:
         from rig.files.effect_tables import add_effect_files
@@ -57,7 +67,7 @@ def main(options: argparse.Namespace) -> int:
         raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
-    simulated = None
+    simulated, channels = None, {}
     if model.film is not None:
         warning = order_warning(model.film, options.model)
         if warning is not None:
@@ -70,23 +80,32 @@ def main(options: argparse.Namespace) -> int:
         else:
             predicted = _film(model.film, record, options.initial, options.record)
         name = model.film.output
-        if name == "minus_log10_ohm":
-            columns["predicted_ohm"] = 10.0**-predicted
+        if in_decades(name):
+            columns["predicted_ohm"] = 10.0 ** (sign_of(name) * predicted)
         else:
-            columns[f"predicted_{name}"] = predicted
+            shown = "ohm" if column_of(name) == "resistance_ohm" else column_of(name)
+            columns[f"predicted_{shown}"] = sign_of(name) * predicted
         if record.has_output(name):
-            what = "log R" if name == "minus_log10_ohm" else name
+            what = "log R" if in_decades(name) else column_of(name)
             _report(result, predicted - record.output(name), unit_of(name), what, voice)
+            channels[name] = record.output(name), predicted
     if model.plate is not None and record.has("current_A"):
         if simulated is None:
             simulated = plate_temperatures(model, record)
         columns["predicted_degC"] = simulated
         _report(result, simulated - record["temperature_degC"], "K", "temperature", voice)
+        channels["temperature_degC"] = record["temperature_degC"], simulated
     if not any(key.startswith("rmse") for key in result):
         voice.say(f"{record.source}: nothing to compare: neither readings of the film nor temperature with current")
     if options.out is not None:
         write_columns(options.out, columns)
         voice.say(f"predictions: {options.out}")
+    if options.report is not None:
+        from rig.report.prediction import write_prediction_report
+
+        options.report.mkdir(exist_ok=True)
+        write_prediction_report(options.report, result, record["time_s"], record["temperature_degC"], channels)
+        voice.say(f"report: {options.report / 'report.html'}")
     voice.report(result)
     return 0
 
@@ -101,7 +120,7 @@ def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voi
 
 
 def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndarray:
-    """-log10 R at every row; rows without a temperature get nan, and the film rests there."""
+    """The film's output at every row; rows without a temperature get nan, and the film rests there."""
     temperature = record["temperature_degC"]
     known = np.isfinite(temperature)
     outputs, _ = film.simulate(temperature[known], _memory(film, record, initial, path))

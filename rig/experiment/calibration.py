@@ -26,11 +26,13 @@ from compensator.law import Law, LawSettings
 from compensator.temperature_path import temperature_path
 from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
+from rig.experiment.film_numbers import FilmNumbers, numbers_of_run, plate_course
 from rig.experiment.minor_loops import minor_turning_points, transition_range
 from rig.experiment.policies import Follow, temperature_now, warmed_up
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.faults import fault
 from rig.files.configuration import Configuration
+from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
@@ -48,7 +50,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What came out: the fits, the check on held-out rows, the model and where it was written."""
+    """What came out: the fits, the check on held-out rows, the model and where it was written; predicted_output:
+    -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model."""
 
     film: FilmFit
     plate: PlateFit
@@ -61,6 +64,7 @@ class Calibration:
     check_max_dec: float
     check_rmse_K: float
     predicted_output: Array
+    numbers: FilmNumbers | None = None
 
 
 def calibration_range(configuration: Configuration) -> tuple[float, float]:
@@ -162,15 +166,6 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
     return Target("temperature", np.array(times), np.array(values))
 
 
-def _plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:
-    """The plate's temperature behind a thermometer that lags: T + lag dT/dt, on the smoothed course."""
-    if lag_s == 0.0:
-        return temperature_degC
-    path = temperature_path(time_s, temperature_degC).temperature_degC
-    course: Array = path + lag_s * np.gradient(path, time_s)
-    return course
-
-
 def identify_calibration(
     folder: RunFolder, configuration: Configuration, model_path: Path, kind: Kind = "peltier"
 ) -> Calibration:
@@ -178,16 +173,21 @@ def identify_calibration(
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
+    known = np.isfinite(output) & np.isfinite(temperature)
+    name = FALLING_RESISTANCE
+    if np.corrcoef(temperature[known], output[known])[0, 1] < 0.0:
+        name, output = RISING_RESISTANCE, -output
     checked = folder.column("phase") == "check"
     fitted = ~checked
     plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind, lag=True)
     read_s = folder.column("resistance_time_s")
-    plate_degC = _plate_course(time, temperature, plate_fit.lag_s)
+    plate_degC = plate_course(time, temperature, plate_fit.lag_s)
     film_fit = identify_film(
         time[fitted],
         plate_degC[fitted],
         output[fitted],
         output_time_s=read_s[fitted],
+        output_name=name,
         seed=configuration.calibration.seed,
     )
     film: FilmModel = film_fit.model
@@ -219,5 +219,6 @@ def identify_calibration(
         check_rmse_dec=rmse,
         check_max_dec=float(np.max(np.abs(error))),
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
-        predicted_output=predicted,
+        predicted_output=sign_of(name) * -predicted,
+        numbers=numbers_of_run(folder, folder.path.name, plate_fit.lag_s),
     )

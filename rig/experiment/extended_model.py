@@ -28,6 +28,7 @@ from compensator.law import Command, Law, LawName, LawSettings, LawState
 from compensator.pid import PidState, integral_of, output_of
 from compensator.plate import PlateModel
 from rig.experiment.extension import Extension, own_output_table
+from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target
 from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
@@ -126,6 +127,8 @@ def plate_extension(effects: Sequence[Switched], plate: PlateModel, period_s: fl
 
 def own_target(target: Target, film: FilmModel | None, effects: Sequence[Switched]) -> Target:
     """The wanted course of the film's own resistance, for a target that the ohmmeter shall show."""
+    if target.quantity == "resistance" and film is not None and film.output == RISING_RESISTANCE:
+        return replace(target, values=-target.values)
     table = own_output_table(links_of(effects), film) if target.quantity == "resistance" else None
     if table is None:
         return target

@@ -52,9 +52,10 @@ def check_target(target: Target, film: FilmModel, configuration: Configuration, 
         solution = inverse.solve(value, memory)
         if not solution.reachable:
             low, high = solution.interval or (math.nan, math.nan)
+            least, most = sorted((ohm(high, film.output), ohm(low, film.output)))
             limits = "{:g} to {:g} degC".format(*configuration.limits.temperature_degC)
-            text = f"{ohm(value):.6g} ohm is outside the film's range within limits.temperature_degC ({limits}), "
-            text += f"coming from {memory.input_degC:.1f} degC; expected {ohm(high):.6g} to {ohm(low):.6g} ohm"
+            text = f"{ohm(value, film.output):.6g} ohm is outside the film's range within limits.temperature_degC "
+            text += f"({limits}), coming from {memory.input_degC:.1f} degC; expected {least:.6g} to {most:.6g} ohm"
             raise fault(where, f"at {time:g} s", text)
         memory = solution.memory
         temperatures.append(solution.temperature_degC)

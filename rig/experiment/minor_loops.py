@@ -32,6 +32,8 @@ def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, floa
     grid = np.linspace(temperature.min(), temperature.max(), 400)
     rising = np.gradient(temperature) > 0.0
     distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
+    if np.corrcoef(temperature, output)[0, 1] < 0.0:  # a film whose resistance rises
+        distance = -distance
     if float(np.max(distance)) < LEAST_LOOP_DEC:
         text = (
             f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "

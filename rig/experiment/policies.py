@@ -10,6 +10,7 @@ import numpy as np
 
 from compensator.film import Memory
 from compensator.law import Law, LawState
+from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target
 from rig.loop import AT_THE_TICK, Decision, Loop, ReadAt
 from rig.resistance import ohm
@@ -48,6 +49,8 @@ class Follow:
         self.state = state
         self.setpoints = setpoints
         self._memory = memory
+        # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
+        self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
         self._ahead = law.preview_times_s()
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
@@ -56,18 +59,21 @@ class Follow:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
             self.state = law.start(temperature_degC, self._memory)
+        resistance = self.target.quantity == "resistance"
+        sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
-        coming = np.asarray(self.target.at(at_s + self._ahead), dtype=np.float64)
-        command, self.state = law.step(self.state, temperature_degC, output, now, coming, read.output_age_s)
-        resistance = self.target.quantity == "resistance"
+        coming = sign * np.asarray(self.target.at(at_s + self._ahead), dtype=np.float64)
+        shown = self._sign * output
+        command, self.state = law.step(self.state, temperature_degC, shown, sign * now, coming, read.output_age_s)
+        predicted = self._sign * command.output_model
         return Decision(
             current_A=command.current_A,
             setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
             use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
             target_ohm=ohm(now) if resistance else math.nan,
-            predicted_ohm=ohm(command.output_model) if math.isfinite(command.output_model) else math.nan,
+            predicted_ohm=ohm(predicted) if math.isfinite(predicted) else math.nan,
         )
 
 

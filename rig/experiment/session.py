@@ -17,19 +17,21 @@ from compensator.identify_balance import Kind
 from compensator.law import LawName
 from rig.bench import Bench, open_bench
 from rig.drivers.heater_drive import cools, drive_unit
-from rig.drivers.meter import column_of
+from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
 from rig.experiment.policies import CurrentProfile, Follow, Setpoints
+from rig.experiment.predicted import needs_test_current
 from rig.experiment.run_record import recorded
 from rig.experiment.score import COUNTED, Score, largest, profile_error, rms
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
+from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import write_columns
 from rig.files.run_folder import RunFolder, default_folder, part_of, prepared_folder
@@ -106,6 +108,8 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     bench, file, say = session.bench, session.file, session.say
     if bench.meter is None:
         raise fault(file.path, "bench.meter", "missing; a calibration needs a meter")
+    if bench.meter.output != LOG_RESISTANCE:
+        raise fault(file.path, "bench.meter", f"reads {bench.meter.output}; a calibration needs an ohmmeter")
     _needs_current(session)
     with one_run(session, path, "calibration") as (loop, folder):
         check_polarity(loop, file.content, file.content.calibration.period_s)
@@ -123,6 +127,8 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
+    for line in result.numbers.lines() if result.numbers is not None else []:
+        say(line)
     return result
 
 
@@ -153,6 +159,11 @@ def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> S
 def run_on(session: Session, path: Path, target: Target, model: Model | None) -> Result:
     """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
     result = Result(path, model=model, target=target)
+    meter = session.bench.meter
+    if session.file.content.experiment.kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
+        raise fault(
+            session.file.path, "bench.meter", f"reads {meter.output}; expected an ohmmeter to track a resistance"
+        )
     _tell_dead_man(session)
     if session.file.content.experiment.kind == "track_resistance":
         _track_all(session, path, result)
@@ -191,6 +202,7 @@ def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: 
         return
     if c.experiment.kind == "track_resistance":
         assert model.film is not None
+        _check_output(model, c.experiment.model)
         for warning in (
             order_warning(model.film, c.experiment.model),
             memory_warning(model.film, hot, c.experiment.model),
@@ -203,6 +215,18 @@ def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: 
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
     if model.plate is not None and c.experiment.law != "instrument_pid":
         check_plate(model.plate, [float(temperatures.min()), float(temperatures.max())], c, where, "its range")
+
+
+def _check_output(model: Model, where: object) -> None:
+    """Refuse a film that no resistance can be tracked with. Raises Faults."""
+    assert model.film is not None
+    output = model.film.output
+    if not in_decades(output):
+        raise fault(where, "film.output", f"{output!r}; expected a resistance to track one")
+    on_readings = [e for e in model.switched() if e.effect.link == "ohmmeter" or needs_test_current((e,))]
+    if output == RISING_RESISTANCE and on_readings:
+        text = "has no meaning for a film whose resistance rises (film.output 'log10_ohm')"
+        raise fault(where, "effects", f"{on_readings[0].name}: {text}")
 
 
 def _track_all(session: Session, path: Path, result: Result) -> None:

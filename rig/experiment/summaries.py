@@ -39,6 +39,7 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
         "operators": int((film.model.weights > 0.0).sum()),
         "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
         "identifiability": [*film.identifiability, *plate.identifiability],
+        "lag_s": plate.lag_s,
     }
 
 
@@ -55,6 +56,7 @@ def calibration_summary(result: Calibration) -> dict[str, Any]:
         "rows_checked": result.rows_checked,
         "transition_degC": list(result.transition_degC),
         "identifiability": result.film.identifiability,
+        "transition": [result.numbers.document()] if result.numbers is not None else [],
     }
 
 

@@ -125,11 +125,12 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
     if not first.reachable:
         low, high = first.interval or (math.nan, math.nan)
+        least, most = sorted((ohm(high, plan.inverse.model.output), ohm(low, plan.inverse.model.output)))
         raise fault(
             "experiment.target",
             "its first value",
             f"{ohm(float(target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
-            f"expected {ohm(high):.6g} to {ohm(low):.6g} ohm",
+            f"expected {least:.6g} to {most:.6g} ohm",
         )
     approach = to_temperature(loop, plan.mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
     if approach.state is None:

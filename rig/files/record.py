@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from compensator.functions import Array
+from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
+
+__all__ = ["Record", "unit_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,22 +66,18 @@ class Record:
 
     def has_output(self, name: str = "minus_log10_ohm") -> bool:
         """Whether the film's output is there."""
-        return self.has("resistance_ohm" if name == "minus_log10_ohm" else name)
+        return self.has(column_of(name, self.columns))
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
 
     def output(self, name: str = "minus_log10_ohm") -> Array:
-        """The film's output: -log10(R / 1 ohm), nan where there is no finite reading > 0; or a column of that name."""
-        if name != "minus_log10_ohm":
-            return self.columns[name]
-        resistance = self.columns["resistance_ohm"]
-        good = np.isfinite(resistance) & (resistance > 0.0)
-        output = np.full(resistance.size, math.nan)
-        output[good] = -np.log10(resistance[good])
-        return output
-
-
-def unit_of(output: str) -> str:
-    """The unit of a film's output, for people and for keys: decades of a resistance, else what the name ends in."""
-    return "dec" if output == "minus_log10_ohm" else output.partition("_")[2] or "1"
+        """The film's output: -log10(R / 1 ohm) or "log10_ohm", nan where there is no finite reading > 0; or a column of
+        that name, or with "minus_" before it its negative."""
+        column = self.columns[column_of(name, self.columns)]
+        if not in_decades(name):
+            return -column if is_negative(name, self.columns) else column
+        good = np.isfinite(column) & (column > 0.0)
+        output = np.full(column.size, math.nan)
+        output[good] = np.log10(column[good])
+        return output if name == RISING_RESISTANCE else -output

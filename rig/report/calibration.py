@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from compensator.functions import Array
+from rig.experiment.film_numbers import numbers_of_run
 from rig.experiment.score import error_dec
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
+from rig.report.film_section import transition_section
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 from rig.report.run_rows import PHASE, RunRows, drive_label
 
@@ -47,6 +49,7 @@ def write_calibration_report(run: RunRows, out: Path) -> None:
         facts(run),
         tiles(numbers),
         section("The film", *film),
+        *([transition_section(out, numbers_of_run(run, run.path.name, result["lag_s"]))] if "lag_s" in result else []),
         section(
             "What this record cannot fix",
             bullets(doubts) if doubts else paragraph("Nothing: it fixes the film and the plate."),

@@ -59,7 +59,8 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
 
     try:
         film = read_model(Path(model)).film
-        return _Followed(film, since_s, limits_degC) if film is not None else None
+        falls = film is not None and film.output == "minus_log10_ohm"
+        return _Followed(film, since_s, limits_degC) if falls else None
     except (Faults, OSError, ValueError):
         return None
 

@@ -1,0 +1,80 @@
+"""The report of an identification: the model over the record, what it leaves, what the record says without a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compensator.functions import Array
+from rig.experiment.film_numbers import FilmNumbers
+from rig.files.film_output import unit_of
+from rig.files.run_folder import plain_json
+from rig.report.film_figures import loop_figure, residual_figure
+from rig.report.film_section import transition_section
+from rig.report.page import bullets, paragraph, section, table, tiles, write_page
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A record's film beside the model, arrays of shape (rows,): s, degC, output measured and modelled."""
+
+    source: str
+    time_s: Array
+    degC: Array
+    measured: Array
+    modelled: Array
+
+
+def write_identification_report(
+    folder: Path, result: Mapping[str, Any], compared: Sequence[Compared], numbers: Sequence[FilmNumbers], output: str
+) -> None:
+    """report.html, identification.json and figures/ in a folder that is there."""
+    (folder / "identification.json").write_text(plain_json(result) + "\n", encoding="utf-8")
+    film, unit = result.get("film"), unit_of(output)
+    parts: list[str] = []
+    lead = f"From {', '.join(Path(source).name for source in result['records'])}."
+    if film is not None:
+        lead = f"The film model follows the record to {film[f'rmse_{unit}']:.4g} {unit} RMS. {lead}"
+        parts.append(
+            tiles(
+                [
+                    (f"{film[f'rmse_{unit}']:.4g} {unit}", "RMSE of the fit"),
+                    (f"{film[f'held_out_rmse_{unit}']:.4g} {unit}", "RMSE on rows that were held out"),
+                    (f"{film[f'max_abs_{unit}']:.3g} {unit}", "largest error"),
+                    (f"{film['active_operators']}", f"operators with weight, {film['kind'].replace('_', ' ')}"),
+                    (film["memoryless"], "form of D(T)"),
+                ]
+            )
+        )
+    for k, (one, own) in enumerate(zip(compared, numbers, strict=True)):
+        suffix = f"_{k + 1}" if len(compared) > 1 else ""
+        name = f" of {Path(one.source).name}" if suffix else ""
+        parts.append(transition_section(folder, own, suffix, f"The transition{name}"))
+        error = one.modelled - one.measured
+        parts.append(
+            section(
+                f"The model over the record{name}",
+                loop_figure(folder, one.degC, one.measured, one.modelled, output, suffix),
+                residual_figure(folder, one.time_s, one.degC, error, unit, suffix),
+            )
+        )
+    if film is not None:
+        notes = film["identifiability"]
+        parts.append(
+            section("What the record cannot fix", bullets(notes) if notes else paragraph("Nothing of the film."))
+        )
+    if "plate" in result:
+        parts.append(_plate(result["plate"]))
+    write_page(folder / "report.html", "Film and plate from a record", lead, parts)
+
+
+def _plate(plate: Mapping[str, Any]) -> str:
+    rows = [
+        [name, f"{one['value']:.6g}", f"\N{PLUS-MINUS SIGN} {0.5 * np.ptp(one['ci95']):.2g}"]
+        for name, one in plate["parameters"].items()
+    ]
+    return section("The plate", table(["parameter", "value", "95 %"], rows), bullets(plate["identifiability"]))
