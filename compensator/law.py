@@ -8,8 +8,8 @@
 The film's memory is driven by the temperature of a state observer (plate model corrected by the reading), never by
 the noisy reading itself, which would ratchet the play operators. What the model gets wrong of the resistance is
 estimated as a disturbance on the output and taken off the target: feedback of the resistance through the inverse. Both
-estimates weigh readings by their noise: `compensator.estimate`. A step stands for the moment at which the thermometer
-was read; the ohmmeter was read some time before.
+estimates weigh readings by their noise: `compensator.estimate`. A step stands for the moment at which its command acts;
+the thermometer was read some time before, the ohmmeter before that.
 
     law                 film inverse   plate inverse   feedback of T   feedback of R
     "full"              yes            yes             PID             disturbance estimate
@@ -128,6 +128,7 @@ def law_step(
     output: float,
     target_now: float,
     output_age: float,
+    acts_after: float,
 ) -> None:
     """One period of the law: `state` and `plays` are brought to this sample, the command stands behind the state."""
     name, period, limit = law[LAW], law[PERIOD], law[LIMIT]
@@ -136,14 +137,15 @@ def law_step(
     if not math.isnan(reading) and (name == INSTRUMENT_PID or law[TRUSTS] == 0.0):
         here = reading  # the current is the controller's own
     elif not math.isnan(reading) and name != FEEDFORWARD:
-        here = corrected_temperature(state, here, reading, period)
+        ahead = (rate(plate, here, state[CURRENT]) + state[DRIFT]) * acts_after
+        here = corrected_temperature(state, here - ahead, reading, period) + ahead
     model = math.nan
     if law[HAS_FILM] > 0.0:
         advance(here, state[INPUT], envelopes, radii, plays)
         state[INPUT] = here
         model = memoryless_value(code, par, here) + weighted_sum(weights, plays)
         if name in (FULL, INSTRUMENT_PID) and math.isfinite(output):
-            off = output + state[MOVED] / period * output_age - model
+            off = output + state[MOVED] / period * (output_age + acts_after) - model
             state[DISTURBANCE] = corrected_disturbance(state, state[DISTURBANCE], off, output, period)
     state[T] = here
     if name == PID:  # on the film's output alone, in A; the last current holds while there is no reading
@@ -242,11 +244,13 @@ class Law:
         target_now: float,
         targets: Array,
         output_age_s: float = 0.0,
+        acts_after_s: float = 0.0,
     ) -> tuple[Command, LawState]:
         """One period. Readings are nan where there is none; targets: shape (preview,), see `preview_times_s`.
 
-        output_age_s: by how much the output was read before the temperature, at whose moment target_now and targets
-        begin. For the law "temperature" targets are degC, else in the film's output unit.
+        output_age_s: by how much the output was read before the temperature. acts_after_s: by how much the command acts
+        after the temperature was read, at which moment the targets begin; target_now is of the reading. For the law
+        "temperature" targets are degC, else in the film's output unit.
         """
         pid = state.pid
         plays = state.memory.plays.copy()
@@ -283,6 +287,7 @@ class Law:
             output,
             target_now,
             output_age_s,
+            acts_after_s,
         )
         t, r, d, i, derivative, error, current, v, setpoint, reference, model, reached, *known = numbers.tolist()
         pid = PidState(i, derivative, error)

@@ -44,6 +44,7 @@ COLUMNS = [
     "reference_degC",
     "target_ohm",
     "predicted_ohm",
+    "acts_after_s",
     "tick",
     "phase",
 ]
@@ -77,21 +78,25 @@ class Decision:
 
 @dataclass(frozen=True)
 class ReadAt:
-    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's."""
+    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
+
+    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick.
+    """
 
     after_s: float = 0.0
     output_age_s: float = 0.0
+    acts_after_s: float = 0.0
 
 
 AT_THE_TICK = ReadAt()
 
 
-def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float) -> ReadAt:
+def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float) -> ReadAt:
     """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
 
     tick_s: of the tick, from the beginning of the phase.
     """
-    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s)
+    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s, acts_after_s)
 
 
 class Policy(Protocol):
@@ -155,6 +160,7 @@ class Loop:
         self.status_at_trip = ""
         self.rejected = {"thermometer": 0, "ohmmeter": 0}
         self._progress = progress
+        self._acts_after_s = 0.0
         self._on_tick = on_tick
         self._start_s = bench.clock.now_s()
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
@@ -258,9 +264,12 @@ class Loop:
         value = resistance.value if resistance is not None and (good or is_reading(resistance)) else math.nan
         row_s = (temperature.time_s if known else now) - self._start_s
         output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
-        decision = policy.decide(k * period_s, degC, output, read_at(begin_s, k * period_s, row_s, output_s))
+        acts_after_s = self._acts_after_s
+        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s)
+        decision = policy.decide(k * period_s, degC, output, read)
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
-            self._apply(decision, now, degC)
+            acts_s = self._apply(decision, now, degC)
+            self._acts_after_s = min(max(acts_s - self._start_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         meter = self.bench.meter
         self.folder.row(
@@ -275,6 +284,7 @@ class Loop:
                 decision.reference_degC,
                 decision.target_ohm,
                 decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                acts_after_s,
                 k,
                 name,
                 *([] if self._output == LOG_RESISTANCE else [value]),
@@ -320,23 +330,27 @@ class Loop:
                 if reading.quality is not Quality.MISSING:  # that was told when it was asked for
                     self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
-    def _apply(self, decision: Decision, now: float, degC: float) -> None:
-        controller = self.bench.controller
+    def _apply(self, decision: Decision, now: float, degC: float) -> float:
+        """Send it; about when it acts, on the bench's clock."""
+        controller, clock = self.bench.controller, self.bench.clock
         if decision.use_setpoint:
             if math.isnan(self.sent.setpoint_degC):
                 self.bench.guard.busy()
                 controller.arm_setpoint()
                 self.watch.armed(now)
+            before_s = clock.now_s()
             controller.set_setpoint_degC(decision.setpoint_degC)
             self.sent = Sent(self.sent.current_A if self._measures else math.nan, decision.setpoint_degC, True)
-            return
+            return 0.5 * (before_s + clock.now_s())
         self.watch.allow(now, degC, decision.current_A)
         if not self.sent.armed or not math.isnan(self.sent.setpoint_degC):
             self.bench.guard.busy()
             controller.arm_current()
             self.watch.armed(now)
+        before_s = clock.now_s()
         controller.set_current_A(decision.current_A)
         self.sent = Sent(decision.current_A, armed=True)
+        return 0.5 * (before_s + clock.now_s())
 
     @property
     def _measures(self) -> bool:

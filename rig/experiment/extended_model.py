@@ -64,6 +64,7 @@ class ExtendedLaw(Law):
         target_now: float,
         targets: Array,
         output_age_s: float = 0.0,
+        acts_after_s: float = 0.0,
     ) -> tuple[Command, LawState]:
         """As `Law.step`; readings and targets are the instruments' own."""
         x, name = self.extension, self.settings.name
@@ -77,7 +78,7 @@ class ExtendedLaw(Law):
         a, g = self.plate.ambient_degC, self.plate.conductance_over_capacity_per_s
         before = a + (here - a) * math.exp(g * x.period_s)  # from there the law comes to `here` without a current
         state = replace(state, temperature_degC=before, current_A=0.0)
-        command, following = super().step(state, math.nan, output, target_now, targets, output_age_s)
+        command, following = super().step(state, math.nan, output, target_now, targets, output_age_s, acts_after_s)
         following = replace(following, temperature_degC=here)
         if x.film_lag_s > 0.0:
             current = self._through_the_lag(command.reference_degC, following.reference_degC, here, plate_degC)

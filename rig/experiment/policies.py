@@ -63,9 +63,9 @@ class Follow:
         sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
-        coming = sign * np.asarray(self.target.at(at_s + self._ahead), dtype=np.float64)
-        shown = self._sign * output
-        command, self.state = law.step(self.state, temperature_degC, shown, sign * now, coming, read.output_age_s)
+        coming = sign * np.asarray(self.target.at(at_s + read.acts_after_s + self._ahead), dtype=np.float64)
+        ages = read.output_age_s, read.acts_after_s
+        command, self.state = law.step(self.state, temperature_degC, self._sign * output, sign * now, coming, *ages)
         predicted = self._sign * command.output_model
         return Decision(
             current_A=command.current_A,

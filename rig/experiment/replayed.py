@@ -65,14 +65,15 @@ class RecordedLoop:
             return
         begin = self.phases.pop(0)["time_s"]
         end = self.phases[0]["time_s"] if self.phases else math.inf
-        time, dated = self.record["time_s"], self.record.has("resistance_time_s")
+        time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
         for row in np.flatnonzero((time >= begin) & (time < end)):
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
             self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
             output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
-            read = read_at(begin, tick * period_s, float(time[row]), output_s)
+            acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
+            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s)
             decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
                 continue

@@ -24,7 +24,7 @@ FILM = FilmModel(
     Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
 )
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
-AGE_S = 0.04
+AGE_S, ACTS_S = 0.04, 0.02
 
 
 def law_of(name: LawName) -> Law:
@@ -81,12 +81,13 @@ def plain_step(
     if s.name == "instrument_pid" and not math.isnan(reading):
         here = reading
     elif s.name != "feedforward" and not math.isnan(reading):
-        here = known.temperature(here, reading, s.period_s)
+        ahead = (PLATE.rate_K_per_s(here, state.current_A) + known.drift) * ACTS_S
+        here = known.temperature(here - ahead, reading, s.period_s) + ahead
     memory, disturbance = state.memory, state.disturbance
     if film is not None:
         expected, memory = film.step(here, memory)
         if s.name in ("full", "instrument_pid") and math.isfinite(output):
-            off = output + known.moved / s.period_s * AGE_S - expected
+            off = output + known.moved / s.period_s * (AGE_S + ACTS_S) - expected
             disturbance = known.disturbance(disturbance, off, output, s.period_s)
     if s.name == "pid":
         if not math.isfinite(output):
@@ -137,7 +138,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
         measured = math.nan if k % 53 == 7 else output + 0.002 * rng.normal() + 0.02 * math.sin(0.1 * t)
         now, coming = wanted(name, t), np.asarray(wanted(name, t + ahead))
         expected_current, setpoint, expected = plain_step(law, state, known, reading, measured, float(now), coming)
-        command, state = law.step(state, reading, measured, float(now), coming, AGE_S)
+        command, state = law.step(state, reading, measured, float(now), coming, AGE_S, ACTS_S)
         assert command.current_A == pytest.approx(expected_current, abs=1e-12)
         assert command.setpoint_degC == pytest.approx(setpoint, abs=1e-12, nan_ok=True)
         for mine, other in ((state.disturbance, expected.disturbance), (state.pid.integral, expected.pid.integral)):
