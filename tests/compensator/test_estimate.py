@@ -1,0 +1,119 @@
+"""The law's estimates: noise is measured, a model is believed as far as it is right, nothing turns round for noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from compensator.estimate import (
+    DOUBT,
+    DRIFT,
+    FIRST,
+    MODEL_ERROR2,
+    MOVED,
+    NOISE2,
+    NOISE_K2,
+    Estimate,
+    corrected_disturbance,
+    corrected_temperature,
+)
+from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.functions import Array
+from compensator.inverse import Inverse
+from compensator.law import Law, LawSettings
+from compensator.pid import PidGains
+from compensator.plate import PlateModel
+
+PLATE = PlateModel(1.67e-3, 0.067, 0.0167, 25.0)
+FILM = FilmModel(
+    np.arange(1, 11) / 11.0,
+    np.full(10, 0.08),
+    Envelope("tanh", 0.2, -12.4),
+    Envelope("tanh", 0.2, -11.6),
+    Memoryless("linear", 1.0, 0.008, -0.48, -4.0),
+)
+PERIOD_S, NOISE_K, NOISE_DEC = 0.1, 0.01, 0.002
+
+
+def numbers() -> Array:
+    """A state that knows nothing yet."""
+    return np.array([*np.zeros(FIRST), *Estimate()])
+
+
+@pytest.mark.parametrize("noise_K", [0.002, 0.01, 0.05])
+def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float) -> None:
+    state, chance, degC, off = numbers(), np.random.default_rng(1), 40.0, []
+    for k in range(2000):
+        truth = 40.0 + 0.1 * k * PERIOD_S
+        predicted = degC + (0.08 + state[DRIFT]) * PERIOD_S
+        degC = corrected_temperature(state, predicted, truth + noise_K * chance.standard_normal(), PERIOD_S)
+        off.append(degC - truth)
+    assert math.sqrt(state[NOISE_K2]) == pytest.approx(noise_K, rel=0.15)
+    assert np.std(off[500:]) < 0.5 * noise_K
+    assert abs(np.mean(off[500:])) < 0.1 * noise_K  # the heating that no model knew, 0.02 K/s, was learned
+
+
+@pytest.mark.parametrize(("error_dec", "least", "most"), [(0.0, 0.0, 0.001), (0.004, 0.001, 0.003)])
+def test_the_model_s_error_is_learned_along_the_course(error_dec: float, least: float, most: float) -> None:
+    """A sine of 0.004 with 1 rad a length changes by 0.0027 RMS over each: a random walk of 0.0019."""
+    state, chance, found, course = numbers(), np.random.default_rng(2), 0.0, 0.0
+    state[MOVED] = 0.001
+    off = []
+    for _ in range(4000):
+        course += 0.001
+        truth = error_dec * math.sin(course / 0.05)
+        reading = truth + NOISE_DEC * chance.standard_normal()
+        found = corrected_disturbance(state, found, reading, 4.0 + reading, PERIOD_S)
+        off.append(found - truth)
+    assert math.sqrt(state[NOISE2]) == pytest.approx(NOISE_DEC, rel=0.15)
+    assert least <= math.sqrt(state[MODEL_ERROR2]) <= most
+    assert np.std(off[1000:]) < NOISE_DEC * (0.2 if error_dec == 0.0 else 0.7)
+
+
+def test_a_film_that_stands_still_is_known_better_and_better() -> None:
+    state, chance, found = numbers(), np.random.default_rng(3), 0.0
+    doubts = []
+    for _ in range(600):
+        reading = 0.01 + NOISE_DEC * chance.standard_normal()
+        found = corrected_disturbance(state, found, reading, reading, PERIOD_S)
+        doubts.append(state[DOUBT])
+    assert doubts[-1] < doubts[100] < doubts[10]
+    assert found == pytest.approx(0.01, abs=4.0 * math.sqrt(doubts[-1]))
+
+
+def course(law: Law, targets: Array, seed: int) -> tuple[Array, Array]:
+    """The film's own output and the reference (degC) at each step, with noise on both readings."""
+    chance = np.random.default_rng(seed)
+    memory = FILM.initial_memory(80.0, "heated")
+    first = Inverse(FILM, 10.0, 95.0).solve(float(targets[0]), memory)
+    degC, memory = first.temperature_degC, FILM.step(first.temperature_degC, memory)[1]
+    state, rows = law.start(degC, memory), []
+    ahead = np.round(law.preview_times_s() / PERIOD_S).astype(int)
+    for k in range(targets.size):
+        output, memory = FILM.step(degC, memory)
+        coming = targets[np.minimum(k + ahead, targets.size - 1)]
+        readings = degC + NOISE_K * chance.standard_normal(), output + NOISE_DEC * chance.standard_normal()
+        command, state = law.step(state, *readings, float(targets[k]), coming)
+        degC = PLATE.step(degC, command.current_A, PERIOD_S)
+        rows.append((output, command.reference_degC))
+    outputs, references = np.array(rows).T
+    return outputs, references
+
+
+def full() -> Law:
+    return Law(LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, PidGains(1.2, 0.3, 0.05, 0.2, 1.0)), PLATE, FILM)
+
+
+def test_a_ramp_is_not_followed_a_band_behind() -> None:
+    targets = np.concatenate((np.full(100, -4.2), np.linspace(-4.2, -3.7, 1000), np.full(300, -3.7)))
+    outputs, _ = course(full(), targets, 4)
+    assert np.sqrt(np.mean((outputs - targets)[200:] ** 2)) < 0.4 * NOISE_DEC
+
+
+def test_noise_turns_no_film_round() -> None:
+    """To turn round it would have to cross its loop, which is kelvins wide; it stays within a fraction of one."""
+    outputs, references = course(full(), np.full(1500, -4.0), 5)
+    assert np.ptp(references[300:]) < 0.3
+    assert np.max(np.abs(outputs[300:] + 4.0)) < NOISE_DEC
