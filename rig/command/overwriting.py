@@ -20,7 +20,7 @@ def refuse_overwriting(options: argparse.Namespace) -> None:
     faults = [
         f"{path}: --{name}: is what is read; expected another file"
         for name, path in written.items()
-        if path.is_file() and any(path.samefile(other) for other in read)
+        if _is_file(path) and any(path.samefile(other) for other in read)
     ]
     if "out" in written and written.get("json") == written["out"]:
         faults.append(f"{written['out']}: --out and --json: the same file; expected two")
@@ -31,8 +31,13 @@ def refuse_overwriting(options: argparse.Namespace) -> None:
 def _files(value: Any) -> Iterator[Path]:
     """The files that are there among an option's values."""
     for one in value if isinstance(value, (list, tuple)) else [value]:
-        try:
-            if isinstance(one, (str, Path)) and Path(one).is_file():
-                yield Path(one)
-        except (OSError, ValueError):  # a text that can be no path
-            continue
+        if isinstance(one, (str, Path)) and _is_file(one):
+            yield Path(one)
+
+
+def _is_file(path: str | Path) -> bool:
+    """Whether a file is there; a text that can be no path is none."""
+    try:
+        return Path(path).is_file()
+    except (OSError, ValueError):
+        return False
