@@ -14,6 +14,8 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from benchmarks._own_plant import SIMULATED_BENCH
+
 SIZES: dict[str, list[dict[str, float]]] = {
     "actuator_delay": [{"delay_s": d} for d in (0.2, 1.0, 2.5, 5.0)],
     "actuator_deadband": [{"deadband_A": d} for d in (0.02, 0.1, 0.3)],
@@ -37,15 +39,9 @@ SIZES: dict[str, list[dict[str, float]]] = {
     "": [{}],
 }
 
-CONFIGURATION = """
-[bench]
-time = "virtual"
-[bench.controller]
-driver = "meerstetter"
-port = "sim://"
-[bench.meter]
-driver = "keithley2000"
-port = "sim://"
+CONFIGURATION = (
+    SIMULATED_BENCH
+    + """
 [limits]
 temperature_degC = [5, 95]
 current_A = {limit_A}
@@ -73,6 +69,7 @@ ambient_degC = {room}
 seed = {seed}
 {effects}
 """
+)
 
 
 def quiet_run(case: tuple[int, str, dict[str, float]]) -> dict[str, Any]:

@@ -10,17 +10,15 @@ It implements the plant's side of `sim.instruments.instrument.Plant`, and keeps 
 
 from __future__ import annotations
 
-import heapq
 import math
 import random
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-STEP_S = 0.02
-KELVIN = 273.15
+from benchmarks._own_plant import KELVIN, STEP_S, OwnPlant
+
 NOISE_K, NOISE_DEC = 0.01, 0.002
 
 
@@ -86,41 +84,22 @@ class FilmOutsideTheClass:
         return self._offset - float(self._weights @ self._on) - self._slope * (degC - 60.0)
 
 
-class TrackedPlant:
+class TrackedPlant(OwnPlant):
     """The rig's state, and its course: times (s, the clock's), temperatures (degC), log10 of ohm."""
 
     def __init__(self, plate: Plate, film: TrueFilm, seed: int, start_s: float, noise: float = 1.0) -> None:
         self.plate, self.film = plate, film
-        self.time_s = start_s
-        self.degC, self.current_A = plate.ambient_degC, 0.0
+        super().__init__(start_s)
+        self.degC = plate.ambient_degC
         self.log_ohm = film.log_ohm(self.degC)
         self.course: list[tuple[float, float, float]] = []
         self._chance, self._noise = random.Random(seed), noise
-        self._due: list[tuple[float, int, Callable[[float], None]]] = []
-        self._count = 0
-
-    def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
-        self._count += 1
-        heapq.heappush(self._due, (max(time_s, self.time_s), self._count, callback))
-
-    def advance_to(self, time_s: float) -> None:
-        while self._due and self._due[0][0] <= time_s:
-            due_s, _, callback = heapq.heappop(self._due)
-            self._run(due_s)
-            callback(due_s)
-        self._run(time_s)
 
     def set_current_A(self, current_A: float) -> None:
         self.current_A = current_A
 
-    def set_test_current_A(self, current_A: float) -> None:
-        """The film is not heated by it."""
-
     def sink_temperature_degC(self) -> float:
         return self.plate.ambient_degC
-
-    def read_voltage_V(self) -> float:
-        return 0.0
 
     def read_temperature_degC(self) -> float:
         return self.degC + self._noise * self._chance.gauss(0.0, NOISE_K)

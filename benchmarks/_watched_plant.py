@@ -9,15 +9,14 @@ enough for an experiment to run. It implements the plant's side of `sim.instrume
 
 from __future__ import annotations
 
-import heapq
 import math
 import random
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-STEP_S = 0.02
-KELVIN = 273.15
+from benchmarks._own_plant import KELVIN, STEP_S, OwnPlant
+
 NOISE_K, STUCK_NOISE_K, NOISE_DEC = 0.01, 0.005, 0.002
 STEP_K, FAST_DRIFT_K_PER_S, SLOW_DRIFT_K_PER_S = 10.0, -1.5, -0.5
 IN_AIR_S, FALLS_WITHIN_S, LEFT_CONTACT = 5.0, 20.0, 0.3
@@ -67,16 +66,15 @@ def drawn(seed: int, capacity: float, limit_A: float) -> Rig:
     )
 
 
-class WatchedPlant:
+class WatchedPlant(OwnPlant):
     """The rig's state. fault: one of FAULTS, from `breaks_at` (called with the plant) on."""
 
     def __init__(
         self, rig: Rig, seed: int, start_s: float, fault: str | None, breaks: Callable[[WatchedPlant], bool]
     ) -> None:
         self.rig, self.fault, self._breaks = rig, fault, breaks
-        self.time_s = start_s
+        super().__init__(start_s)
         self.plate_degC = self.sink_degC = rig.ambient_degC
-        self.current_A = 0.0
         self.broken_s: float | None = None
         self.broken_degC = math.nan
         self.hottest_degC = -math.inf  # since it broke
@@ -84,32 +82,13 @@ class WatchedPlant:
         self.history: deque[tuple[float, float]] = deque()
         self._chance = random.Random(seed + 1)
         self._stuck_degC = math.nan
-        self._due: list[tuple[float, int, Callable[[float], None]]] = []
-        self._count = 0
         self._memory = -1.0
-
-    def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
-        self._count += 1
-        heapq.heappush(self._due, (max(time_s, self.time_s), self._count, callback))
-
-    def advance_to(self, time_s: float) -> None:
-        while self._due and self._due[0][0] <= time_s:
-            due_s, _, callback = heapq.heappop(self._due)
-            self._run(due_s)
-            callback(due_s)
-        self._run(time_s)
 
     def set_current_A(self, current_A: float) -> None:
         self.current_A = min(max(current_A, -self.rig.limit_A), self.rig.limit_A)
 
-    def set_test_current_A(self, current_A: float) -> None:
-        """The film is not heated by it."""
-
     def sink_temperature_degC(self) -> float:
         return self.sink_degC
-
-    def read_voltage_V(self) -> float:
-        return 0.0
 
     def read_temperature_degC(self) -> float:
         shown, noise = self.plate_degC, NOISE_K

@@ -27,6 +27,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheClass, Plate, TrackedPlant
 
 HOT_DEGC, COLD_DEGC = 85.0, 35.0
@@ -34,15 +35,9 @@ RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
 SINE_DEC, SINE_S = 0.8, 300.0
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
 
-CONFIGURATION = """
-[bench]
-time = "virtual"
-[bench.controller]
-driver = "meerstetter"
-port = "sim://"
-[bench.meter]
-driver = "keithley2000"
-port = "sim://"
+CONFIGURATION = (
+    SIMULATED_BENCH
+    + """
 [limits]
 temperature_degC = [10, 95]
 current_A = {current}
@@ -58,6 +53,7 @@ rate_K_per_s = 0.7
 minor_loops = 8
 dwell_s = 2.0
 """
+)
 
 
 def span(film: Any) -> tuple[float, float]:
@@ -92,7 +88,6 @@ def course(low: float, high: float, seed: int) -> tuple[list[float], list[float]
 
 def tracked(case: tuple[str, int, tuple[str, ...], float, float]) -> dict[str, Any]:
     """Calibrate and run with each law: RMS and largest error of the film, in n."""
-    import rig.bench
     from rig.__main__ import main
 
     kind, seed, laws, current_A, noise = case
@@ -102,32 +97,24 @@ def tracked(case: tuple[str, int, tuple[str, ...], float, float]) -> dict[str, A
     lines = [f"{t:.3f},{10.0**y:.8g}" for t, y in zip(times, values, strict=True)]
     (folder / "target.csv").write_text("time_s,target_ohm\n" + "\n".join(lines) + "\n")
     found: dict[str, Any] = {"film": kind, "seed": seed}
-    plants: list[TrackedPlant] = []
-    begin_s: list[float] = []
-
-    def world(_: Any, start_s: float) -> TrackedPlant:
-        plants.append(TrackedPlant(Plate(), FILMS[kind](seed), seed, start_s, noise))
-        return plants[-1]
-
-    before, rig.bench.SimulatedPlant = rig.bench.SimulatedPlant, world  # type: ignore[assignment,misc]
-    try:
+    with behind_the_instruments(
+        lambda start_s: TrackedPlant(Plate(), FILMS[kind](seed), seed, start_s, noise)
+    ) as plants:
         for verb, law in (("calibrate", "full"), *(("run", law) for law in laws)):
             path = folder / "config.toml"
             model = "target.csv" if verb == "calibrate" else "cal/MODEL.toml"
             path.write_text(CONFIGURATION.format(current=current_A, model=model, law=law, low=COLD_DEGC, high=HOT_DEGC))
             out = folder / ("cal" if verb == "calibrate" else law)
-            begin_s.clear()
             err = io.StringIO()
-            with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), _noting(begin_s, plants):
+            note = noted_phase(lambda name: name == "track", lambda: float(plants[-1].time_s))
+            with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), note as begin_s:
                 status = main([verb, str(path), "--out", str(out)])
             if status:
                 found["text"] = f"{verb} {law}: {err.getvalue()[-300:]}"
                 break
             if verb == "run":
                 found[law] = error(plants[-1], begin_s[0], times, values)
-    finally:
-        rig.bench.SimulatedPlant = before  # type: ignore[misc]
-        shutil.rmtree(folder, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     return found
 
 
@@ -137,25 +124,6 @@ def error(plant: TrackedPlant, begin_s: float, times: list[float], values: list[
     grid = np.arange(0.0, times[-1], 0.05)
     off = np.interp(begin_s + grid, time, log_ohm) - np.interp(grid, times, values)
     return float(np.sqrt(np.mean(off**2))) / NOISE_DEC, float(np.max(np.abs(off))) / NOISE_DEC
-
-
-@contextlib.contextmanager
-def _noting(begin_s: list[float], plants: list[TrackedPlant]) -> Any:
-    """When the phase "track" begins."""
-    from rig.loop import Loop
-
-    whole = Loop._phase
-
-    def noting(self: Loop, name: str, *rest: Any) -> None:
-        if name == "track":
-            begin_s.append(plants[-1].time_s)
-        whole(self, name, *rest)
-
-    Loop._phase = noting  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        Loop._phase = whole  # type: ignore[method-assign]
 
 
 def main() -> int:

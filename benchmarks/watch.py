@@ -34,6 +34,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._watched_plant import FAULTS, WatchedPlant, drawn
 
 LIMIT_DEGC, BELOW_K, BY_K, ABOVE_LIMIT_K = 95.0, 10.0, 15.0, 2.0
@@ -41,15 +42,9 @@ DEPARTED_K, LEAST_S = 2.0, 10.0
 NO_FAULT = ("no_transition",)  # a calibration whose range, within weak currents, does not span the film's transition
 CAPACITIES, CURRENTS = (10.0, 20.0, 30.0, 60.0), (2.0, 2.5, 3.0, 4.0)
 
-CONFIGURATION = """
-[bench]
-time = "virtual"
-[bench.controller]
-driver = "meerstetter"
-port = "sim://"
-[bench.meter]
-driver = "keithley2000"
-port = "sim://"
+CONFIGURATION = (
+    SIMULATED_BENCH
+    + """
 [limits]
 temperature_degC = [5, {limit_degC}]
 current_A = {limit_A}
@@ -62,6 +57,7 @@ rate_K_per_s = 1.5
 dwell_s = 4.0
 minor_loops = 4
 """
+)
 
 PLATE = """
 [plate]
@@ -75,7 +71,6 @@ ambient_degC = {a}
 
 def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
     """One run with a fault: what it ended with, and how hot the plate became."""
-    import rig.bench
     from rig.__main__ import main
 
     fault, with_model, holding, seed = case
@@ -99,7 +94,6 @@ def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
     else:
         more = 'kind = "hold"\nlaw = "instrument_pid"\ntarget = ["start 50 degC", "hold 10 s"]'
     begin_s = chance.uniform(3.0, 60.0)
-    plants: list[WatchedPlant] = []
 
     def breaks(plant: WatchedPlant) -> bool:
         if plant.plate_degC > LIMIT_DEGC - BELOW_K or not phase_s:
@@ -109,7 +103,6 @@ def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
             return False
         return plant.time_s - phase_s[0] > begin_s
 
-    phase_s: list[float] = []
     folder = Path(tempfile.mkdtemp(prefix="watch-"))
     (folder / "model.toml").write_text(
         PLATE.format(
@@ -124,23 +117,18 @@ def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
         CONFIGURATION.format(limit_degC=LIMIT_DEGC, limit_A=rig_.limit_A, experiment=more, low=low, high=high)
     )
 
-    def world(_: Any, start_s: float) -> WatchedPlant:
-        plants.append(WatchedPlant(rig_, seed, start_s, fault or None, breaks))
-        return plants[-1]
-
-    before = rig.bench.SimulatedPlant
-    note = _noting_phases(phase_s, lambda: plants[-1].time_s)
-    rig.bench.SimulatedPlant = world  # type: ignore[assignment,misc]
-    try:
-        verb = "run" if with_model or holding else "calibrate"
-        err = io.StringIO()
-        with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), note:
-            try:
-                status = main([verb, str(path), "--out", str(folder / "run")])
-            except SystemExit as ended:
-                status = int(ended.code or 0)
-    finally:
-        rig.bench.SimulatedPlant = before  # type: ignore[misc]
+    verb = "run" if with_model or holding else "calibrate"
+    err = io.StringIO()
+    with (
+        behind_the_instruments(lambda start_s: WatchedPlant(rig_, seed, start_s, fault or None, breaks)) as plants,
+        noted_phase(lambda name: name != "polarity", lambda: float(plants[-1].time_s)) as phase_s,
+        contextlib.redirect_stderr(err),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
+        try:
+            status = main([verb, str(path), "--out", str(folder / "run")])
+        except SystemExit as ended:
+            status = int(ended.code or 0)
     plant = plants[-1] if plants else None
     cause = ""
     document = folder / "run.part" / "run.json"
@@ -166,25 +154,6 @@ def _settled(plant: WatchedPlant) -> float:
     while plant.history and plant.history[0][0] < plant.time_s - 30.0:
         plant.history.popleft()
     return plant.history[0][1] if plant.history and plant.time_s - plant.history[0][0] > 29.0 else math.inf
-
-
-@contextlib.contextmanager
-def _noting_phases(phase_s: list[float], now: Any) -> Any:
-    """When the first phase after the polarity pulse begins."""
-    from rig.loop import Loop
-
-    whole = Loop._phase
-
-    def noting(self: Loop, name: str, *rest: Any) -> None:
-        if name not in ("polarity",) and not phase_s:
-            phase_s.append(now())
-        whole(self, name, *rest)
-
-    Loop._phase = noting  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        Loop._phase = whole  # type: ignore[method-assign]
 
 
 def _rate(rig_: Any, degC: float, current: float) -> float:
