@@ -49,7 +49,7 @@ class OwnPlant(ABC):
 
     def set_test_current_A(self, current_A: float) -> None:
         """Kept; the film is not heated by it."""
-        self.test_current_A = test_current_A
+        self.test_current_A = current_A
 
     def read_voltage_V(self) -> float:
         return 0.0
