@@ -70,7 +70,7 @@ class LawSettings:
     preview: int = 8
     preview_spacing_s: float = 0.3
     band: float = 0.0
-    reversal: float = 2.0
+    reversal: float = 3.0
     trusts_model: bool = True
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
