@@ -37,7 +37,7 @@ nplc = 0.1
 [limits]
 temperature_degC = [10, 95]
 current_A = 4.0
-polarity_share = 0.0
+polarity_share = {polarity_share}
 [experiment]
 period_s = {period}
 {experiment}
@@ -102,11 +102,14 @@ def memory_kB(pid: int) -> tuple[int, int]:
 class KilledRuns:
     """The instruments of a driver on pseudo-terminals; context. Each `kill` is a run of its own.
 
-    wrapped: makes another controller of the emulated one, such as one that does not obey.
+    wrapped: makes another controller of the emulated one, such as one that does not obey. polarity_share: of the first
+    pulse, none by default: the output's coming on is then the run's own.
     """
 
-    def __init__(self, folder: Path, driver: str, wrapped: Callable[[Any], Any] | None = None) -> None:
-        self._folder, self._driver = folder, driver
+    def __init__(
+        self, folder: Path, driver: str, wrapped: Callable[[Any], Any] | None = None, polarity_share: float = 0.0
+    ) -> None:
+        self._folder, self._driver, self._polarity_share = folder, driver, polarity_share
         self._write("/dev/null", "/dev/null")
         instruments = {role: i for role, _, i in emulated_instruments(read_configuration(self.path), 0.0)}
         controller = instruments["controller"] if wrapped is None else wrapped(instruments["controller"])
@@ -189,6 +192,11 @@ class KilledRuns:
         if self._driver == "srs_ldc500":
             period = 0.2
         text = BENCH.format(
-            driver=self._driver, controller=controller, meter=meter, period=period, experiment=experiment
+            driver=self._driver,
+            controller=controller,
+            meter=meter,
+            period=period,
+            experiment=experiment,
+            polarity_share=self._polarity_share,
         )
         self.path.write_text(text, encoding="utf-8")

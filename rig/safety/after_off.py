@@ -15,6 +15,7 @@ from rig.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.errors import InstrumentError
 from rig.safety.plate_watch import PlateWatch
+from rig.safety.switching_off import MARGIN_S
 
 LOOK_S, LATEST_S, EVERY_S = 8.0, 8.0, 0.25  # LATEST_S: more, where a current may end late
 APART_K, STEPS = 2.5, 3.0  # that the courses have to be, at least, before the reading can choose
@@ -72,11 +73,19 @@ def after_off(watch: PlateWatch, current_A: float, off_s: float, within_s: float
 
 
 def contradiction(watch: PlateWatch, current_A: float, controller: TemperatureController, clock: Clock) -> str | None:
-    """What the temperature says against "off", in words; None where it agrees, or cannot tell in time."""
+    """What the temperature says against "off", in words; None where it agrees, or cannot tell in time.
+
+    Between the first reading and the others nothing is asked for the dead man's time: where the controller was lying,
+    it may act.
+    """
     begin_s, within_s = clock.now_s(), LOOK_S + min(watch.late_s, LATEST_S)
     look = after_off(watch, current_A, begin_s, within_s)
+    dead_man_s = float(getattr(controller, "dead_man_s", 0.0)) if controller.has_dead_man else 0.0
+    silent_s = dead_man_s + MARGIN_S if 0.0 < dead_man_s < 0.75 * within_s else 0.0
+    wait_s = 0.0
     while look is not None and look.agrees is None and clock.now_s() - begin_s < within_s:
-        clock.sleep_until_s(clock.now_s() + EVERY_S)
+        clock.sleep_until_s(clock.now_s() + wait_s)
+        wait_s, silent_s = max(silent_s, EVERY_S), 0.0
         try:
             reading = controller.read_temperature()
         except InstrumentError:
