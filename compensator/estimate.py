@@ -23,9 +23,7 @@ from numba import njit
 from compensator.functions import Array
 
 UNSTEADY_K_PER_S2: Final = 0.003  # of unknown heat, a sink, a draught: from 0.001 to 0.03 hardly anything changes
-LENGTH: Final = (
-    0.05  # of the output's course, in its unit: a fifth of the width of an operator, where films have 5 to 30
-)
+LENGTH: Final = 0.05  # of the output's course, in its unit: about a fifth of the width of one operator of a film
 CREEP_PER_ROOT_S: Final = 3e-5  # 0.0002 in a minute, 0.002 in an hour: a film that drifts by 0.01 K an hour
 FEW, MANY = 3.0, 20.0  # lengths that the first guess of the model error counts for, and that count at most
 LEAST_ERROR: Final = 1e-4

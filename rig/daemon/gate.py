@@ -56,9 +56,9 @@ class Gate:
         confirmed, rests_on = False, None
         if self._lock.acquire(timeout=PATIENCE_S):
             try:
-                confirmed = self._controller is not None and self._controller.off()
-                self._off = confirmed
-                rests_on = confirmed_by(self._controller) if confirmed else None
+                if self._controller is not None:
+                    confirmed = self._off = self._controller.off()
+                    rests_on = confirmed_by(self._controller) if confirmed else None
             finally:
                 self._lock.release()
         return Off(confirmed, self._now_s() - begin, rests_on)
@@ -80,6 +80,7 @@ class Gate:
         return cast(TemperatureController, gated)
 
     def _off_of_a_job(self, controller: TemperatureController) -> bool:
+        """What STOP's own "off" gave, where there was one; otherwise it is commanded now."""
         with self._lock:
             if self._off is None or self.closed is None:
                 return controller.off()

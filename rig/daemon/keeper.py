@@ -242,6 +242,8 @@ class _Idle:
         """Now and then, and until it is confirmed: at every tick, or after each silence for the dead man."""
         desk = self._desk
         self._count += 1
+        if desk.confirmed:
+            self._look_s = None  # somebody else's "off" was obeyed meanwhile
         if desk.confirmed and self._count % CHECK_OUTPUT_TICKS:
             return
         if desk.confirmed:
