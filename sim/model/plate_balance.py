@@ -147,3 +147,10 @@ def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
         for place, term in enumerate((form.plate_rate, form.own_rate, form.ambient)):
             terms[k, place] = 0 if term is None else term.address
     return HeatFlows(terms, values)
+
+
+def rate_K_per_s(
+    par: Array, heat: HeatFlows, time_s: float, plate_degC: float, own_degC: Array, current: float
+) -> float:
+    """dT_p/dt with the effects at one moment; par: (s, r, g, q, T_a)."""
+    return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, np.empty(heat.count)))
