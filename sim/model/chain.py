@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.plate import PlateModel
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from sim.effects.effect import Switched
 from sim.model.film_side import Film, FilmSide, FilmState
 from sim.model.links import Links, followed, links_of
@@ -105,16 +105,20 @@ class Chain:
         plate, _, state = self.heated(state, time_s, current_A)
         return self.measure(state, time_s, plate, test_current_A)
 
-    def heated(self, state: ChainState, time_s: Array, current_A: Array) -> tuple[Array, Array, ChainState]:
+    def heated(
+        self, state: ChainState, time_s: Array, current_A: Array, unknown_K_per_s: float = 0.0
+    ) -> tuple[Array, Array, ChainState]:
         """(plate's temperature at the nodes, its rates after and before each node in K/s, shape (nodes, 2), state with
-        plate and bodies at the last node)."""
+        plate and bodies at the last node). unknown_K_per_s: heating of the plate that the model does not know of."""
         count = time_s.size
         reset, plate, slopes = np.empty(count), np.empty(count), np.empty((count, 2))
         reset.fill(math.nan)
         reset[0] = state.plate_degC
-        heat, own = self._heat, state.own_degC.copy()
+        heat, own, bodies = self._heat, state.own_degC.copy(), self._heat.count
+        if unknown_K_per_s != 0.0:
+            heat, own = heat.also(unknown_K_per_s), np.append(own, 0.0)
         run(self._par, heat.terms, heat.values, time_s, current_A, reset, own, plate, slopes)
-        return plate, slopes, replace(state, plate_degC=float(plate[-1]), own_degC=own)
+        return plate, slopes, replace(state, plate_degC=float(plate[-1]), own_degC=own[:bodies])
 
     def measure(
         self, state: ChainState, time_s: Array, plate_degC: Array, test_current_A: Array

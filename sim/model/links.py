@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Command, Filter, HeatFlow, Reading, ReadingTime, Switched, Warming
 
 Effects = tuple[Switched, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Reading
 from sim.model.film_side import Film
 from sim.model.links import Links, shown_output

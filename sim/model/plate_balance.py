@@ -20,9 +20,9 @@ from numba import njit, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from compensator.functions import KELVIN, Array
+from compensator.hysteresis.functions import KELVIN, Array
 from sim.effects.effect import HeatFlow, Switched
-from sim.effects.heat_term import ARGUMENTS, SIGNATURE
+from sim.effects.heat_term import ARGUMENTS, SIGNATURE, heat_term
 
 LONGEST_STEP_S = 0.5
 
@@ -133,6 +133,19 @@ class HeatFlows:
     @property
     def count(self) -> int:
         return int(self.terms.shape[0])
+
+    def also(self, heating_K_per_s: float) -> HeatFlows:
+        """The same with a constant heating of the plate besides, last of them."""
+        terms = np.vstack((self.terms, np.array([[_constant.address, 0, 0]], dtype=np.int64)))
+        return HeatFlows(terms, np.vstack((self.values, np.array([[heating_K_per_s, 0.0]]))))
+
+
+@heat_term
+def _constant(
+    heating: float, unused: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, own: float,
+    current: float,
+) -> float:  # fmt: skip
+    return heating
 
 
 def heat_flows(effects: Sequence[Switched]) -> HeatFlows:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.model.chain import LONGEST_NODE_S, Chain, ChainState, Stretch
 from sim.world.world import World
 

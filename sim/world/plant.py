@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.model.chain import Chain, ChainState
 from sim.model.film_side import Film
 from sim.model.links import links_of

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from compensator.plate import PlateModel
+from compensator.thermal.plate import PlateModel
 from sim.effects.effect import Switched
 from sim.model.chain import ChainModel
 from sim.model.film_side import Film
