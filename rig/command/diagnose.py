@@ -188,7 +188,7 @@ def _told(
     several: bool,
 ) -> dict[str, Any]:
     """Files and lines; returns the JSON."""
-    from rig.files.model_file import Model, write_model
+    from rig.files.model_file import Drive, Model, write_model
     from rig.report.diagnosis_words import lines
     from sim.diagnosis.diagnose import with_model
 
@@ -199,7 +199,8 @@ def _told(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     paths = [path for path in (out, folder / "model.toml" if folder is not None else None) if path is not None]
-    model = Model(extended.film, extended.plate, tuple(extended.effects))
+    drive: Drive | None = "current" if extended.plate is not None else None
+    model = Model(extended.film, extended.plate, tuple(extended.effects), drive)
     for path in paths:
         write_model(path, model, f"extended model of the diagnosis of {Path(record.source).name}")
     if paths:

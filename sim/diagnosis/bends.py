@@ -15,28 +15,15 @@ seen: their mean square over the noise's was 0.96 to 0.99 for films with such an
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from compensator.hysteresis.functions import Array
 from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
-from sim.effects.effect import Effect, Reading, at_the_terminals
+from sim.effects.effect import Effect, at_the_terminals
+from sim.model.sharpness import of_sharpness
 
 SHARPNESS = (0.4, 2.5)  # p
 BETTER = 4.0  # log-likelihood by which another sharpness has to be the better one
-
-
-def of_sharpness(effect: Effect, power: float) -> Effect:
-    """The effect with another sharpness of its bend."""
-    form = effect.form
-    assert isinstance(form, Reading)
-
-    def read(par: Array, values: Array) -> Array:
-        return np.asarray(form.read(par**power, values**power) ** (1.0 / power))
-
-    return replace(effect, name=f"{effect.name} of sharpness {power:g}", form=Reading(read))
 
 
 def only_bends(effect: Effect) -> bool:

@@ -9,11 +9,9 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.multistart import transition
 from sim.diagnosis.film_basis import FilmBasis
-from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.film_memory import remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.path_estimate import corrected_path, measured_path
-from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.resistance_channel import ResistanceChannel
@@ -25,6 +23,10 @@ from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.temperature_search import TemperatureSearch, base_fit
 from sim.diagnosis.tied import Tied, settled, tied
 from sim.effects.effect import Effect
+from sim.model.film_nodes import film_nodes
+from sim.model.links import Links
+from sim.model.plate_path import PlatePath
+from sim.model.record_own import FilmStart
 
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
 MEMORY_ROUNDS = 3
@@ -92,11 +94,11 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
     best, shape = FilmStart("heated"), np.zeros(4)
     least = np.inf
     for start in starts:
-        thin = thinned_path(film_nodes(record, path, [], [], None, start), output, used, start)
+        thin = thinned_path(film_nodes(record, path, Links(), [], None, start), output, used, start)
         found, square = starting_shape(thin, curve)
         if square < 0.97 * least:
             best, shape, least = start, found, square
-    thin = thinned_path(film_nodes(record, path, [], [], None, best), output, used, best)
+    thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
     middle, half = transition(thin)
     facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, 1.0)
     sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)

@@ -27,6 +27,7 @@ from sim.diagnosis.warnings import Warning, warnings_of
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
+from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
@@ -188,8 +189,8 @@ def _unseen_rows(chain: Chain, holdout: Record | None) -> Mask:
 
 
 def _unrounded(chain: Chain, names: frozenset[str], holdout: Record | None) -> dict[str, Array]:
-    """Residuals in the record's rows, or another's, as if no reading were rounded."""
-    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout)
+    """Residuals in the record's rows, or in another's behind its first ones, as if no reading were rounded."""
+    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout, told_rows(holdout))
 
 
 def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
@@ -241,9 +242,12 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         unexplained["resistance_dec"] = describe(
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
+    left_over = {name: channel.rmse_extended for name, channel in channels.items() if channel is not None}
+    if holdout is not None:  # what first rows leave open of another record's own is no fault of the model
+        left_over = _left_over(chain, names, holdout, sigma_K if on_lattice else None)
     for name, channel in channels.items():
-        if channel is not None and unexplained[name] is None and channel.rmse_extended > UNSEEN * channel.noise:
-            times = channel.rmse_extended / channel.noise
+        if channel is not None and unexplained[name] is None and left_over[name] > UNSEEN * channel.noise:
+            times = left_over[name] / channel.noise
             unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
     left = [text for text in unexplained.values() if text is not None]
     verdict = verdict_of(findings, unexplained)
@@ -273,6 +277,16 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         chain,
         judged,
     )
+
+
+def _left_over(chain: Chain, names: frozenset[str], other: Record, lattice_noise_K: float | None) -> dict[str, float]:
+    """RMSE on another record, what belongs to it fitted to all of its rows. lattice_noise_K: of a thermometer whose
+    readings are rounded."""
+    left = residuals_on(chain, names, other)
+    if lattice_noise_K is not None and "temperature_K" in left:
+        step_K = chain.record.step_K
+        left["temperature_K"] = rounded(other.temperature_degC, left["temperature_K"], lattice_noise_K, step_K)[0]
+    return {name: rmse(values[np.isfinite(values)]) for name, values in left.items()}
 
 
 def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:

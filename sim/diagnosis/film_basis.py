@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.film_columns import SmoothCurve
 from sim.diagnosis.film_relays import RelayPlane
-from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
+from sim.model.film_columns import SmoothCurve
+from sim.model.plate_path import PlatePath
 
 OPERATORS = 96
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest

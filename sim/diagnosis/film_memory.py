@@ -14,11 +14,11 @@ from itertools import product
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import FilmParameters
+from sim.model.own_fit import beginnings
+from sim.model.record_own import FilmStart, long_gaps
 
-SEVERAL = 10  # turning points before the first row that are tried, on either side
 FAR = 1.0  # cost a row from which others have to be fitted to be seen
 FAR_OFF = 15.0  # cost a row from which more is wrong than a memory
 LIKELY = 3  # of them that are fitted
@@ -40,24 +40,10 @@ def remembered(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     return start
 
 
-def beginnings(channel: ResistanceChannel, start: FilmStart) -> list[FilmStart]:
-    """What a film may remember at the first row: saturated, or turned round once since."""
-    path = channel.path
-    low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
-    first, margin = float(path.at(channel.record.time_s[:1])[0]), 0.25 * (high - low)
-    there = replace(start, initial="heated", previous_degC=None)
-    found = [there, replace(there, initial="cooled")]
-    for t in np.linspace(low - margin, first, SEVERAL)[:-1]:
-        found.append(replace(there, initial="cooled", previous_degC=float(t)))
-    for t in np.linspace(first, high + margin, SEVERAL)[1:]:
-        found.append(replace(there, previous_degC=float(t)))
-    return found
-
-
 def begun(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     """What the film remembers at the first row, with which it fits best."""
     seen = Seen(channel, p)
-    costs = {c: seen.cost(c) for c in beginnings(channel, p.start)}
+    costs = {c: seen.cost(c) for c in beginnings(channel.path, float(channel.record.time_s[0]), p.start)}
     order = sorted(costs, key=lambda c: costs[c])
     likely = order[:LIKELY]
     best = order[0]
@@ -116,7 +102,7 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     record = channel.record
     first = record.first_rows[1:]
     passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    long = record.long_gaps()
+    long = long_gaps(record)
     longest = long[np.argsort(-(record.time_s[long] - record.time_s[long - 1]))[:MOST]]
     for k in np.flatnonzero(np.isin(first, longest)):
         passed = _in_gap(channel, p, passed, int(k))

@@ -14,8 +14,8 @@ from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_basis import FilmBasis
-from sim.diagnosis.film_columns import SIMPLE
 from sim.diagnosis.film_point import LinearProblem, Point
+from sim.model.film_columns import SIMPLE
 
 CONSTANT_DEC = 30.0
 CURVE_DEC = 1.0  # of D's slope over the range, and the most of what bends it

@@ -21,10 +21,12 @@ from compensator.identification.memoryless_forms import Form
 from compensator.identification.mixed_envelopes import Dictionary
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, radius_floor
-from sim.diagnosis.film_columns import FilmNodes, classical_columns, filtered, operator_columns, transfer
 from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import ResistanceFit
-from sim.effects.effect import at_the_terminals, filters
+from sim.model.film_columns import classical_columns, operator_columns
+from sim.model.film_nodes import FilmNodes
+from sim.model.links import behind, columns_followed
+from sim.model.ohmmeter import Ohmmeter, shown_in_rows
 
 OPERATORS = 80  # places on the grid of radii; few of them get weight
 LEAST_WEIGHT = 1e-6  # of all weights
@@ -83,11 +85,11 @@ class FilmRefit:
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
         self.channel, self.fit = channel, fit
-        self.effects, found = channel.nodes(fit.parameters, fit.parameters.x)
+        self.links, found = channel.nodes(fit.parameters, fit.parameters.x)
         nodes = found.everywhere()
         self.nodes: FilmNodes = nodes
         self.every = replace(nodes, taken=np.arange(nodes.time_s.size))
-        self.curved = any(at_the_terminals(e.effect) for e in self.effects)
+        self.curved = self.links.bends
         order = np.argsort(nodes.taken, kind="stable")
         place = nodes.taken[order]
         self.about(np.interp(np.arange(nodes.time_s.size), place, fit.film_output[order]))
@@ -95,31 +97,27 @@ class FilmRefit:
     def about(self, signal: Array) -> None:
         """Take the derivative about this output of the film at the nodes."""
         nodes = self.nodes
-        self.slope = transfer(self.effects, signal)[1] if self.curved else np.ones(signal.size)
-        shown = self.channel._shown(self.effects, nodes, signal)
+        self._ohmmeter = Ohmmeter(self.links, nodes, signal)
+        shown = shown_in_rows(self.links, nodes, signal)
         self.target = self.channel.output - (shown - self.through(signal[:, None])[:, 0])
         self.free = self._free()
 
     def through(self, columns: Array) -> Array:
         """Parts of the film's output (nodes, k) as the ohmmeter shows them (rows, k)."""
-        columns = columns * self.slope[:, None]
-        for lag in filters(self.effects, "log_resistance"):
-            columns = filtered(columns, self.nodes.time_s, lag)
-        return columns[self.nodes.taken]
+        return self._ohmmeter.plain(columns)
 
     def crept(self, columns: Array) -> Array:
         """Parts of the hysteretic output at the nodes, creep included."""
-        for creep in filters(self.effects, "hysteretic_part"):
-            columns = filtered(columns, self.nodes.time_s, creep)
+        for creep in self.links.hysteretic_part:
+            columns = columns_followed(creep, self.nodes.time_s, columns)
         return columns
 
     def _free(self) -> Array:
         """The constant, and what filters were behind by at the first row."""
         time = self.nodes.time_s
         parts = [self.through(np.ones((time.size, 1)))]
-        parts += [self.through(self.channel._behind(e, time)) for e in filters(self.effects, "hysteretic_part")]
-        parts += [self.channel._behind(e, time)[self.nodes.taken] for e in filters(self.effects, "log_resistance")]
-        return np.concatenate(parts, axis=1)
+        parts += [self.through(behind(e, time)) for e in self.links.hysteretic_part]
+        return np.concatenate([*parts, self._ohmmeter.late], axis=1)
 
     def plays(self, shape: Array) -> Array:
         """Operators of one pair of envelopes as the ohmmeter shows them, (rows, operators)."""

@@ -16,9 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.film_columns import FOLLOWING, FilmNodes, filtered, play_outputs
 from sim.diagnosis.record import Rows
-from sim.effects.effect import Switched, filters
+from sim.effects.effect import Switched
+from sim.model.film_columns import play_outputs
+from sim.model.film_nodes import FilmNodes
+from sim.model.links import Effects, Links, columns_followed
 
 CENTRES = WIDTHS = 24
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
@@ -130,18 +132,18 @@ class RelaysOfRecord:
         self._columns: tuple[FilmNodes, Array] | None = None
         self._relays: tuple[Array, list[Switched], Relays] | None = None
 
-    def at(self, effects: Sequence[Switched], nodes: FilmNodes) -> Relays:
+    def at(self, links: Links, nodes: FilmNodes) -> Relays:
         """The relays at a temperature of the film."""
         columns = self._columns_at(nodes)
-        passed = filters(effects, *FOLLOWING)
+        passed = [*links.hysteretic_part, *links.meter_lags]
         known = self._relays
         if known is None or known[0] is not columns or not _same(known[1], passed):
-            film = self._through(columns, passed, "hysteretic_part")
-            shown = self._through(film, passed, "log_resistance")
+            film = self._through(columns, links.hysteretic_part)
+            shown = self._through(film, links.meter_lags)
             self._relays = known = (columns, passed, Relays.of(film, shown, self.fitted))
         return known[2]
 
-    def signal(self, effects: Sequence[Switched], nodes: FilmNodes, coefficients: Array) -> Array:
+    def signal(self, links: Links, nodes: FilmNodes, coefficients: Array) -> Array:
         """What the relays add to the film's output at the points."""
         if not coefficients.size:
             return np.zeros(nodes.points.size)
@@ -149,16 +151,16 @@ class RelaysOfRecord:
             signal = self._columns[1] @ coefficients
         else:
             signal = self.plane.signal(nodes, coefficients)
-        return nodes.at_points(self._through(signal[:, None], effects, "hysteretic_part")[:, 0])
+        return nodes.at_points(self._through(signal[:, None], links.hysteretic_part)[:, 0])
 
     def _columns_at(self, nodes: FilmNodes) -> Array:
         if self._columns is None or not nodes.same_film(self._columns[0]):
             self._columns = nodes, self.plane.columns(nodes)
         return self._columns[1]
 
-    def _through(self, columns: Array, effects: Sequence[Switched], target: str) -> Array:
-        for effect in filters(effects, target):
-            columns = filtered(columns, self.taken_s, effect)
+    def _through(self, columns: Array, effects: Effects) -> Array:
+        for effect in effects:
+            columns = columns_followed(effect, self.taken_s, columns)
         return columns
 
 

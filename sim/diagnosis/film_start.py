@@ -9,8 +9,9 @@ from compensator.identification.memoryless_forms import SMOOTH, Form
 from compensator.identification.multistart import search
 from compensator.identification.rows import Path
 from compensator.identification.variable_projection import equal_structure
-from sim.diagnosis.film_columns import FilmNodes, FilmStart
 from sim.diagnosis.record import Mask
+from sim.model.film_nodes import FilmNodes
+from sim.model.record_own import FilmStart
 
 ROWS = 700
 OPERATORS = 20

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.temperature_smoother import temperature_path
-from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureFit
+from sim.model.plate_path import PlatePath
 
 WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel
 WORTH = 12.0  # log-likelihood that a correction has to bring

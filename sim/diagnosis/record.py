@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.functions import Array
 from compensator.identification.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
-from sim.diagnosis.stretches import SHORT, first_rows, gaps
-from sim.effects.effect import Command, Effect, ReadingTime
+from sim.diagnosis.stretches import first_rows, gaps
+from sim.effects.effect import Effect
+from sim.model.links import delays_s, stamps_off_s
+from sim.model.record_own import long_gaps
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
@@ -73,18 +75,13 @@ class Record:
     def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
         """The same without the resistances that were read before or after it, or in a long gap, if its time stamps are
         as far off as one of the effects may have them: nothing is known of the temperature there."""
-        off = [e.form.taken(_largest(e), self.time_s) - self.time_s for e in effects if isinstance(e.form, ReadingTime)]
-        margin = min(float(np.max(np.abs(off), initial=0.0)), MOST_OF_AN_END * float(self.time_s[-1]))
+        off = [float(np.max(np.abs(stamps_off_s(e, _largest(e), self.time_s)))) for e in effects]
+        margin = min(max(off, default=0.0), MOST_OF_AN_END * float(self.time_s[-1]))
         within = np.zeros(self.rows, dtype=np.bool_)
-        for first, last in itertools.pairwise([0, *self.long_gaps().tolist(), self.rows]):
+        for first, last in itertools.pairwise([0, *long_gaps(self).tolist(), self.rows]):
             taken = self.taken_s[first:last]
             within[first:last] = (taken >= self.time_s[first] + margin) & (taken <= self.time_s[last - 1] - margin)
         return replace(self, output_used=self.output_used & within)
-
-    def long_gaps(self) -> Rows:
-        """The rows after gaps in which a plate may have turned round."""
-        first = self.first_rows[1:]
-        return first[self.time_s[first] - self.time_s[first - 1] > SHORT * self.interval_s]
 
     @cached_property
     def commands(self) -> tuple[Array, Array]:
@@ -105,8 +102,8 @@ class Record:
         if self.current_A is None:
             return self
         time, current = self.time_s, self.current_A
-        late = [e.form.send(_largest(e), time, current)[0] - time for e in effects if isinstance(e.form, Command)]
-        latest = float(np.max(late, initial=0.0))
+        late = [float(np.max(delays_s(e, _largest(e), time, current))) for e in effects]
+        latest = max(0.0, *late)
         begin = self.first_rows[np.searchsorted(self.first_rows, np.arange(self.rows), side="right") - 1]
         since = np.where(begin > 0, time - time[begin], np.inf)
         if np.mean(since < latest) > MOST_AFTER_GAPS:
@@ -143,8 +140,9 @@ def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
     return held
 
 
-def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> Record:
-    """A record from its columns (names and units of a record file). Raises ValueError, a line a fault."""
+def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True, fewest: int = FEWEST) -> Record:
+    """A record from its columns (names and units of a record file). fewest: readings of a channel that it needs at
+    least. Raises ValueError, a line a fault."""
     lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
     if lines:
         raise ValueError("\n".join(lines))
@@ -160,8 +158,8 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
             raise ValueError(f"{name}: {values.size} values for {time.size} rows")
     temperature = data["temperature_degC"]
     used = np.isfinite(temperature)
-    if np.sum(used) < FEWEST:
-        raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {FEWEST}")
+    if np.sum(used) < fewest:
+        raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {fewest}")
     step = lattice_step(temperature[used])
     strays = lone_outliers(temperature, used) if step == 0.0 else np.empty(0, dtype=np.int64)
     used[strays] = False
@@ -172,7 +170,7 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True) -> 
     resistance = data.get("resistance_ohm")
     if resistance is not None:
         good = np.isfinite(resistance) & (resistance > 0.0)
-        if np.sum(good) >= FEWEST:
+        if np.sum(good) >= fewest:
             output = np.full(time.size, np.nan)
             output[good] = -np.log10(resistance[good])
             out = lone_outliers(output, good)

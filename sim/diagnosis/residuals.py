@@ -6,9 +6,9 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.chain import Chain
-from sim.diagnosis.film_columns import taken_s
 from sim.diagnosis.readings import expected_reading
 from sim.diagnosis.record import Mask, Record
+from sim.model.links import links_of
 
 
 def residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
@@ -18,7 +18,7 @@ def residuals(chain: Chain, names: frozenset[str]) -> dict[str, Array]:
     if a is not None:
         out["temperature_K"] = np.where(record.temperature_used, record.temperature_degC - a.shown_degC, np.nan)
     if b is not None and record.output is not None:
-        known = record.output_used & read_within(record, taken_s(record, b.effects))
+        known = record.output_used & read_within(record, links_of(b.effects).taken(record.taken_s))
         out["resistance_dec"] = np.where(known, record.output - b.shown, np.nan)
     return out
 

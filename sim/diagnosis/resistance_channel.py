@@ -12,7 +12,7 @@ effects' parameters are searched for by Gauss-Newton with Marquardt's damping.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -22,23 +22,20 @@ from scipy.linalg import cho_solve
 from compensator.hysteresis.functions import Array
 from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.film_basis import FilmBasis
-from sim.diagnosis.film_columns import (
-    FOLLOWING,
-    FilmNodes,
-    film_nodes,
-    filtered,
-    operator_columns,
-    transfer,
-)
 from sim.diagnosis.film_point import LinearProblem, Point
-from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.film_relays import RelaysOfRecord
-from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.readings import quick_noise
 from sim.diagnosis.record import Mask, Record
 from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Filter, Reading, Switched, Warming, at_the_terminals, filters
+from sim.effects.effect import Reading, Switched, Warming, at_the_terminals
+from sim.model.film_columns import operator_columns
+from sim.model.film_nodes import FilmNodes, film_nodes
+from sim.model.links import Links, behind, columns_followed, links_of, shown_output
+from sim.model.meter_power import MeterPower
+from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
+from sim.model.plate_path import PlatePath
+from sim.model.recorded import COARSE, Spacing
 
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
@@ -51,14 +48,21 @@ class ResistanceChannel:
     """Fits on one record and one path of the plate's temperature."""
 
     def __init__(
-        self, record: Record, path: PlatePath, fitted: Mask, sigma_dec: float, basis: FilmBasis, relays: bool = True
+        self,
+        record: Record,
+        path: PlatePath,
+        fitted: Mask,
+        sigma_dec: float,
+        basis: FilmBasis,
+        relays: bool = True,
+        spacing: Spacing = COARSE,
     ) -> None:
         assert record.output is not None
         self.record, self.path, self.sigma_dec, self.basis = record, path, sigma_dec, basis
         self.fitted = fitted & record.output_used
         self.rows = np.flatnonzero(self.fitted)
         self.output = np.nan_to_num(record.output)
-        self.relays = relays
+        self.relays, self.spacing = relays, spacing
         used = np.flatnonzero(record.output_used)
         self.readings = np.interp(np.arange(record.rows), used, self.output[used])  # straight where there is none
         self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows)
@@ -74,7 +78,7 @@ class ResistanceChannel:
     @staticmethod
     def filters_behind(effects: Sequence[Switched]) -> int:
         """How many of x, at its end, say how far the film's own filters are behind at the first row."""
-        return len(filters(effects, "film_temperature"))
+        return len(links_of(effects).film_lags)
 
     def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
         """The same film with these effects."""
@@ -83,80 +87,57 @@ class ResistanceChannel:
 
     def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
         """Effects with their values, and how far the film's filters are behind (K)."""
-        behind = self.filters_behind(p.effects)
-        return with_values(p.effects, x[4 : x.size - behind]), x[x.size - behind :]
+        count = self.filters_behind(p.effects)
+        return with_values(p.effects, x[4 : x.size - count]), x[x.size - count :]
 
-    def nodes(self, p: FilmParameters, x: Array) -> tuple[list[Switched], FilmNodes]:
-        effects, behind = self.split(p, x)
-        test, power = self.record.test_current_A, None
-        if test is not None and self._heated(p):
+    def nodes(self, p: FilmParameters, x: Array) -> tuple[Links, FilmNodes]:
+        """The effects with their values in the chain's order, and the film's temperature."""
+        effects, late = self.split(p, x)
+        test, power, links = self.record.test_current_A, None, links_of(effects)
+        if test is not None and links.heated:
             power = MeterPower(self.record.time_s, test, self._film_output(p))
-        return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
+        return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
     def _film_output(self, p: FilmParameters) -> Array:
         """The film's own output as far as it is known before a fit; rows."""
         return self.readings if p.film_output is None else p.film_output
 
-    def _signals(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array) -> Array:
+    def _signals(self, links: Links, nodes: FilmNodes, x: Array) -> Array:
         """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
         operators = self._operators(nodes, x)
         parts = [np.ones((nodes.points.size, 1))]
         if self.basis.curve is not None:
             parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
         extra = []
-        for effect in filters(effects, "hysteretic_part"):
-            operators = filtered(operators, nodes.points_s, effect)
-            extra.append(self._behind(effect, nodes.points_s))
+        for effect in links.hysteretic_part:
+            operators = columns_followed(effect, nodes.points_s, operators)
+            extra.append(behind(effect, nodes.points_s))
         return np.concatenate([*parts, operators, *extra], axis=1)
 
     def _operators(self, nodes: FilmNodes, x: Array) -> Array:
         floor, _ = radius_floor(x[:4])
         return operator_columns(nodes, x[:4], floor + (1.0 - floor) * self.basis.fractions)
 
-    def _output(self, effects: Sequence[Switched], nodes: FilmNodes, x: Array, c: Array) -> tuple[Array, int]:
-        """The columns of `_signals` times the first of some coefficients, (points,), and how many took part."""
-        place = self.basis.columns
-        signal = self._operators(nodes, x) @ c[self.basis.free : place]
-        for effect in filters(effects, "hysteretic_part"):
-            signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
-            signal = signal + c[place] * self._behind(effect, nodes.points_s)[:, 0]
-            place += 1
+    def own_output(self, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]) -> Array:
+        """The film's own output at the points: the columns of `_signals` times c, its coefficients. late_dec: how far
+        each filter of the hysteretic part is behind."""
+        signal = self._operators(nodes, x) @ c[self.basis.free : self.basis.columns]
+        for effect, late in zip(links.hysteretic_part, late_dec, strict=True):
+            signal = columns_followed(effect, nodes.points_s, signal[:, None])[:, 0]
+            signal = signal + late * behind(effect, nodes.points_s)[:, 0]
         if self.basis.curve is not None:
             signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
-        return c[0] + signal, place
-
-    @staticmethod
-    def _behind(effect: Switched, time: Array) -> Array:
-        """What a filter adds when it is one decade behind at the first row."""
-        out, form = np.empty(time.size), effect.effect.form
-        assert isinstance(form, Filter)
-        form.run(effect.par, time, np.zeros(time.size), np.array([-1.0]), out)
-        return out[:, None]
-
-    def _shown(
-        self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array, range_of: Array | None = None
-    ) -> Array:
-        """The film's output at the points through the ohmmeter, in every row. range_of: the outputs by which the
-        ohmmeter chooses its range, where a small step must not change that."""
-        shown = self._lagged(effects, nodes, transfer(effects, signal)[0])
-        seen = shown if range_of is None else range_of
-        for effect in effects:
-            form = effect.effect.form
-            if isinstance(form, Reading) and effect.effect.link == "ohmmeter" and form.linear:
-                shown = shown - seen - np.log10(form.read(effect.par, 10.0**-seen))
-        return shown
+        return np.asarray(c[0] + signal, dtype=np.float64)
 
     def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
-        effects, nodes = self.nodes(p, x)
-        relays = self._plane.at(effects, nodes) if self.relay_count(p) else self._plane.none
-        signals = self._signals(effects, nodes, x)
-        lags = filters(effects, "log_resistance")
-        curved = any(at_the_terminals(e.effect) for e in effects)
+        links, nodes = self.nodes(p, x)
+        relays = self._plane.at(links, nodes) if self.relay_count(p) else self._plane.none
+        signals = self._signals(links, nodes, x)
         rows, y = self.rows, self.output
         coefficients = guess
         film = nodes.of_rows(signals)
-        least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if curved else (1, 1)
+        least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if links.bends else (1, 1)
         before = math.inf
         for turn in range(most):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
@@ -165,23 +146,20 @@ class ResistanceChannel:
             if coefficients is not None and guessed:
                 of_relays = coefficients[coefficients.size - relays.count :]
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
-            slope = transfer(effects, signal)[1] if curved else np.ones(signal.size)
-            shown = relays.bent(slope[nodes.rows], rows) if curved and relays.count else relays
-            moved = signals * slope[:, None] if curved else signals
-            for lag in lags:
-                moved = filtered(moved, nodes.points_s, lag)
-                moved = np.concatenate((moved, self._behind(lag, nodes.points_s)), axis=1)
-            at_rows = nodes.of_rows(moved)
+            ohmmeter = Ohmmeter(links, nodes, signal)
+            bent = ohmmeter.slope is not None and relays.count
+            shown = relays.bent(ohmmeter.slope[nodes.rows], rows) if bent else relays  # type: ignore[index]
+            at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
             else:
-                linear = self._lagged(effects, nodes, slope * signal)
-            first, *other_ranges = self._ranges(effects, nodes, signal)
-            offset = self._shown(effects, nodes, signal, first) - linear
+                linear = ohmmeter.plain(signal[:, None])[:, 0]
+            first, *other_ranges = self._ranges(links, nodes, signal)
+            offset = shown_in_rows(links, nodes, signal, first) - linear
             problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, first)
             found = problem.solved(x, p.prior.precision(self.basis, problem))
             for range_of in other_ranges:
-                offset = self._shown(effects, nodes, signal, range_of) - linear
+                offset = shown_in_rows(links, nodes, signal, range_of) - linear
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
             coefficients = found.coefficients
@@ -191,54 +169,52 @@ class ResistanceChannel:
             before = found.cost
         return found
 
-    def _ranges(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> list[Array | None]:
+    def _ranges(self, links: Links, nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
         surer where a range's error leaves a gap between two of them that noise does not fill. (Where it does, a choice
         by the readings would call their noise a range's error.) None where it has but one."""
-        ranged = [e for e in effects if e.effect.link == "ohmmeter" and getattr(e.effect.form, "linear", False)]
+        ranged = [e for e in links.readings if getattr(e.effect.form, "linear", False)]
         if not ranged:
             return [None]
-        by_model = self._lagged(effects, nodes, transfer(effects, signal)[0])
+        by_model = before_ranges(links, nodes, signal)
         apart = sum(self._largest_step_dec(e) for e in ranged)
         return [by_model, self.readings] if apart > GAP * self.sigma_dec else [by_model]
 
     def _largest_step_dec(self, effect: Switched) -> float:
         """Between the errors of two ranges, among the readings."""
-        form, ohm = effect.effect.form, 10.0**-self.readings
-        assert isinstance(form, Reading)
-        return float(np.ptp(np.log10(form.read(effect.par, ohm) / ohm)))
-
-    def _lagged(self, effects: Sequence[Switched], nodes: FilmNodes, signal: Array) -> Array:
-        """A signal at the points through the ohmmeter's filters, in every row."""
-        for effect in filters(effects, "log_resistance"):
-            signal = filtered(signal[:, None], nodes.points_s, effect)[:, 0]
-        return signal[nodes.rows]
+        assert isinstance(effect.effect.form, Reading)
+        return float(np.ptp(shown_output(effect, self.readings) - self.readings))
 
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
-        effects, nodes = self.nodes(p, x)
+        links, nodes = self.nodes(p, x)
         c = point.coefficients
-        signal, place = self._output(effects, nodes, x, c)
-        signal = signal + self._plane.signal(effects, nodes, c[c.size - self.relay_count(p) :])
-        shown = self._shown(effects, nodes, signal, point.problem.range_of)
-        for effect in filters(effects, "log_resistance"):
-            shown = shown + (self._behind(effect, nodes.points_s)[nodes.rows] * c[place])[:, 0]
-            place += 1
-        return np.asarray(shown, dtype=np.float64)
+        creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
+        late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
+        signal = self.own_output(links, nodes, x, c, late[:creeps])
+        signal = signal + self._plane.signal(links, nodes, c[c.size - self.relay_count(p) :])
+        return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
 
-    def predict_from(self, p: FilmParameters, fit: ResistanceFit) -> tuple[Array, Array]:
+    def predict_from(
+        self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None
+    ) -> tuple[Array, Array]:
         """What is shown, and the film's own output, with p's effects and the coefficients of a fit that has all of them
-        but one; rows."""
-        effects, nodes = self.nodes(p, p.x)
-        c, own = fit.coefficients, self.basis.columns
-        fresh = np.concatenate((c[:own], np.zeros(len(effects))))  # a filter that the fit has not is behind by nothing
-        relays = c.size - self.relay_count(fit.parameters)
-        signal = self._output(effects, nodes, p.x, fresh)[0] + self._plane.signal(effects, nodes, c[relays:])
-        shown = self._shown(effects, nodes, signal)
-        places = filters(fit.effects, *FOLLOWING)
-        for e, value in zip(places, c[own:relays], strict=True):
-            shown = shown + value * self._behind(e, nodes.points_s)[nodes.rows][:, 0]
-        return np.asarray(shown, dtype=np.float64), nodes.of_rows(signal)
+        but one; rows. late: how far each filter of the hysteretic part and of log R is behind at the first row, by
+        effect; one that is not named, by nothing; None: as in the fit."""
+        links, nodes = self.nodes(p, p.x)
+        c = fit.coefficients
+        late = self.late_dec(fit) if late is None else late
+        relays = c[c.size - self.relay_count(fit.parameters) :]
+        signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
+        signal = signal + self._plane.signal(links, nodes, relays)
+        shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
+        return shown, nodes.of_rows(signal)
+
+    def late_dec(self, fit: ResistanceFit) -> dict[str, float]:
+        """How far a fit has each filter of the hysteretic part and of log R behind at the first row."""
+        links, place = links_of(fit.effects), self.basis.columns
+        names = [e.name for e in (*links.hysteretic_part, *links.meter_lags)]
+        return dict(zip(names, fit.coefficients[place : place + len(names)].tolist(), strict=True))
 
     def relay_count(self, p: FilmParameters) -> int:
         """How many coefficients the relays have; none where their prior's width is 0."""

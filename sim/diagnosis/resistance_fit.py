@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.film_prior import PriorWidths
 from sim.effects.effect import Switched
+from sim.model.record_own import FilmStart
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,12 +9,12 @@ from itertools import combinations, product
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.film_columns import FilmNodes
 from sim.diagnosis.film_memory import begun, remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path
 from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
 from sim.effects.effect import Effect, Reading, Switched, Warming, at_the_terminals, switched
+from sim.model.film_nodes import FilmNodes
 
 FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4

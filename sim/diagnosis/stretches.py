@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from compensator.identification.rows import gap_threshold
 from sim.diagnosis.readings import quick_noise
+from sim.model.record_own import SHORT
 
-SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
 FITTED = 10  # rows over which the plate's rate is taken
 LONGER = 1.3  # median steps, from which a row may be missing

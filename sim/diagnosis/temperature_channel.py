@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
-from sim.diagnosis.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.diagnosis.unknowns import (
@@ -27,14 +26,17 @@ from sim.diagnosis.unknowns import (
     values_inside,
     with_values,
 )
-from sim.effects.effect import Command, HeatFlow, Switched, filters
+from sim.effects.effect import HeatFlow, Switched
+from sim.model.links import Links, links_of
+from sim.model.own_fit import APART_K, first_readings
+from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
+from sim.model.record_own import anew_rows
+from sim.model.recorded import COARSE, Spacing
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
-APART_K = 10.0  # spread of what has a temperature of its own about the plate's or the ambient's, where it begins
-MOST_ANEW = 10  # long gaps after which it begins anew; with more of them, it is taken through all
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +67,9 @@ def has_own(effect: Switched) -> bool:
 
 
 def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
-    """The effects that have one: on the plate's balance, then filters of the thermometer."""
-    return [e for e in effects if has_own(e)] + filters(effects, "thermometer")
+    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
+    links = links_of(effects)
+    return [*(e for e in links.plate if has_own(e)), *links.thermometer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,22 +94,23 @@ class TemperatureFit:
 class TemperatureChannel:
     """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them."""
 
-    def __init__(self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0) -> None:
-        self.record, self.sigma_K, self.step_K = record, sigma_K, step_K
+    def __init__(
+        self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0, spacing: Spacing = COARSE
+    ) -> None:
+        self.record, self.sigma_K, self.step_K, self.spacing = record, sigma_K, step_K, spacing
         self.rows = np.flatnonzero(fitted & record.temperature_used)
         stretch = np.zeros(record.rows, dtype=np.int64)
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
-        long = record.long_gaps()
-        self.anew: Rows = np.append(0, long if long.size <= MOST_ANEW else long[:0])
+        self.anew: Rows = anew_rows(record)
         self._known_nodes: dict[bytes, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
         fitted = np.zeros(self.record.rows, dtype=np.bool_)
         fitted[self.rows] = True
-        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K)
+        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K, self.spacing)
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
         """Parameters to begin with: base in the unknowns' own values."""
@@ -150,50 +154,21 @@ class TemperatureChannel:
 
     def rough_firsts(self) -> Array:
         """The first reading of each stretch, degC."""
-        record, firsts = self.record, []
-        for k in record.first_rows:
-            near = np.flatnonzero(record.temperature_used[k : k + 5])
-            all_used = np.flatnonzero(record.temperature_used)
-            row = k + near[0] if near.size else all_used[np.argmin(np.abs(all_used - k))]
-            firsts.append(float(record.temperature_degC[row]))
-        return np.array(firsts)
+        record = self.record
+        return first_readings(record, np.where(record.temperature_used, record.temperature_degC, np.nan))
 
     def in_its_stretches(self, fit: TemperatureFit) -> PlateParameters:
         """A fit's parameters, beginning where its path was where this record's stretches do: they may be others."""
         return replace(fit.parameters, first_degC=fit.path.at(self.record.time_s[self.record.first_rows]))
 
-    def begun(self, p: PlateParameters) -> tuple[Array, Array]:
-        """p.x and the first temperatures, only what a record began with fitted: two steps of Gauss-Newton."""
-        x, first = p.x.copy(), p.first_degC.copy()
-        own = self._owns(p.effects)
-        for _ in range(2):
-            shown = self.simulate(p, x, first)[1]
-            residual = (self.record.temperature_degC - shown)[self.rows]
-            columns = []
-            for k in range(x.size - own, x.size):
-                moved = x.copy()
-                moved[k] += 1e-3
-                columns.append((self.simulate(p, moved, first)[1] - shown)[self.rows] / 1e-3)
-            for k in range(first.size):
-                moved = first.copy()
-                moved[k] += 0.01
-                columns.append((self.simulate(p, x, moved)[1] - shown)[self.rows] / 0.01)
-            j = np.stack(columns, axis=1)
-            step = np.linalg.lstsq(
-                np.vstack((j, 1e-3 * np.eye(j.shape[1]))), np.append(residual, np.zeros(j.shape[1]))
-            )[0]
-            x[x.size - own :] += step[:own]
-            first = first + step[own:]
-        return x, first
-
     def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
         """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), and how far the
-        filters are behind (beginnings, filters)."""
+        filters are behind (beginnings, filters), both in the chain's order."""
         end = x.size - self._owns(p.effects)
         effects = with_values(p.effects, x[len(p.base) : end])
         ambient = replace(p, x=x).plate()[4]
         apart = APART_K * x[end:].reshape(-1, self.anew.size)
-        flows = [e for e in effects if isinstance(e.effect.form, HeatFlow)]
+        flows = links_of(effects).plate
         place = [k for k, e in enumerate(flows) if has_own(e)]
         own = np.full((self.anew.size, len(flows)), ambient)
         own[:, place] += apart[: len(place)].T
@@ -201,19 +176,20 @@ class TemperatureChannel:
 
     def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows."""
-        effects, own, behind = self.split(p, x)
-        plate, nodes = replace(p, x=x).plate(), self._nodes(effects)
-        out = simulate_plate(self.record, nodes, plate, effects, first, self.anew, own, behind)
+        effects, own, late = self.split(p, x)
+        links = links_of(effects)
+        plate, nodes = replace(p, x=x).plate(), self._nodes(links)
+        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing)
         return out.path, out.shown_degC
 
-    def _nodes(self, effects: Sequence[Switched]) -> Nodes:
+    def _nodes(self, links: Links) -> Nodes:
         """The times of a simulation; computed once where no effect moves the commands, or as long as they are moved
         alike: a dead band that is held is simulated a hundred times."""
-        moved = b"".join(e.name.encode() + e.par.tobytes() for e in effects if isinstance(e.effect.form, Command))
+        moved = b"".join(e.name.encode() + e.par.tobytes() for e in links.commands)
         if moved not in self._known_nodes:
             plain = self._known_nodes.get(b"")
             self._known_nodes = {} if plain is None else {b"": plain}
-            self._known_nodes[moved] = plate_nodes(self.record, effects)
+            self._known_nodes[moved] = plate_nodes(self.record, links, self.spacing)
         return self._known_nodes[moved]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:

@@ -24,8 +24,7 @@ class MeterPower:
 
     def jumps_s(self) -> Array:
         """Right after the rows that are followed by another current."""
-        k = np.flatnonzero(np.diff(self.current_A) != 0.0)
-        return np.asarray(self.time_s[k] + RIGHT_AFTER * (self.time_s[k + 1] - self.time_s[k]), dtype=np.float64)
+        return jumps_s(self.time_s, self.current_A)
 
     def at(self, time_s: Array) -> Array:
         """Watts at any times of the record. Between two rows with different currents the output is that of the two
@@ -40,3 +39,9 @@ class MeterPower:
         slope = (self.output[other] - self.output[after]) / np.where(apart == 0.0, 1.0, apart)
         output = self.output[after] + slope * np.where(apart == 0.0, 0.0, time_s - self.time_s[after])
         return np.asarray(self.current_A[after] ** 2 * 10.0**-output, dtype=np.float64)
+
+
+def jumps_s(time_s: Array, current_A: Array) -> Array:
+    """Right after the rows that are followed by another test current, (jumps,)."""
+    k = np.flatnonzero(np.diff(current_A) != 0.0)
+    return np.asarray(time_s[k] + RIGHT_AFTER * (time_s[k + 1] - time_s[k]), dtype=np.float64)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.record import Mask, Record, Rows
-from sim.effects.effect import Command, Filter, Switched, filters
+from sim.model.links import Links, followed
 from sim.model.plate_balance import heat_flows, run
+from sim.model.recorded import COARSE, Mask, Recorded, Rows, Spacing
 
-LONGEST_S = 0.5
-MOST_NODES = 400_000
-FINER = 8  # times as many nodes where a thermometer lags
+MOST_NODES = 3_000_000  # beyond them rows and commands alone are nodes: 24 MB an array
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +34,15 @@ class PlatePath:
         late = np.maximum(time - self.time_s[-1], 0.0)
         return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
 
-    def finer(self, begins: Mask) -> tuple[Array, Array]:
-        """Times and temperatures at `FINER` times as many nodes: what a lag follows bends between two. begins: where a
+    def finer(self, begins: Mask, parts: int) -> tuple[Array, Array]:
+        """Times and temperatures at so many times as many nodes: what a lag follows bends between two. begins: where a
         stretch does, shape (nodes,); before those straight."""
         h = np.diff(self.time_s)[:, None]
         a, d = self.plate_degC[:-1, None], np.diff(self.plate_degC)[:, None]
         known = ~begins[1:, None]
         p = np.where(known, h * self.slopes[:-1, :1], d)
         q = np.where(known, h * self.slopes[1:, 1:], d)
-        x = np.arange(FINER) / FINER
+        x = np.arange(parts) / parts
         time = self.time_s[:-1, None] + x * h
         return np.append(time, self.time_s[-1]), np.append(_cubic(x, a, d, p, q), self.plate_degC[-1])
 
@@ -65,17 +62,12 @@ class Nodes:
     rows: NDArray[np.int64]
 
 
-def plate_nodes(record: Record, effects: Sequence[Switched]) -> Nodes:
-    """The record's rows and the moments at which its commands act."""
-    acts, amounts = record.commands
-    for effect in effects:
-        if isinstance(effect.effect.form, Command):
-            acts, amounts = effect.effect.form.send(effect.par, acts, amounts)
-    order = np.argsort(acts, kind="stable")
-    acts, amounts = acts[order], amounts[order]
-    time = np.union1d(record.time_s, acts[acts <= record.time_s[-1]])
-    if float(np.max(np.diff(time))) > 1.01 * LONGEST_S:
-        count = np.ceil(np.diff(time) / LONGEST_S - 1e-6).astype(np.int64)
+def plate_nodes(record: Recorded, links: Links, spacing: Spacing = COARSE) -> Nodes:
+    """The record's rows, the moments at which its commands act, and times between them."""
+    acts, amounts = links.sent(*record.commands)
+    time = np.union1d(record.time_s, acts[(acts >= record.time_s[0]) & (acts <= record.time_s[-1])])
+    if float(np.max(np.diff(time), initial=0.0)) > 1.01 * spacing.longest_s:
+        count = np.ceil(np.diff(time) / spacing.longest_s - 1e-6).astype(np.int64)
         if np.sum(count) < MOST_NODES:
             inside = [
                 time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())
@@ -96,27 +88,28 @@ class PlateRun:
 
 
 def simulate_plate(
-    record: Record,
+    record: Recorded,
     nodes: Nodes,
     plate: Array,
-    effects: Sequence[Switched],
+    links: Links,
     first_degC: Array,
     anew: Rows,
     own_degC: Array,
-    behind_K: Array,
+    late_K: Array,
+    spacing: Spacing = COARSE,
 ) -> PlateRun:
     """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
-    and others of those that begin stretches. own_degC: there, of the effects of form HeatFlow, (anew, effects).
-    behind_K: by how much each thermometer filter is behind there, (anew, filters)."""
-    heat = heat_flows(effects)
+    and others of those that begin stretches. own_degC: there, of the effects on the plate, nan: as it was before,
+    (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters)."""
+    heat = heat_flows(links.plate)
     n = nodes.time_s.size
     reset = np.full(n, np.nan)
     reset[nodes.rows[record.first_rows]] = first_degC
     temperature, slopes = np.empty(n), np.empty((n, 2))
-    begins = nodes.rows[anew]
+    begins, bodies = nodes.rows[anew], own_degC[0]
     for begin, end, own in zip(begins, [*begins[1:] + 1, n], own_degC, strict=True):
         part = slice(begin, end)  # up to the next begin, whose slope before it is kept
-        before = slopes[begin, 1]
+        before, bodies = slopes[begin, 1], np.where(np.isnan(own), bodies, own)
         run(
             plate,
             heat.terms,
@@ -124,25 +117,24 @@ def simulate_plate(
             nodes.time_s[part],
             nodes.current_A[part],
             reset[part],
-            own.copy(),
+            bodies,
             temperature[part],
             slopes[part],
         )
         if begin > 0:
             slopes[begin, 1] = before
     path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
-    lags = filters(effects, "thermometer")
-    if not lags:
+    if not links.thermometer:
         return PlateRun(path, temperature[nodes.rows])
-    time, shown = path.finer(np.isfinite(reset))
-    for lag, behind in zip(lags, behind_K.T, strict=True):
-        form, out = lag.effect.form, np.empty(time.size)
-        assert isinstance(form, Filter)
-        for begin, end, late in zip(FINER * begins, [*FINER * begins[1:], time.size], behind, strict=True):
+    parts = spacing.lag_parts
+    time, shown = path.finer(np.isfinite(reset), parts) if parts > 1 else (nodes.time_s, temperature)
+    for lag, behind in zip(links.thermometer, late_K.T, strict=True):
+        out = np.empty(time.size)
+        for begin, end, late in zip(parts * begins, [*parts * begins[1:], time.size], behind, strict=True):
             part = slice(begin, end)
-            form.run(lag.par, time[part], shown[part], np.array([shown[begin] - late]), out[part])
+            out[part], _ = followed(lag, time[part], shown[part], np.array([shown[begin] - late]))
         shown = out
-    return PlateRun(path, shown[FINER * nodes.rows])
+    return PlateRun(path, shown[parts * nodes.rows])
 
 
 def _turning(nodes: Nodes, temperature: Array) -> Array:
