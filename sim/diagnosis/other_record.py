@@ -21,7 +21,8 @@ from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import run_plate
 from sim.model.recorded import COARSE, Recorded, Spacing
 
-HEATED_ROUNDS = 3  # the model's own resistance heats the film from the second on
+MOST_ROUNDS = 30  # of a film that its own resistance heats: each leaves a tenth of the one before, or less
+SAME_DEC = 1e-7  # from round to round
 
 
 class FittedChain:
@@ -55,11 +56,14 @@ class FittedChain:
         assert self._b is not None
         channel = self._channel_on(record, path)
         p = self._began(self._b.parameters, own)
-        shown = np.empty(0)
-        heated = links_of(p.effects).heated and record.test_current_A is not None
-        for _ in range(HEATED_ROUNDS if heated else 1):
-            shown, film_output = channel.predict_from(p, self._b, own.late)
-            p = replace(p, film_output=film_output)
+        shown, film_output = channel.predict_from(p, self._b, own.late)
+        if links_of(p.effects).heated and record.test_current_A is not None:
+            for _ in range(MOST_ROUNDS):  # from the second on the model's own resistance heats the film
+                before = film_output
+                p = replace(p, film_output=film_output)
+                shown, film_output = channel.predict_from(p, self._b, own.late)
+                if float(np.max(np.abs(film_output - before))) < SAME_DEC:
+                    break
         return shown
 
     def _began(self, p: FilmParameters, own: RecordOwn) -> FilmParameters:
