@@ -14,10 +14,9 @@ from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
 from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
-from sim.diagnosis.other_record import told_of
-from sim.diagnosis.readings import quick_noise
-from sim.diagnosis.record import Mask, read_columns
-from sim.diagnosis.record import Record as Rows
+from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.record import Mask, read_columns, told_of
+from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming
 from sim.model.chain import ChainModel

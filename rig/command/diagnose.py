@@ -26,8 +26,8 @@ from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Diagnosis
     from sim.diagnosis.extended_model import ExtendedModel
+    from sim.diagnosis.result import Diagnosis
 
 
 RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
@@ -190,7 +190,7 @@ def _told(
     """Files and lines; returns the JSON."""
     from rig.files.model_file import Drive, Model, write_model
     from rig.report.diagnosis_words import lines
-    from sim.diagnosis.diagnose import with_model
+    from sim.diagnosis.result import with_model
 
     if several:
         voice.say(f"{record.source}:")

@@ -16,14 +16,14 @@ from rig.analysis.predicted import predicted
 from rig.files.effect_tables import middle
 from rig.files.model_file import Model
 from rig.files.record import Record as RecordFile
-from sim.diagnosis.film_basis import FilmBasis
-from sim.diagnosis.film_relays import RelayPlane
-from sim.diagnosis.other_record import FittedChain
-from sim.diagnosis.record import read_columns
-from sim.diagnosis.resistance_channel import ResistanceChannel
-from sim.diagnosis.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.temperature_channel import PlateParameters, TemperatureChannel, TemperatureFit
-from sim.diagnosis.unknowns import values_inside
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.fitted_chain import FittedChain
+from sim.diagnosis.fit.preisach_density import RelayPlane
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.diagnosis.fit.temperature_channel import PlateParameters, TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.unknowns import values_inside
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, Switched, switched
 from sim.model.chain import ChainModel

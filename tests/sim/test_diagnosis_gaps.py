@@ -7,10 +7,10 @@ import pytest
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.rows import gap_threshold
-from sim.diagnosis.chain import temperature_search
-from sim.diagnosis.lattice import lattice_step
-from sim.diagnosis.record import Record, read_columns
-from sim.diagnosis.stretches import off_after_missing_rows
+from sim.diagnosis.data.quantization import lattice_step
+from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.data.segments import off_after_missing_rows
+from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
 from sim.model.film_nodes import film_nodes

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.diagnosis.path_estimate import measured_path
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.fit.path_estimate import measured_path
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from sim.model.film_nodes import film_nodes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from sim.model.links import links_of
