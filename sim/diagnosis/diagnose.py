@@ -125,11 +125,15 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     readings = (record if holdout is None else holdout).temperature_degC
 
     whole, bare = _unrounded(chain, names, holdout), _unrounded(chain, frozenset(), holdout)
+    # What first rows leave open of another record's own is no fault of the model: what is left over counts with all.
+    everywhere = dict(whole) if holdout is None else residuals_on(chain, names, holdout)
     noise = {"temperature_K": sigma_K}
     on_lattice = lattice is not None and "temperature_K" in whole
     if lattice is not None and on_lattice:
         before = whole["temperature_K"]
-        whole["temperature_K"], variance = rounded(readings, before, sigma_K, record.step_K)
+        whole["temperature_K"] = rounded(readings, before, sigma_K, record.step_K)[0]
+        left_K = everywhere["temperature_K"]
+        everywhere["temperature_K"], variance = rounded(readings, left_K, sigma_K, record.step_K)
         noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[held])))
         lattice = replace(lattice, gain={"temperature_K": gain(before, whole["temperature_K"], held)})
     if chain.facts is not None:
@@ -164,12 +168,11 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         unexplained["resistance_dec"] = describe(
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
-    left_over = {name: channel.rmse_extended for name, channel in channels.items() if channel is not None}
-    if holdout is not None:  # what first rows leave open of another record's own is no fault of the model
-        left_over = _left_over(chain, names, holdout, sigma_K if on_lattice else None)
     for name, channel in channels.items():
-        if channel is not None and unexplained[name] is None and left_over[name] > UNSEEN * channel.noise:
-            times = left_over[name] / channel.noise
+        if channel is None or unexplained[name] is not None:
+            continue
+        times = rmse(everywhere[name][held & np.isfinite(everywhere[name])]) / channel.noise
+        if times > UNSEEN:
             unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
     left = [text for text in unexplained.values() if text is not None]
     verdict = verdict_of(findings, unexplained)
@@ -199,16 +202,6 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         chain,
         judged,
     )
-
-
-def _left_over(chain: Chain, names: frozenset[str], other: Record, lattice_noise_K: float | None) -> dict[str, float]:
-    """RMSE on another record, what belongs to it fitted to all of its rows. lattice_noise_K: of a thermometer whose
-    readings are rounded."""
-    left = residuals_on(chain, names, other)
-    if lattice_noise_K is not None and "temperature_K" in left:
-        step_K = chain.record.step_K
-        left["temperature_K"] = rounded(other.temperature_degC, left["temperature_K"], lattice_noise_K, step_K)[0]
-    return {name: rmse(values[np.isfinite(values)]) for name, values in left.items()}
 
 
 def _lattice(record: Record, noise_K: float) -> Finding | None:
