@@ -9,7 +9,7 @@ The configuration's [sweep] says what is varied:
     [sweep.parameters]                                 # any key of the configuration: every value with every other
     "control.ms" = [1.2, 1.4, 1.8]
 
-or, in the place of parameters, plan = "latin_hypercube" with samples = 100 and [sweep.ranges] "control.ms" = [1.2, 1.8];
+or, in the place of parameters, plan = "latin_hypercube" with samples = 100 and [sweep.ranges] "control.ms" = [1.2, 2];
 or, in the place of simulated experiments, records = ["evening/*.csv"] to identify or to diagnose.
 
 Each case is a line of DIR/cases.jsonl as soon as it ends; DIR/sweep.csv and, at the end, DIR/sweep.nc and DIR/sweep.svg

@@ -31,8 +31,10 @@ Cell = str | float | int
 class Journal:
     """name: of the table. identities: what each case is (its number first), by number; values of text and numbers."""
 
-    def __init__(self, folder: Path, name: str, identities: Mapping[int, Row]) -> None:
-        """Takes up what is there. Raises Faults where that is of other cases, or cannot be read or written."""
+    def __init__(self, folder: Path, name: str, identities: Mapping[int, Row], of_this_alone: bool = True) -> None:
+        """Takes up what is there. of_this_alone: whether lines of other cases are refused; else they are left alone.
+        Raises Faults where there are such, or where it cannot be read or written."""
+        self._of_this_alone = of_this_alone
         self.folder, self._name, self._identities = folder, name, identities
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -58,12 +60,7 @@ class Journal:
 
     def write_table(self) -> None:
         """The table as far as it is."""
-        rows = self.rows()
-        names = names_of(rows)
-        with _replaced(self.folder / f"{self._name}.csv") as path, path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, names, lineterminator="\n", restval="")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_table(self.folder / f"{self._name}.csv", self.rows())
         with _replaced(self.folder / "times.csv") as path:
             times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
             path.write_text(f"number,seconds\n{times}", encoding="utf-8")
@@ -92,6 +89,8 @@ class Journal:
             except (ValueError, KeyError, TypeError):
                 raise fault(self._path, f"line {k}", "is damaged; expected a line of a journal of cases") from None
             if self._identities.get(number) != entry["case"]:
+                if not self._of_this_alone:
+                    continue
                 raise fault(
                     self._path, f"number {number}", "is of another sweep; expected --out of this one, or a new DIR"
                 )
@@ -111,6 +110,14 @@ class _replaced:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is None:
             os.replace(self._new, self._path)
+
+
+def write_table(path: Path, rows: list[Row]) -> None:
+    """CSV; a cell that a row does not have is empty."""
+    with _replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, names_of(rows), lineterminator="\n", restval="")
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def names_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
