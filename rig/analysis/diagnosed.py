@@ -41,6 +41,7 @@ def diagnosed(
             columns,
             base=base,
             holdout=holdout.columns if holdout is not None else None,
+            as_predicted=True,
             kinds=_kinds(record, plate),
             say=say,
         )
