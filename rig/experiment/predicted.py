@@ -17,8 +17,7 @@ from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Model
 from rig.files.record_file import Record
 from sim.chain import World
-from sim.diagnosis.quantity import of_resistances
-from sim.effects.effect import Switched, Warming
+from sim.effects.effect import Switched, Warming, of_resistances
 from sim.films.rising import RisingFilm
 from sim.open_loop import film_readings, simulate_record
 

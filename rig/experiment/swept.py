@@ -23,6 +23,7 @@ from rig.files.effect_tables import add_effect_files, effect_in_words, switched_
 from rig.files.record_file import write_columns
 from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
+from rig.files.written import naming, write_text
 from rig.outcome import Outcome
 from rig.safety.signals import CAUGHT, SignalStop
 
@@ -73,7 +74,7 @@ def sweep(
     done = {int(row["number"]): row for row in _read(file, names, points)}
     left = [point for point in points if point.number not in done]
     if not file.exists():
-        file.write_text(",".join(f'"{name}"' for name in names) + "\n", encoding="utf-8")
+        write_text(file, ",".join(f'"{name}"' for name in names) + "\n")
     count = min(workers or os.cpu_count() or 1, max(len(left), 1))
     context = multiprocessing.get_context("spawn")  # compiled loops and signal handlers do not survive a fork
     with SignalStop(), contextlib.ExitStack() as stack:
@@ -86,7 +87,8 @@ def sweep(
         for job in as_completed(jobs):
             row = job.result()
             writer.writerow(row)
-            lines.flush()
+            with naming(file):
+                lines.flush()
             done[int(row["number"])] = {name: str(row.get(name, "")) for name in names}
             tell(len(done), len(points), " ".join(f"{key}={value}" for key, value in row.items() if value != ""))
     return [done[number] for number in sorted(done)]

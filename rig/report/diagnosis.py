@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.files.run_folder import plain_json
+from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_words import channels_of, judged_channels, left_over, listed, parameter, sentence
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
@@ -18,7 +19,7 @@ RUNNERS_UP = 6
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
     """report.html and diagnosis.json in a folder that is there."""
-    (folder / "diagnosis.json").write_text(plain_json(diagnosis.document()) + "\n", encoding="utf-8")
+    write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
     residual = residual_figures(folder, diagnosis)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogFormatter
 
 from compensator.functions import Array
+from rig.files.written import write_text
 
 COLOURS = {
     "measured": "#1f5fbf",
@@ -87,7 +88,7 @@ def saved(figure: Figure, folder: Path, name: str) -> str:
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     (folder / "figures").mkdir(exist_ok=True)
-    (folder / "figures" / f"{name}.svg").write_text(text, encoding="utf-8")
+    write_text(folder / "figures" / f"{name}.svg", text)
     start = text.index("<svg")
     unique = text[start:].replace('id="', f'id="{name}-').replace('href="#', f'href="#{name}-')
     return unique.replace("url(#", f"url(#{name}-")

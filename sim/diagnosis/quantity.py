@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from compensator.film import FilmModel
 from compensator.functions import Array
-from sim.effects.effect import Effect, Reading, Warming
+from sim.effects.effect import Effect, Reading, of_resistances
 
 FALLING_OHM, RISING_OHM = "minus_log10_ohm", "log10_ohm"
 MINUS = "minus_"
@@ -127,12 +127,6 @@ def _values(name: str, columns: Mapping[str, ArrayLike]) -> Array | None:
         return np.asarray(columns[name], dtype=np.float64)
     other = name.removeprefix(MINUS)
     return -np.asarray(columns[other], dtype=np.float64) if name != other and other in columns else None
-
-
-def of_resistances(effect: Effect) -> bool:
-    """Whether an effect is defined on ohms: what an ohmmeter shows for a resistance, or what it heats."""
-    form = effect.form
-    return (effect.link == "ohmmeter" and isinstance(form, Reading)) or (isinstance(form, Warming) and form.heated)
 
 
 def of_conductance(effect: Effect) -> Effect:
