@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
 from rig.files.record_file import Record
 

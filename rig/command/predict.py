@@ -24,7 +24,7 @@ from rig.command.record_arguments import (
     writable_parent,
 )
 from rig.command.say import Voice
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import Record, unit_of, write_columns
 
@@ -90,7 +90,7 @@ def _predicted(
     model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
 ) -> dict[str, Any]:
     """One record beside the model: lines, files, and the JSON."""
-    from rig.experiment.predicted import plate_temperatures
+    from rig.analysis.predicted import plate_temperatures
 
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
@@ -128,7 +128,7 @@ def _film_output(
     model: Model, record: Record, options: argparse.Namespace, result: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """The film's output in every row, and the temperature where the current drives it."""
-    from rig.experiment.predicted import needs_test_current, with_effects
+    from rig.analysis.predicted import needs_test_current, with_effects
 
     assert model.film is not None
     memory = _memory(model.film, record, options.initial)

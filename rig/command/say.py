@@ -14,7 +14,7 @@ from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from rig.command.progress import Progress
-    from rig.command.terminal_line import PatientLine
+    from rig.core.terminal_line import PatientLine
 
 
 class Voice:
@@ -47,7 +47,7 @@ class Voice:
             yield None
             return
         from rig.command.progress import Progress
-        from rig.command.terminal_line import PatientLine, TerminalLine
+        from rig.core.terminal_line import PatientLine, TerminalLine
 
         self._line = PatientLine(TerminalLine(sys.stderr))
         try:

@@ -26,9 +26,11 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.written import naming, write_text
 from rig.version import __version__
+
+PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
 
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:

@@ -20,9 +20,9 @@ import json
 import os
 from typing import Any, Final, Protocol
 
+from rig.core.outcome import Outcome
 from rig.guard.last_breath import LastBreath
 from rig.guard.suspended import SuspendedWatch
-from rig.outcome import Outcome
 
 ALIVE: Final = b".\n"
 

@@ -40,7 +40,7 @@ class Held:
 
 def prepare(held: Held) -> None:
     """Import what `switch_off` needs, so that nothing has to be read from a disk (it may be full, or gone) then."""
-    from rig.clock import RealClock  # noqa: F401
+    from rig.core.clock import RealClock  # noqa: F401
 
     driver_of(held)
 
@@ -54,7 +54,7 @@ def driver_of(held: Held) -> Any:
 
 def opened(held: Held, locked: bool = True) -> Any:
     """Its driver, on its port. locked: whether the port's lock is asked for; a process about to be gone may have it."""
-    from rig.clock import RealClock
+    from rig.core.clock import RealClock
     from rig.drivers import registry
 
     opener = registry.open_controller if held.role == "controller" else registry.open_meter

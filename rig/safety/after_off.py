@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 
-from rig.clock import Clock
+from rig.core.clock import Clock
+from rig.core.errors import InstrumentError
 from rig.drivers.controller import TemperatureController
-from rig.errors import InstrumentError
 from rig.safety.plate_watch import PlateWatch
 from rig.safety.switching_off import MARGIN_S
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from rig.core.errors import Disconnected, InstrumentError
+from rig.core.outcome import Tripped
+from rig.core.reading import Quality, Reading
 from rig.drivers.controller import Status, TemperatureController
-from rig.errors import Disconnected, InstrumentError
-from rig.outcome import Tripped
-from rig.reading import Quality, Reading
 from rig.safety.credible import OhmmeterTrust, ThermometerTrust
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, Watch, check_current, check_readings

@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensator.film import FilmModel
-from compensator.functions import Array
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, of_resistances
 
 FALLING_OHM, RISING_OHM = "minus_log10_ohm", "log10_ohm"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.rounding import last_digit, rounding_errors
+from compensator.characterization.rounding import last_digit, rounding_errors
 
 
 @pytest.mark.parametrize("step", [0.25, 0.1, 0.01, 0.489])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-import rig.bench
-from compensator.plate import PlateModel
+import rig.bench.assembly
+from compensator.thermal.plate import PlateModel
 from rig.safety.after_off import after_off
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import PlateWatch
@@ -35,7 +35,7 @@ def lying_after(time_s: float) -> type[SimulatedPlant]:
 def test_a_run_that_ends_with_a_current_on(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, lies_after_s: float, status: int
 ) -> None:
-    monkeypatch.setattr(rig.bench, "SimulatedPlant", lying_after(lies_after_s))
+    monkeypatch.setattr(rig.bench.assembly, "SimulatedPlant", lying_after(lies_after_s))
     path = write_bench(tmp_path, target='["start 1.5 A", "hold 30 s"]')
     text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')
     path.write_text(

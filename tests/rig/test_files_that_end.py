@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.record_file import read_record, write_columns
 from rig.files.written import naming, write_text
 from tests.rig.small import MODEL
