@@ -13,10 +13,12 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.rows import gap_threshold
 from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
+from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Model
 from rig.files.record_file import Record
 from sim.chain import World
-from sim.effects.effect import Switched, Warming
+from sim.effects.effect import Switched, Warming, of_resistances
+from sim.films.rising import RisingFilm
 from sim.open_loop import film_readings, simulate_record
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
@@ -48,21 +50,28 @@ def with_effects(model: Model, record: Record, memory: Any, where: object) -> tu
     """
     assert model.film is not None
     effects = model.switched()
-    if model.film.output != "minus_log10_ohm":
+    sense = -1.0 if model.film.output == RISING_RESISTANCE else 1.0  # a world's output is -log10 R
+    if not in_decades(model.film.output):
         for e in effects:
-            if e.effect.link == "ohmmeter" or needs_test_current((e,)):
+            if of_resistances(e.effect):
                 text = f"{e.name}: has no meaning for the film output {model.film.output!r}"
                 raise fault(where, "effects", text)
     if model.plate is not None and record.has("current_A"):
         readings = _from_current(model, record, effects, memory)
         known = _covered(record)
-        output = np.where(known, readings.output, math.nan)
+        output = np.where(known, sense * readings.output, math.nan)
         return output, np.where(known, readings.temperature_degC, math.nan), "current"
     effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
-    world = World(NO_PLATE, model.film, thermometer_noise_K=0.0, ohmmeter_noise_dec=0.0, effects=effects)
+    film = _film_of_world(model.film)
+    world = World(NO_PLATE, film, thermometer_noise_K=0.0, ohmmeter_noise_dec=0.0, effects=effects)
     temperature = record["temperature_degC"]
     readings = film_readings(world, record["time_s"], temperature, memory=memory, **_meter(record))
-    return np.where(np.isfinite(temperature), readings.output, math.nan), None, "temperature"
+    return np.where(np.isfinite(temperature), sense * readings.output, math.nan), None, "temperature"
+
+
+def _film_of_world(film: FilmModel) -> FilmModel | RisingFilm:
+    """The film whose output a simulated ohmmeter reads: -log10 of a resistance, or any other quantity as it is."""
+    return RisingFilm(film) if film.output == RISING_RESISTANCE else film
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -80,7 +89,7 @@ def _from_current(model: Model, record: Record, effects: Any, memory: Any) -> An
     begin = int(np.flatnonzero(np.isfinite(restart))[0])
     world = World(
         model.plate,
-        model.film,
+        _film_of_world(model.film),
         first_degC=float(temperature[begin]),
         thermometer_noise_K=0.0,
         ohmmeter_noise_dec=0.0,

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.command.film_sense import add_output_argument, rising
 from rig.command.record_arguments import (
     add_json_argument,
     add_record_arguments,
@@ -30,12 +29,10 @@ if TYPE_CHECKING:
     from sim.diagnosis.extended_model import ExtendedModel
 
 
-RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
-
-
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
     add_record_arguments(parser)
+    add_output_argument(parser)
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="a film without D(T) in it restricts the base")
     parser.add_argument(
         "--base",
@@ -85,7 +82,7 @@ def main(options: argparse.Namespace) -> int:
     faults: list[str] = []
     for path, record in zip(options.records, records, strict=True):
         try:
-            diagnosis, extended = _diagnosed(record, base, holdout, options.plate)
+            diagnosis, extended = _diagnosed(record, base, options.output, holdout, options.plate)
         except Faults as found:
             faults += found.lines
             continue
@@ -116,7 +113,7 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _diagnosed(
-    record: Record, base: str | None, holdout: Record | None, plate: str | None
+    record: Record, base: str | None, output: str, holdout: Record | None, plate: str | None
 ) -> tuple[Diagnosis, ExtendedModel]:
     """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
     import numpy as np
@@ -128,14 +125,15 @@ def _diagnosed(
     def say(text: str) -> None:
         print(f"{record.source}: {text}", file=sys.stderr, flush=True)
 
-    record = _falling(record, say)
-    columns, notes = telling_columns(record)
+    output = rising([record], output, say)
+    columns, notes = telling_columns(record, output)
     for note in notes:
         say(note)
     try:
         diagnosis = diagnose(
             columns,
             base=base,
+            output=output,
             holdout=holdout.columns if holdout is not None else None,
             kinds=_kinds(record, plate),
             say=say,
@@ -147,24 +145,6 @@ def _diagnosed(
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     return with_film(diagnosis, extended), extended
-
-
-def _falling(record: Record, say: Callable[[str], None]) -> Record:
-    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
-    falls. Raises Faults where nothing else is left."""
-    import numpy as np
-
-    if not record.has("resistance_ohm"):
-        return record
-    output, degC = record.output(), record["temperature_degC"]
-    good = np.isfinite(output) & np.isfinite(degC)
-    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
-        return record
-    text = "rises with temperature; a diagnosis knows films whose resistance falls"
-    if not record.has("current_A"):
-        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
-    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
-    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
 
 
 def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.command.film_sense import add_output_argument, rising
 from rig.command.record_arguments import (
     add_json_argument,
     add_record_arguments,
@@ -20,7 +21,7 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import Faults, fault
-from rig.files.film_output import column_of, other_sense
+from rig.files.film_output import column_of
 from rig.files.record_file import Record, unit_of
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
 
-FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
 MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
 
 
@@ -58,13 +58,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--compress", type=int, metavar="N", help="keep at most N operators in the model, and tell what that loses"
     )
-    parser.add_argument(
-        "--output",
-        default="minus_log10_ohm",
-        metavar="COLUMN",
-        help="the film's output where it is not a resistance on a log scale: a column with its unit, as "
-        "curvature_per_m or resistance_ohm",
-    )
+    add_output_argument(parser)
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
     parser.add_argument("--seed", type=int, default=0)
 
@@ -80,7 +74,7 @@ def main(options: argparse.Namespace) -> int:
     with_plate = [r for r in records if r.has("current_A")]
     if not with_film and not with_plate:
         raise _nothing_to_fit(records, options.output)
-    options.output = _rising(with_film, options.output, voice)
+    options.output = rising(records, options.output, voice.say)
     film = _film(with_film, options) if with_film else None
     film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
@@ -117,20 +111,6 @@ def main(options: argparse.Namespace) -> int:
         voice.say(f"report: {options.report / 'report.html'}")
     voice.report(result)
     return 0
-
-
-def _rising(records: list[Record], output: str, voice: Voice) -> str:
-    """The output, or its negative where it falls as temperature rises: a film model's output rises."""
-    pairs = [(r["temperature_degC"], r.output(output)) for r in records]
-    v, y = (np.concatenate(columns) for columns in zip(*pairs, strict=True)) if pairs else (np.empty(0), np.empty(0))
-    good = np.isfinite(v) & np.isfinite(y)
-    if int(np.sum(good)) < 3 or np.ptp(v[good]) == 0.0 or np.ptp(y[good]) == 0.0:
-        return output
-    if float(np.corrcoef(v[good], y[good])[0, 1]) >= FALLS:
-        return output
-    other = other_sense(output)
-    voice.say(f"film: {output} falls as temperature rises: the model's output is {other}")
-    return other
 
 
 def _compared(film: FilmFit, records: list[Record], output: str) -> list[Compared]:

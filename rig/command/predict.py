@@ -1,4 +1,4 @@
-"""peltier predict MODEL.toml RECORD [--out F]: the model against a record that it was not fitted to.
+"""peltier predict MODEL.toml RECORD... [--out F]: the model against records that it was not fitted to, each by itself.
 
 temperature_degC drives the film from `initial` at the first row, as it was read; with current_A and a [plate] the
 temperature is simulated from the current too, never one step ahead. A model with [[effects]] is simulated with them:
@@ -12,7 +12,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,10 +28,13 @@ from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import Record, unit_of, write_columns
 
+if TYPE_CHECKING:
+    from rig.files.model_file import Model
+
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")
-    parser.add_argument("record", type=Path, metavar="RECORD")
+    parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
     add_record_arguments(parser)
     parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], help="default: the model's own")
     parser.add_argument(
@@ -48,11 +51,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.analysis.predicted import needs_test_current, plate_temperatures, with_effects
     from rig.experiment.feasible import order_warning
     from rig.files.model_file import read_model
 
+    several = len(options.records) > 1
     if options.out is not None:
+        if several:
+            raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
         writable_file(options.out)
     if options.report is not None:
         writable_parent(options.report)
@@ -62,29 +67,39 @@ def main(options: argparse.Namespace) -> int:
 
         add_effect_files(options.effect_file)
     model = read_model(options.model)
-    (record,) = read_records([options.record], options)
-    if model.film is None and not (model.plate is not None and record.has("current_A")):
-        raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
+    records = read_records(options.records, options)
+    for record in records:
+        if model.film is None and not (model.plate is not None and record.has("current_A")):
+            text = f"missing; expected a [film], or a [plate] and current_A in {record.source}"
+            raise fault(options.model, "film", text)
+    warning = order_warning(model.film, options.model) if model.film is not None else None
+    if warning is not None:
+        print(warning, file=sys.stderr)
+    results = []
+    for path, record in zip(options.records, records, strict=True):
+        folder = options.report
+        if several:
+            voice.say(f"{record.source}:")
+            folder = options.report / path.stem if options.report is not None else None
+        results.append(_predicted(model, record, folder, options, voice))
+    voice.report(results if several else results[0])
+    return 0
+
+
+def _predicted(
+    model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
+) -> dict[str, Any]:
+    """One record beside the model: lines, files, and the JSON."""
+    from rig.analysis.predicted import plate_temperatures
+
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
     simulated, channels = None, {}
     if model.film is not None:
-        warning = order_warning(model.film, options.model)
-        if warning is not None:
-            print(warning, file=sys.stderr)
-        if model.effects:
-            if needs_test_current(model.switched()) and not record.has("meter_current_A"):
-                print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
-            memory = _memory(model.film, record, options.initial, options.record)
-            predicted, simulated, result["film_driven_by"] = with_effects(model, record, memory, options.model)
-        else:
-            predicted = _film(model.film, record, options.initial, options.record)
+        predicted, simulated = _film_output(model, record, options, result)
         name = model.film.output
-        if in_decades(name):
-            columns["predicted_ohm"] = 10.0 ** (sign_of(name) * predicted)
-        else:
-            shown = "ohm" if column_of(name) == "resistance_ohm" else column_of(name)
-            columns[f"predicted_{shown}"] = sign_of(name) * predicted
+        quantity = sign_of(name) * predicted
+        columns[_predicted_column(name)] = 10.0**quantity if in_decades(name) else quantity
         if record.has_output(name):
             what = "log R" if in_decades(name) else column_of(name)
             _report(result, predicted - record.output(name), unit_of(name), what, voice)
@@ -100,14 +115,35 @@ def main(options: argparse.Namespace) -> int:
     if options.out is not None:
         write_columns(options.out, columns)
         voice.say(f"predictions: {options.out}")
-    if options.report is not None:
+    if folder is not None:
         from rig.report.prediction import write_prediction_report
 
-        options.report.mkdir(exist_ok=True)
-        write_prediction_report(options.report, result, record["time_s"], record["temperature_degC"], channels)
-        voice.say(f"report: {options.report / 'report.html'}")
-    voice.report(result)
-    return 0
+        folder.mkdir(parents=True, exist_ok=True)
+        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], channels)
+        voice.say(f"report: {folder / 'report.html'}")
+    return result
+
+
+def _film_output(
+    model: Model, record: Record, options: argparse.Namespace, result: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """The film's output in every row, and the temperature where the current drives it."""
+    from rig.analysis.predicted import needs_test_current, with_effects
+
+    assert model.film is not None
+    memory = _memory(model.film, record, options.initial)
+    if not model.effects:
+        return _film(model.film, record, memory), None
+    if needs_test_current(model.switched()) and not record.has("meter_current_A"):
+        print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
+    predicted, simulated, result["film_driven_by"] = with_effects(model, record, memory, options.model)
+    return predicted, simulated
+
+
+def _predicted_column(output: str) -> str:
+    """What the prediction of an output is called in a file."""
+    ohm = in_decades(output) or column_of(output) == "resistance_ohm"
+    return "predicted_ohm" if ohm else f"predicted_{column_of(output)}"
 
 
 def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voice: Voice) -> None:
@@ -119,32 +155,32 @@ def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voi
     voice.say(f"{what}: RMSE {rmse:.4f} {unit}, largest {largest:.4f} {unit}, {error.size} rows")
 
 
-def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndarray:
+def _film(film: Any, record: Record, memory: Any) -> np.ndarray:
     """The film's output at every row; rows without a temperature get nan, and the film rests there."""
     temperature = record["temperature_degC"]
     known = np.isfinite(temperature)
-    outputs, _ = film.simulate(temperature[known], _memory(film, record, initial, path))
+    outputs, _ = film.simulate(temperature[known], memory)
     predicted = np.full(temperature.size, math.nan)
     predicted[known] = outputs
     return predicted
 
 
-def _memory(film: Any, record: Record, initial: str | None, path: Path) -> Any:
+def _memory(film: Any, record: Record, initial: str | None) -> Any:
     """The film's memory at the first row with a temperature."""
     temperature = record["temperature_degC"]
     known = np.isfinite(temperature)
     if not np.any(known):
-        raise fault(path, "temperature_degC", "no finite number")
+        raise fault(record.source, "temperature_degC", "no finite number")
     if initial != "fitted":
         return film.initial_memory(float(temperature[known][0]), initial)
     output = record.output(film.output)[known] if record.has_output(film.output) else None
-    return _fitted_memory(film, temperature[known], output, path)
+    return _fitted_memory(film, temperature[known], output, record.source)
 
 
-def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, path: Path) -> Any:
+def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, source: str) -> Any:
     """The memory at the first row, of those after one earlier turning point, that suits the readings best."""
     if output is None:
-        raise fault(path, film.output, "missing; --initial fitted needs readings to fit to")
+        raise fault(source, film.output, "missing; --initial fitted needs readings to fit to")
     low, high = float(inputs.min()) - 40.0, float(inputs.max()) + 40.0
     candidates = []
     for initial, far in (("cooled", low), ("heated", high)):

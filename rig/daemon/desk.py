@@ -85,6 +85,8 @@ class Desk:
         self.drive_unit = "A"
         self.stop_port: int | None = None  # of STOP's own listener
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
+        self.job_began_s = clock.now_s()
+        self.coming_s = 0.0  # that the job's phases after this one are expected to last
         self.last_cycle_s = clock.now_s()
         self.gaps = Gaps(self.steady_s())
         self._began_s = self.steady_s()
@@ -325,7 +327,9 @@ class Desk:
         if job is not None:
             name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
             doing = {"id": job.id, "name": job.name, "kind": job.kind, "phase": name}
-            doing |= {"done_s": min(now_s - began_s, total_s), "total_s": total_s}
+            done_s = min(now_s - began_s, total_s)
+            doing |= {"done_s": done_s, "total_s": total_s}
+            doing |= {"elapsed_s": now_s - self.job_began_s, "to_go_s": total_s - done_s + self.coming_s}
         return {
             "time_s": label_s,
             "version": __version__,

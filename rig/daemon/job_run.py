@@ -22,6 +22,7 @@ from rig.daemon.gate import StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.experiment.calibration import Calibration
+from rig.experiment.expected import Phases, still_to_come
 from rig.experiment.summaries import calibration_summary, summary
 from rig.files.run_folder import part_of
 from rig.safety.after_off import NO_VOICE, after_off
@@ -61,12 +62,14 @@ class JobRun(Watcher):
             watched_after=True,
         )
         self._conditioning = False
+        self._coming: Phases = []
         self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
 
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
         desk, job = self._desk, self._job
         job.state, job.started_s = "running", desk.label_s()
+        desk.job_began_s, desk.coming_s = desk.clock.now_s(), 0.0
         desk.job_changed(job)
         desk.model = model_of(job.file) or desk.model
         self._conclude(self._end())
@@ -154,6 +157,11 @@ class JobRun(Watcher):
         self._desk.output, self._desk.confirmed = "on", True
         self._desk.changed()
 
+    def expect(self, phases: Phases) -> None:
+        """The phases to come."""
+        self._coming = phases
+        self._desk.coming_s = sum(seconds for _, seconds in phases)
+
     def phase(self, name: str, duration_s: float) -> None:
         """A phase begins. With the first that follows `condition`, which may come in parts, the film's memory is known:
         the conditioning has ended, at its hot end."""
@@ -161,6 +169,7 @@ class JobRun(Watcher):
         if self._conditioning and name != CONDITION and desk.memory_since_s is None:
             desk.memory_since_s = desk.label_s()
         self._conditioning = name == CONDITION
+        self.expect(still_to_come(self._coming, name))
         desk.phase = (name, desk.clock.now_s(), duration_s)
         desk.changed()
 

@@ -18,6 +18,7 @@ from sim.diagnosis.false_alarm import false_alarm
 from sim.diagnosis.gain import Gain, gain, rmse
 from sim.diagnosis.intervals import intervals, vague_effects
 from sim.diagnosis.other_record import residuals_on
+from sim.diagnosis.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.record import Mask, Record, read_columns
 from sim.diagnosis.residuals import residuals, rounded
 from sim.diagnosis.rivals import rivals_of
@@ -58,7 +59,8 @@ class Channel:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next; record and chain: for figures and for the extended model."""
+    film's form, warnings, what to do next; record and chain: for figures and for the extended model. The keys of
+    channels, gains and what is left are "temperature_K" and the film's (`sim.diagnosis.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -121,6 +123,7 @@ def diagnose(
     columns: Mapping[str, ArrayLike],
     *,
     base: str | None = None,
+    output: str = FALLING_OHM,
     holdout: Mapping[str, ArrayLike] | None = None,
     effects: dict[str, Effect] | None = None,
     kinds: tuple[str, ...] = ("peltier",),
@@ -128,20 +131,22 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file: names with units).
 
-    base: "generalized_pi" restricts the film to no D(T). holdout: another record of the same rig, on which the gain is
-    measured; without it every fourth block of rows is held out. Raises ValueError, a line a fault, where nothing can be
-    said.
+    base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
+    a resistance rises, else a column, or "minus_" and a column. holdout: another record of the same rig, on which the
+    gain is measured; without it every fourth block of rows is held out. Raises ValueError, a line a fault, where
+    nothing can be said.
     """
     with threadpool_limits(limits=1):
-        record = read_columns(columns, held_out=holdout is None)
-        known = dict(effects if effects is not None else catalogue())
+        quantity = quantity_of(output, columns)
+        record = read_columns(columns, held_out=holdout is None, quantity=quantity)
+        known = quantity.effects(effects if effects is not None else catalogue())
         record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
         chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)
             chain.record = chain.first.channel.record
         elif record.output is None:
-            raise ValueError("record: neither current_A nor resistance_ohm; expected at least one of them")
+            raise ValueError(f"record: neither current_A nor {quantity.column}; expected at least one of them")
         names = select(chain, say)
         say("evidence")
         judged = judge(chain, names)
@@ -150,13 +155,36 @@ def diagnose(
             judged = judge(chain, frozenset(judged.names) - {weakest})
         other = None
         if holdout is not None:
-            other = read_columns(holdout, held_out=False).commanded_in_sight(known.values())
+            other = read_columns(holdout, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             if bends := bends_elsewhere(chain, frozenset(judged.names), other):
                 judged = judge(chain, frozenset(judged.names) - bends)
         found = _diagnosis(chain, judged, other, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, other)
+        return _in_its_unit(found)
+
+
+def _in_its_unit(found: Diagnosis) -> Diagnosis:
+    """What was fitted in decades and is another quantity of the film, by its own name and in its own unit."""
+    quantity = found.record.quantity
+    if quantity.is_resistance:
         return found
+    key, size = quantity.channel, quantity.size
+
+    def gains(finding: Finding) -> dict[str, Gain]:
+        g = dict(finding.gain)
+        if (own := g.pop("resistance_dec", None)) is not None:
+            g[key] = replace(own, rmse_before=size * own.rmse_before, rmse_after=size * own.rmse_after)
+        return g
+
+    channels, own = dict(found.channels), found.channels["resistance_dec"]
+    if own is not None:
+        noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
+        own = Channel(noise, before, after, own.samples_holdout)
+    channels |= {"resistance_dec": None, key: own}
+    unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
+    findings = [replace(f, gain=gains(f)) for f in found.findings]
+    return replace(found, channels=channels, unexplained=unexplained, findings=findings)
 
 
 def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
@@ -174,10 +202,11 @@ def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
     curve = chain.facts.basis.curve
     path = chain.film_channel(names).path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
-    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
+    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
+    span_name = f"span_{chain.record.quantity.unit}"
     before, after = (_unrounded(c, names, holdout)["resistance_dec"] for c in (bare, chain))
     gains = {"resistance_dec": gain(before, after, _unseen_rows(chain, holdout))}
-    term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
+    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
@@ -267,7 +296,7 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
             rivals,
             left,
             record.current_A is not None,
-            record.test_current_A is not None or record.output is None,
+            record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
         ),
         record,
         chain,

@@ -90,7 +90,9 @@ class ResistanceChannel:
         effects, behind = self.split(p, x)
         test, power = self.record.test_current_A, None
         if test is not None and self._heated(p):
-            power = MeterPower(self.record.time_s, test, self._film_output(p))
+            own = self._film_output(p)
+            falling = -own if self.record.quantity.rises else own
+            power = MeterPower(self.record.time_s, test, falling)
         return effects, film_nodes(self.record, self.path, effects, behind.tolist(), power, p.start)
 
     def _film_output(self, p: FilmParameters) -> Array:
