@@ -1,8 +1,7 @@
-"""The film's output that a verb was asked for, in the sense in which it rises with temperature."""
+"""The film's output that was asked for, in the sense in which it rises with temperature."""
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -12,17 +11,6 @@ from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
 from rig.files.record_file import Record
 
 FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
-
-
-def add_output_argument(parser: argparse.ArgumentParser) -> None:
-    """--output COLUMN."""
-    parser.add_argument(
-        "--output",
-        default=FALLING_RESISTANCE,
-        metavar="COLUMN",
-        help="the film's output where it is not a resistance on a log scale: a column with its unit, as "
-        "curvature_per_m or resistance_ohm",
-    )
 
 
 def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -> str:
