@@ -23,8 +23,8 @@ from rig.files.run_folder import part_of
 from rig.loop import Tick
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.reading import Quality
-from rig.safety.after_off import NO_VOICE, after_off
-from rig.safety.plate_watch import PlateWatch
+from rig.safety.after_off import NO_VOICE, AfterOff
+from rig.safety.bench_watch import BenchWatch
 from rig.serial_numbers import strangers
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
@@ -61,7 +61,7 @@ class JobRun(Watcher):
             watched_after=True,
         )
         self._conditioning = False
-        self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
+        self._last: tuple[BenchWatch, float] | None = None  # of the last tick: what watches, and the current
 
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
@@ -167,7 +167,7 @@ class JobRun(Watcher):
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
         desk, decision, resistance = self._desk, tick.decision, tick.resistance
-        self._last = (tick.watch.plate, tick.current_A)
+        self._last = (tick.watch, tick.current_A)
         known = tick.temperature.is_number
         seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
         meter = self._bench.meter
@@ -194,7 +194,9 @@ class JobRun(Watcher):
         desk = self._desk
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         if confirmed and self._last is not None:
-            desk.after_off = after_off(*self._last, self._bench.clock.now_s(), LOOK_S)
+            watch, current_A = self._last
+            courses = watch.after_off(current_A, LOOK_S)
+            desk.after_off = AfterOff(courses, self._bench.clock.now_s()) if courses is not None else None
         desk.ticks.missed += int(ticks.get("missed", 0))
         desk.ticks.unwatched_s = max(desk.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
         desk.in_loop, desk.phase = False, None

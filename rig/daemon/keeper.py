@@ -276,7 +276,7 @@ class _Idle:
         if look is None:
             return
         look.take(self._bench.clock.now_s(), temperature.value if temperature.is_number else math.nan)
-        if look.agrees is not None:
+        if look.over:
             desk.after_off = None
         if look.agrees is False:
             desk.output, desk.confirmed, desk.contradicted = "unknown", False, True

@@ -20,7 +20,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
 from rig.loop import Loop, Progress, Tick, columns_of
 from rig.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.safety.after_off import NO_VOICE, contradiction
+from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
 from rig.safety.output_off import OutputOff
 from rig.safety.signals import SignalStop
@@ -91,11 +91,15 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
     """
     if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in NO_VOICE:
         return
-    text = contradiction(loop.watch.plate, loop.last_A, bench.controller, bench.clock)
-    if text is not None:
+    courses, controller, clock = loop.after_off(), bench.controller, bench.clock
+    if courses is None:
+        return
+    dead_man_s = float(getattr(controller, "dead_man_s", 0.0)) if controller.has_dead_man else 0.0
+    look = looked_at(courses, controller, clock, clock.now_s(), dead_man_s)
+    if look.agrees is False:
         output.confirmed = False
         bench.guard.given_up()
-        raise NotConfirmedOff(text) from error
+        raise NotConfirmedOff(look.text) from error
 
 
 def _write_report(folder: RunFolder, error: BaseException) -> None:
