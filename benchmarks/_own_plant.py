@@ -61,7 +61,7 @@ class OwnPlant(ABC):
 @contextlib.contextmanager
 def behind_the_instruments(made: Callable[[float], Any]) -> Iterator[list[Any]]:
     """Every simulated bench gets a plant that `made` makes for its first moment (s); those made so far, in order."""
-    import rig.bench
+    import rig.bench.assembly
 
     plants: list[Any] = []
 
@@ -69,17 +69,17 @@ def behind_the_instruments(made: Callable[[float], Any]) -> Iterator[list[Any]]:
         plants.append(made(start_s))
         return plants[-1]
 
-    before, rig.bench.SimulatedPlant = rig.bench.SimulatedPlant, world  # type: ignore[assignment,misc]
+    before, rig.bench.assembly.SimulatedPlant = rig.bench.assembly.SimulatedPlant, world  # type: ignore[assignment,misc]
     try:
         yield plants
     finally:
-        rig.bench.SimulatedPlant = before  # type: ignore[misc]
+        rig.bench.assembly.SimulatedPlant = before  # type: ignore[misc]
 
 
 @contextlib.contextmanager
 def noted_phase(is_it: Callable[[str], bool], now: Callable[[], float]) -> Iterator[list[float]]:
     """When the first phase began whose name is the one asked for."""
-    from rig.loop import Loop
+    from rig.control.loop import Loop
 
     begin_s: list[float] = []
     whole = Loop._phase

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmarks._paper_models import Array, damped_oscillation, table_1, table_2
 from benchmarks._paper_studies import Compensation, Fits, Iterations
-from compensator.film import FilmModel
+from compensator.hysteresis.film import FilmModel
 from rig.report.figures import COLOURS, SETTINGS
 
 FILM, EXTENDED, GENERALIZED, INK = COLOURS["measured"], COLOURS["model"], COLOURS["feedforward"], COLOURS["target"]

@@ -1,8 +1,9 @@
 """The paper's inverse as it is printed, with a memory of its own: eqs (14) to (18) and (20).
 
-A second opinion on `compensator.iteration`: written from the paper's equations, with the inverse's plays F_s[y] as the
-state, driven by y alone. The state that belongs to a film's memory w is z_i = w_i (p_0 + .. + p_i) + sum_(j>i) p_j w_j.
-Two outputs closer than EQUAL are "y(t) = y(t-)", eq (14)'s third line; without that, rounding decides the branch.
+A second opinion on `compensator.inverse.iteration`: written from the paper's equations, with the inverse's plays F_s[y]
+as the state, driven by y alone. The state that belongs to a film's memory w is z_i = w_i (p_0 + .. + p_i) + sum_(j>i)
+p_j w_j. Two outputs closer than EQUAL are "y(t) = y(t-)", eq (14)'s third line; without that, rounding decides the
+branch.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks._paper_models import Array
-from compensator.film import FilmModel, Memory
-from compensator.functions import envelope_inverse
+from compensator.hysteresis.film import FilmModel, Memory
+from compensator.hysteresis.functions import envelope_inverse
 
 EQUAL = 1e-9  # share of the weights' sum
 

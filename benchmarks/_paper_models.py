@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
 
 Array = NDArray[np.float64]
 DECAY = 0.4  # chosen: weights fall as exp(-r / DECAY)

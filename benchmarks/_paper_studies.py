@@ -20,12 +20,12 @@ from benchmarks._paper_models import (
     tanh,
     through,
 )
-from compensator.compress import compress
-from compensator.film import FilmModel, Memory, Memoryless
-from compensator.functions import envelope_values, memoryless_value
-from compensator.identify_film import FilmFit, identify_film
-from compensator.inverse import Inverse
-from compensator.iteration import iterate
+from compensator.hysteresis.film import FilmModel, Memory, Memoryless
+from compensator.hysteresis.functions import envelope_values, memoryless_value
+from compensator.identification.compression import compress
+from compensator.identification.film import FilmFit, identify_film
+from compensator.inverse.inverse import Inverse
+from compensator.inverse.iteration import iterate
 
 SIGMAS = (1e-4, 1e-2)
 FIVE = 5
@@ -99,7 +99,7 @@ class Iterations:
     evaluations: float
     round_trip: float
     unreached: int
-    package_off_K: float  # `compensator.iteration` against these temperatures, largest difference
+    package_off_K: float  # `compensator.inverse.iteration` against these temperatures, largest difference
 
 
 def iterations(film: FilmModel | None = None, inputs: Array | None = None) -> Iterations:

@@ -17,7 +17,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import rig.bench
+import rig.bench.assembly
 from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.plant import SimulatedPlant
@@ -65,8 +65,8 @@ def main() -> None:
         plants.append(NotingPlant(world, start_s))
         return plants[-1]
 
-    rig.bench.SimulatedPlant = plant  # type: ignore[assignment,misc]
-    instruments = rig.bench.emulated_instruments(read_configuration(path), 0.0)
+    rig.bench.assembly.SimulatedPlant = plant  # type: ignore[assignment,misc]
+    instruments = rig.bench.assembly.emulated_instruments(read_configuration(path), 0.0)
     controller: Any = instruments[0][2]
     answered = controller._measured[1000]
 

@@ -29,9 +29,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._own_plant import behind_the_instruments
 from benchmarks._tracked_plant import Plate, TrackedPlant
 from benchmarks.tracking import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, span
-from compensator.design import design_temperature
-from compensator.inverse import Inverse
-from compensator.law import Law, LawSettings
+from compensator.control.design import design_temperature
+from compensator.control.law import Law, LawSettings
+from compensator.inverse.inverse import Inverse
 from rig.files.model_file import Model, read_model
 
 PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080

@@ -26,7 +26,7 @@ ROWS = 5000
 
 def one(seed: int) -> tuple[dict[str, tuple[bool, float]], float, float]:
     """One record: per identified parameter (inside, half-width), share of rows inside their band, RMSE / noise."""
-    from compensator.identify_film import identify_film
+    from compensator.identification.film import identify_film
     from tests.compensator.identification_films import decaying_profile, film_of_the_class, random_profile
 
     film = film_of_the_class(seed)

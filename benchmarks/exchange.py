@@ -19,7 +19,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports import registry
 from sim.instruments.registry import emulated_controller, emulated_meter

@@ -21,7 +21,7 @@ import numpy as np
 from _files_truth import Way, truth_of
 from _files_ways import WAYS
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record_file import Record, read_record
 

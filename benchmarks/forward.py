@@ -24,7 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 
 SAMPLES, NUMPY_SAMPLES, ROUNDS, OPERATORS = 1_000_000, 50_000, 7, 30
 SOURCE = r"""

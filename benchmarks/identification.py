@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.film import FilmModel
-from compensator.identify_film import FilmFit, FilmRecord, identify_film, identify_film_records
-from compensator.identify_plate import identify_plate
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import FilmModel
+from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
+from compensator.identification.plate import identify_plate
+from compensator.thermal.plate import PlateModel
 from tests.compensator.identification_films import decaying_profile, film_of_the_class, random_profile, relay_film
 
 Array = NDArray[np.float64]

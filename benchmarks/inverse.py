@@ -22,9 +22,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.forward import film, smooth_path
-from compensator.film import IDENTITY, FilmModel, Memory, Memoryless
-from compensator.inverse import Inverse
-from compensator.iteration import iterate
+from compensator.hysteresis.film import IDENTITY, FilmModel, Memory, Memoryless
+from compensator.inverse.inverse import Inverse
+from compensator.inverse.iteration import iterate
 from tests.compensator.film_models import any_model, damped_path, monotone_model
 
 ROUNDS = 7

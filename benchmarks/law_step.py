@@ -19,9 +19,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.forward import best_ns, film, ours, smooth_path
-from compensator.law import NAMES, Law, LawName, LawSettings
-from compensator.pid import PidGains
-from compensator.plate import PlateModel
+from compensator.control.law import NAMES, Law, LawName, LawSettings
+from compensator.control.pid import PidGains
+from compensator.thermal.plate import PlateModel
 
 STEPS = 3000
 

@@ -64,7 +64,12 @@ def inversion(
         ),
         ("fig 7: direct inverse, mean evaluations", "-", f"{classical.evaluations:.2f}", "solved to 1e-10 of u"),
         ("fig 7: direct inverse, not found", "-", f"{classical.unreached} of {n}", ""),
-        ("compensator.iteration against this one, K", "-", f"{classical.package_off_K:.0e}", "a second opinion"),
+        (
+            "compensator.inverse.iteration against this one, K",
+            "-",
+            f"{classical.package_off_K:.0e}",
+            "a second opinion",
+        ),
         ("fig 8: five operators, largest error, dec", "0.135", f"{largest:.3f}", "film, course chosen; open loop"),
         ("fig 8: five operators, RMS error, dec", "-", f"{studies.rms(five.error):.4f}", ""),
         ("fig 8: all operators of the extended model", "-", whole, "the paper: 5 do as well"),

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compensator.identify_film import identify_film
-from compensator.plate import PlateModel
+from compensator.identification.film import identify_film
+from compensator.thermal.plate import PlateModel
 from rig.__main__ import main as peltier
 from rig.files.model_file import Model, write_model
 from rig.files.record_file import ColumnMapping, read_record

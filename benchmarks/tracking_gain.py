@@ -13,11 +13,11 @@ import tempfile
 from pathlib import Path
 
 from rig.experiment.session import run
-from rig.experiment.simulated import simulated_configuration
 from rig.files.configuration import ConfigurationFile
 from rig.files.effect_tables import effect_in_words
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.toml_text import read_toml
+from rig.rehearsal.simulated import simulated_configuration
 
 ROOT = Path(__file__).resolve().parent.parent
 MODEL = ROOT / "configs" / "models" / "two_branches.toml"
@@ -59,7 +59,7 @@ def rms_dec(folder: Path, effects: list[str], extended: bool, target: list[str] 
 
 def _complete(file: ConfigurationFile) -> tuple[dict[str, float | str], ...]:
     """The simulated effects as a model has them, each with all its parameters."""
-    from rig.simulation import simulated_effects
+    from rig.bench.simulation import simulated_effects
 
     return tuple({"name": e.name, **e.values()} for e in simulated_effects(file))
 

@@ -37,7 +37,7 @@ from faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from still_plant import StillPlant
 from wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports import registry
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.inverse import Inverse
-from compensator.law import Law, LawSettings
-from compensator.pid import PidGains
-from compensator.plate import PlateModel
+from compensator.control.law import Law, LawSettings
+from compensator.control.pid import PidGains
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
 
 
 def precompile() -> None:

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
-from compensator.identify_film import identify_film
-from compensator.inverse import Inverse
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
+from compensator.identification.film import identify_film
+from compensator.inverse.inverse import Inverse
 from rig.report.figures import COLOURS, SETTINGS
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ import os
 import sys
 
 from rig.command.overwriting import refuse_overwriting
-from rig.faults import Faults
+from rig.core.faults import Faults
 
 # verb -> what it does, for the overview; the verb's module is rig.command.VERB
 VERBS = {
@@ -90,8 +90,8 @@ def _act(verb: str, words: list[str], own_process: bool) -> int:
 
 def ended(action: object, verb: str) -> int:
     """Run the action and turn what it raises into a line on stderr and an exit status."""
-    from rig.errors import RigError
-    from rig.outcome import NotConfirmedOff, Outcome
+    from rig.core.errors import RigError
+    from rig.core.outcome import NotConfirmedOff, Outcome
 
     assert callable(action)
     try:

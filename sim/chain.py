@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.plate import PlateModel
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from sim.detector import Detector
 from sim.effects.effect import Filter, Switched
 from sim.film_side import Film, FilmSide, FilmState

@@ -19,8 +19,8 @@ from typing import Any, Protocol
 import numpy as np
 from numba import njit
 
-from compensator.film import Memoryless
-from compensator.functions import Array, memoryless_value
+from compensator.hysteresis.film import Memoryless
+from compensator.hysteresis.functions import Array, memoryless_value
 from sim.effects.effect import Filter, Reading, Switched, Warming
 from sim.links import Links
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Command, Filter, HeatFlow, Reading, ReadingTime, Switched, Warming
 
 LONGEST_NODE_S = 0.02  # between nodes: what a lag makes of a plate's curved course is right to 1e-6 K

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.chain import Chain, Stretch, World
 from sim.links import LONGEST_NODE_S
 

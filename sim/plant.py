@@ -16,7 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.chain import Chain, World, noises
 from sim.film_side import Film
 from sim.links import links_of

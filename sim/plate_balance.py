@@ -20,7 +20,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from compensator.functions import KELVIN, Array
+from compensator.hysteresis.functions import KELVIN, Array
 from sim.effects.effect import HeatFlow, Switched
 from sim.effects.heat_term import ARGUMENTS, SIGNATURE
 

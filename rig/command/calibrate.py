@@ -34,11 +34,12 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
     voice = Voice(options.json)
     file = read_configuration(options.config, for_experiment=False)
     require_who_switches_off(file, guard, options.unguarded)
-    from rig.bench import open_bench
+    from rig.bench.assembly import open_bench
     from rig.drivers.registry import controller_class
     from rig.experiment.expected import expected_calibration
     from rig.experiment.session import Session, calibrate, watched_by
     from rig.experiment.summaries import calibration_summary
+    from rig.report.run import write_live_report
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
@@ -49,7 +50,7 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         SignalStop() as signals,
         open_bench(file, guard) as bench,
     ):
-        session = Session(bench, file, signals, voice.say)
+        session = Session(bench, file, signals, voice.say, report=write_live_report)
         result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
     voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))
     voice.say(f"model: {result.model_path}")

@@ -20,7 +20,7 @@ from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
 
 if TYPE_CHECKING:
-    from rig.bench import Bench
+    from rig.bench.assembly import Bench
     from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
@@ -38,7 +38,7 @@ def main(options: argparse.Namespace) -> int:
 
     voice = Voice(options.json)
     file = read_configuration(options.config, for_experiment=False)
-    from rig.bench import open_bench
+    from rig.bench.assembly import open_bench
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
@@ -62,7 +62,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str]:
     """Who they are; a line for each that is another one than the configuration says."""
-    from rig.serial_numbers import strangers
+    from rig.bench.serial_numbers import strangers
 
     for role, identity in bench.identities.items():
         voice.say(f"{role}: {identity}")
@@ -79,7 +79,7 @@ def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:
 
 def _status(bench: Bench, voice: Voice, faults: list[str], clear: bool) -> dict[str, Any]:
     """What the controller says of itself; an error is cleared where the user wants that."""
-    from rig.errors import InstrumentError
+    from rig.core.errors import InstrumentError
 
     status = bench.controller.status()
     voice.say(f"status: {status.text}")

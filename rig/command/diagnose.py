@@ -22,7 +22,7 @@ from rig.command.record_arguments import (
     writable_parent,
 )
 from rig.command.say import Voice
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def _diagnosed(
     """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
     import numpy as np
 
-    from rig.experiment.telling import telling_columns
+    from rig.analysis.telling import telling_columns
     from sim.diagnosis.diagnose import diagnose
     from sim.diagnosis.extended_model import extended_model, with_film
 

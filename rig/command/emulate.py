@@ -10,8 +10,8 @@ import argparse
 import time
 from pathlib import Path
 
-from rig.faults import fault
-from rig.posix_only import require
+from rig.core.faults import fault
+from rig.core.posix_only import require
 
 FASTEST = 1e4  # times real time: beyond it, no computer keeps up with the simulated plant
 
@@ -28,7 +28,7 @@ def main(options: argparse.Namespace) -> int:
     if not 1e-6 <= options.speed <= FASTEST:
         raise fault("--speed", repr(options.speed), f"expected a number from 1e-6 to {FASTEST:g}")
     file = read_configuration(options.config, for_experiment=False)
-    from rig.bench import emulated_instruments
+    from rig.bench.assembly import emulated_instruments
     from rig.ports.pseudo_terminal import PseudoTerminals
     from rig.safety.signals import SignalStop
 

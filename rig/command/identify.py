@@ -19,15 +19,15 @@ from rig.command.record_arguments import (
     writable_parent,
 )
 from rig.command.say import Voice
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.film_output import column_of, other_sense
 from rig.files.record_file import Record, unit_of
 
 if TYPE_CHECKING:
-    from compensator.film import FilmModel
-    from compensator.identify_film import FilmFit, FilmRecord
-    from compensator.identify_plate import PlateFit
-    from rig.experiment.film_numbers import FilmNumbers
+    from compensator.hysteresis.film import FilmModel
+    from compensator.identification.film import FilmFit, FilmRecord
+    from compensator.identification.plate import PlateFit
+    from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
 
 FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
@@ -84,7 +84,7 @@ def main(options: argparse.Namespace) -> int:
     film = _film(with_film, options) if with_film else None
     film_model = film.model if film is not None else None
     plate = _plate(with_plate, options) if with_plate else None
-    from rig.experiment.film_numbers import numbers_of_record
+    from rig.analysis.film_numbers import numbers_of_record
     from rig.files.model_file import Model, write_model
 
     numbers: list[FilmNumbers] = []
@@ -135,7 +135,7 @@ def _rising(records: list[Record], output: str, voice: Voice) -> str:
 
 def _compared(film: FilmFit, records: list[Record], output: str) -> list[Compared]:
     """Each record beside the model that was fitted."""
-    from compensator.temperature_path import temperature_path
+    from compensator.identification.temperature_smoother import temperature_path
     from rig.report.identification import Compared
 
     found = []
@@ -180,7 +180,7 @@ def _said_of(records: list[Record], error: ValueError) -> Faults:
 
 
 def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
-    from compensator.identify_film import identify_film_records
+    from compensator.identification.film import identify_film_records
 
     inputs = [_film_record(r, options.output) for r in records]
     try:
@@ -200,14 +200,14 @@ def _film(records: list[Record], options: argparse.Namespace) -> FilmFit:
 
 def _film_record(record: Record, output: str) -> FilmRecord:
     """Readings of the resistance with their own times, where the record has them."""
-    from compensator.identify_film import FilmRecord
+    from compensator.identification.film import FilmRecord
 
     own_times = record["resistance_time_s"] if record.has("resistance_time_s") else None
     return FilmRecord(record["time_s"], record["temperature_degC"], record.output(output), record.source, own_times)
 
 
 def _plate(records: list[Record], options: argparse.Namespace, lag: bool = False) -> PlateFit:
-    from compensator.identify_plate import PlateRecord, identify_plate_records
+    from compensator.identification.plate import PlateRecord, identify_plate_records
 
     inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
     try:
@@ -253,7 +253,7 @@ def _tell_lag(lag_s: float, numbers: list[FilmNumbers], result: dict[str, Any], 
 
 def _checked(model: FilmModel, records: list[Record], voice: Voice) -> list[dict[str, Any]]:
     """What to know of the model before it is used, between the temperatures seen; all of it is in the JSON."""
-    from compensator.check import check_model
+    from compensator.inverse.check import check_model
 
     low, high = _temperatures(records)
     findings = check_model(model, low, high).findings
@@ -284,7 +284,7 @@ def _compressed(
     """The model with fewer operators, where that is asked for; its loss is told."""
     if options.compress is None:
         return model
-    from compensator.compress import compress
+    from compensator.identification.compression import compress
 
     low, high = _temperatures(records)
     try:

@@ -6,7 +6,7 @@ import argparse
 from importlib import resources
 from pathlib import Path
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -25,10 +25,10 @@ from rig.command.record_arguments import (
     writable_file,
 )
 from rig.command.say import Voice
-from rig.faults import Faults, fault
+from rig.control.resistance import ohm
+from rig.core.faults import Faults, fault
 from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import print_columns, write_columns
-from rig.resistance import ohm
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from compensator.inverse import Inverse
+    from compensator.inverse.inverse import Inverse
     from rig.files.model_file import read_model
 
     if options.out is not None:

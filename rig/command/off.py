@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.command.stop import NOT_CONFIRMED, stopped
+from rig.core.faults import fault
 from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
-from rig.faults import fault
 
 if TYPE_CHECKING:
     from rig.drivers.controller import TemperatureController
@@ -117,9 +117,9 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
     """
     import time
 
-    from rig.clock import RealClock
+    from rig.core.clock import RealClock
+    from rig.core.errors import PortHeld, RigError
     from rig.drivers.registry import CONTROLLERS, open_controller
-    from rig.errors import PortHeld, RigError
     from rig.guard.keep_trying import ended
 
     if held.driver not in CONTROLLERS:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 
 WRITTEN = ("out", "json", "report")
 

@@ -51,9 +51,9 @@ def main(options: argparse.Namespace) -> int:
 
 def _asked(port: str, voice: Voice) -> dict[str, Any]:
     """Who answers there, by the driver that understands it."""
-    from rig.clock import RealClock
+    from rig.core.clock import RealClock
+    from rig.core.errors import RigError
     from rig.drivers.search import tries
-    from rig.errors import RigError
 
     try:
         for driver, identity in tries(port, RealClock()):

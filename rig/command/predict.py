@@ -24,7 +24,7 @@ from rig.command.record_arguments import (
     writable_parent,
 )
 from rig.command.say import Voice
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import Record, unit_of, write_columns
 
@@ -48,8 +48,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.analysis.predicted import needs_test_current, plate_temperatures, with_effects
     from rig.experiment.feasible import order_warning
-    from rig.experiment.predicted import needs_test_current, plate_temperatures, with_effects
     from rig.files.model_file import read_model
 
     if options.out is not None:

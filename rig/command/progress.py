@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-from rig.command.terminal_line import PatientLine, TerminalLine
+from rig.control.loop import Tick
+from rig.core.reading import Reading
+from rig.core.terminal_line import PatientLine, TerminalLine
 from rig.daemon.words import number, resistance
 from rig.drivers.heater_drive import OF_FULL_DRIVE
 from rig.experiment.expected import Phases
-from rig.loop import Tick
-from rig.reading import Reading
 
 
 class Progress:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.toml_text import shown
 
 if TYPE_CHECKING:

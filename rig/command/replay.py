@@ -23,7 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.command.say import Voice
-    from rig.experiment.replayed import replay_run
+    from rig.rehearsal.replayed import replay_run
 
     voice = Voice(options.json)
     if options.config is not None:
@@ -39,9 +39,9 @@ def main(options: argparse.Namespace) -> int:
 
 def _twin(options: argparse.Namespace, voice: object) -> int:
     from rig.command.say import Voice
-    from rig.experiment.replayed import twin_configuration
-    from rig.experiment.simulated import simulate, target_error
     from rig.files.record_file import write_columns
+    from rig.rehearsal.replayed import twin_configuration
+    from rig.rehearsal.simulated import simulate, target_error
 
     assert isinstance(voice, Voice)
     if options.out is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.toml_text import shown
 
 

@@ -36,10 +36,11 @@ def _run(options: argparse.Namespace, guard: Guard) -> int:
     from rig.drivers.registry import controller_class
     from rig.experiment.session import run
     from rig.experiment.summaries import summary
+    from rig.report.run import write_live_report
     from rig.safety.switching_off import off_confirmed
 
     with voice.progress(file.content.virtual_time) as progress:
-        result = run(file, options.out, voice.say, progress, guard)
+        result = run(file, options.out, voice.say, progress, guard, write_live_report)
     calibration = result.calibration
     if calibration is not None:
         voice.say(f"model: {calibration.model_path}")

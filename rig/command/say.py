@@ -13,7 +13,7 @@ from rig.files.run_folder import plain_json
 
 if TYPE_CHECKING:
     from rig.command.progress import Progress
-    from rig.command.terminal_line import PatientLine
+    from rig.core.terminal_line import PatientLine
 
 
 class Voice:
@@ -46,7 +46,7 @@ class Voice:
             yield None
             return
         from rig.command.progress import Progress
-        from rig.command.terminal_line import PatientLine, TerminalLine
+        from rig.core.terminal_line import PatientLine, TerminalLine
 
         self._line = PatientLine(TerminalLine(sys.stderr))
         try:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from rig.core.posix_only import require
 from rig.guard.line import Guard
 from rig.guard.needed import guarded_where_needed
-from rig.posix_only import require
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

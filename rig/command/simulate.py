@@ -38,8 +38,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.command.say import Voice
-    from rig.experiment.simulated import read_simulation, simulate
     from rig.files.record_file import write_columns
+    from rig.rehearsal.simulated import read_simulation, simulate
 
     writable_file(options.out)
     voice = Voice(options.json)

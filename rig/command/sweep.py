@@ -31,7 +31,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     from rig.command.say import Voice
-    from rig.experiment.swept import sweep
+    from rig.rehearsal.swept import sweep
 
     voice = Voice(options.json)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rig.command.record_arguments import add_json_argument
 from rig.command.say import Voice
-from rig.faults import fault
+from rig.core.faults import fault
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

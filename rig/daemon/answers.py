@@ -9,13 +9,13 @@ from typing import Any
 
 from pydantic import SecretStr
 
+from rig.core.faults import Faults
 from rig.daemon.admission import by_name, by_text, configurations
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.hold import USUAL_S, hold_of
 from rig.daemon.job import Job
 from rig.daemon.latching import NotCleared
-from rig.faults import Faults
 from rig.files.configuration import read_configuration
 
 LONGEST_REASON = 2000

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from rig.core.faults import Faults
 from rig.daemon.client import Client, NoDaemon, daemons
-from rig.faults import Faults
 
 NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from rig.core.posix_only import has_unix_sockets
 from rig.daemon.places import sockets_there
-from rig.posix_only import has_unix_sockets
 
 CALIBRATION = "calibration"  # a kind of job
 CROWDED_S = 5.0  # for a place in a line that moves within milliseconds

@@ -27,10 +27,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rig.core.errors import PortHeld
 from rig.daemon.announce import encoded
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.client import Client, NoDaemon
-from rig.errors import PortHeld
 from rig.files.json_text import parsed_json, usable
 
 LONGEST_LINE = 2_000_000  # bytes: a configuration of 1 MB, escaped

@@ -14,7 +14,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rig.clock import Clock
+from rig.control.loop import Ticks
+from rig.core.clock import Clock
+from rig.core.errors import PortHeld
+from rig.core.faults import Faults
+from rig.core.outcome import Tripped
 from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
 from rig.daemon.gaps import Gaps
@@ -27,14 +31,10 @@ from rig.daemon.latching import Latching
 from rig.daemon.webhook import post
 from rig.daemon.words import job_in_words, span
 from rig.drivers.identity import Identity
-from rig.errors import PortHeld
-from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import check_free, default_folder
 from rig.history.store import Retention, Store
 from rig.history.writer import Writer
-from rig.loop import Ticks
-from rig.outcome import Tripped
 from rig.safety.after_off import AfterOff
 from rig.version import __version__
 

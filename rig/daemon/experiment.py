@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.assembly import Bench
+from rig.control.loop import Tick
 from rig.experiment.calibration import Calibration
 from rig.experiment.session import Result, Session, calibrate, run_on, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, prepared_folder
-from rig.loop import Tick
+from rig.report.run import write_live_report
 from rig.safety.signals import SignalStop
 
 
@@ -28,7 +29,7 @@ class Watcher:
         """A control cycle was completed."""
 
     def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
-        """The loop is over and the output was commanded off. ticks: how punctual it was (`rig.loop.Ticks`)."""
+        """The loop is over and the output was commanded off. ticks: how punctual it was (`rig.control.loop.Ticks`)."""
 
 
 def run_watched(
@@ -65,4 +66,4 @@ def _watched(bench: Bench, file: ConfigurationFile, say: Callable[[str], None], 
             watcher.ended(more.get("output_off_confirmed"), more.get("ticks", {}))
             super().stop(reason, **more)
 
-    return Session(bench, file, SignalStop(), say, None, watcher.tick, Watched)
+    return Session(bench, file, SignalStop(), say, None, watcher.tick, Watched, write_live_report)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
-from rig.clock import Clock
+from rig.core.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import ResistanceMeter
 from rig.safety.switching_off import confirmed_by

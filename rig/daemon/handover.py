@@ -18,11 +18,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from rig.command.terminal_line import TerminalLine
+from rig.core.faults import Faults, fault
+from rig.core.terminal_line import TerminalLine
 from rig.daemon.asking import one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.words import in_a_line, off_in_words
-from rig.faults import Faults, fault
 from rig.files.toml_text import read_toml
 
 NOT_CONFIRMED = 11

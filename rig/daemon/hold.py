@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import read_model
 from rig.files.toml_text import parsed_toml, shown

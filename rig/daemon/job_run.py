@@ -8,24 +8,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.assembly import Bench
+from rig.bench.serial_numbers import strangers
+from rig.control.loop import Tick
+from rig.core.errors import RigError
+from rig.core.faults import Faults
+from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.core.reading import Quality
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import Desk, model_of
 from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
 from rig.daemon.gate import StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
-from rig.errors import RigError
 from rig.experiment.calibration import Calibration
 from rig.experiment.summaries import calibration_summary, summary
-from rig.faults import Faults
 from rig.files.run_folder import part_of
-from rig.loop import Tick
-from rig.outcome import NotConfirmedOff, Stopped, Tripped
-from rig.reading import Quality
 from rig.safety.after_off import NO_VOICE, AfterOff
 from rig.safety.bench_watch import BenchWatch
-from rig.serial_numbers import strangers
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
 LOOK_S = 30.0  # that the temperature is looked at after a job

@@ -11,7 +11,10 @@ import math
 import signal
 import threading
 
-from rig.bench import Bench, open_bench
+from rig.bench.assembly import Bench, open_bench
+from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
+from rig.core.outcome import NotConfirmedOff, Stopped
+from rig.core.reading import Quality, Reading, missing
 from rig.daemon.desk import Desk
 from rig.daemon.job_run import JobRun
 from rig.daemon.row import quality_of
@@ -19,11 +22,8 @@ from rig.daemon.systemd import Notifier
 from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
 from rig.drivers.heater_drive import drive_unit
-from rig.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import UNGUARDED, Guard
-from rig.outcome import NotConfirmedOff, Stopped
-from rig.reading import Quality, Reading, missing
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, looks_off
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.reading import Quality, Reading
+from rig.core.reading import Quality, Reading
 
 
 def quality_of(temperature: Reading, resistance: Reading | None) -> str:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
-from rig.bench import open_bench
-from rig.clock import RealClock
+from rig.bench.assembly import open_bench
+from rig.core.clock import RealClock
+from rig.core.errors import PortHeld, RigError
+from rig.core.faults import fault
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.answers import Answers
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk, history_folder
@@ -15,12 +18,9 @@ from rig.daemon.log import Log
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import Notifier
 from rig.daemon.web_process import WebProcess, stop_listener
-from rig.errors import PortHeld, RigError
-from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
 from rig.history.alone import Alone
-from rig.outcome import NotConfirmedOff
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 TOKEN = "serve.token is set: the page and its interface ask for it, on the loopback too"

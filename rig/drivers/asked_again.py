@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-from rig.errors import Corrupt, OutOfStep, TimedOut
+from rig.core.errors import Corrupt, OutOfStep, TimedOut
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 
-from rig.clock import Clock
+from rig.core.clock import Clock
 
 OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
 STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from math import isnan, nan
 from typing import ClassVar, Protocol
 
+from rig.core.reading import Reading
 from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class TemperatureController(Protocol):
     where there is none.
 
     All methods but `off` raise
-    `rig.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
+    `rig.core.errors.InstrumentError`; a value that may not be commanded is a ValueError, and nothing is sent.
     A driver of one's own may lack confirms_off_by, dead_man_s and clear_error.
     """
 

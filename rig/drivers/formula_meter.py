@@ -11,12 +11,12 @@ import re
 from math import isnan, nan
 from typing import ClassVar, Protocol
 
+from rig.core.reading import Quality, Reading
 from rig.drivers.formula import Formula, formula
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, Meter
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 OUTPUT_NAME = re.compile(r"[a-z][a-z0-9]*(_[A-Za-z0-9]+)+")
 TAKEN = ("minus_log10_ohm", "resistance_ohm", "temperature_degC", "current_A", "meter_current_A", "time_s")

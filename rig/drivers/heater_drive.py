@@ -12,8 +12,8 @@ from __future__ import annotations
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.core.errors import Refused
 from rig.drivers.controller import OwnLimits
-from rig.errors import Refused
 from rig.ports.transport import Transport
 
 OF_FULL_DRIVE = "of full drive"

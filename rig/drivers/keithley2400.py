@@ -22,12 +22,12 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import ClassVar
 
+from rig.core.errors import OutOfStep, TimedOut
+from rig.core.reading import Reading
 from rig.drivers.meter import OVERFLOW
 from rig.drivers.scpi_meter import ScpiMeter, is_number
-from rig.errors import OutOfStep, TimedOut
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Reading
 
 # full scale, ohm -> test current in auto-ohms, A (p. 4-14)
 TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(

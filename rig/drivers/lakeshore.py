@@ -27,16 +27,16 @@ from collections.abc import Callable
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.core.errors import Corrupt, InstrumentError, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.heater_drive import HeaterDrive
 from rig.drivers.identity import Identity
 from rig.drivers.lakeshore_line import LakeShoreLink
-from rig.errors import Corrupt, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 KELVIN = 273.15
 RANGES = {"low": 1, "medium": 2, "high": 3}

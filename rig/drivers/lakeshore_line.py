@@ -16,8 +16,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import product
 
+from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.drivers.scpi import ScpiLink
-from rig.errors import Corrupt, OutOfStep, Refused
 from rig.ports.transport import Transport
 
 ANSWER_S = 0.3

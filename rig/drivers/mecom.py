@@ -17,7 +17,7 @@ from binascii import crc_hqx, unhexlify
 from collections.abc import Iterator
 from math import isfinite
 
-from rig.errors import Corrupt, Refused, TimedOut
+from rig.core.errors import Corrupt, Refused, TimedOut
 from rig.ports.transport import Transport
 
 TRIALS = 3

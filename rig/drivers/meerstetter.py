@@ -14,15 +14,15 @@ import struct
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.core.errors import Disconnected, InstrumentError, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
 from rig.drivers.meerstetter_errors import TOO_HOT, WATCHDOG, meaning_of
-from rig.errors import Disconnected, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
 READY, RUNNING, IN_ERROR = 1, 2, 3

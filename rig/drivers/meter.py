@@ -9,10 +9,10 @@ from __future__ import annotations
 from math import copysign, inf, isfinite, log10, nan
 from typing import ClassVar, Protocol
 
+from rig.core.reading import Quality, Reading
 from rig.drivers.identity import Identity
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
 NOT_A_NUMBER = 9.905e37
@@ -25,7 +25,7 @@ class Meter(Protocol):
     output: the film's output that it reads, by its name and unit in a model file; "minus_log10_ohm" where readings
     are in ohm, otherwise readings are in the unit that the name ends with. test_current_A: of the range in use, nan
     where it is not known. full_scale: of the range in use, in the unit of what is measured (ohm or V), nan before
-    `configure`. All methods but `off` and `close` raise `rig.errors.InstrumentError`.
+    `configure`. All methods but `off` and `close` raise `rig.core.errors.InstrumentError`.
     """
 
     LINE: ClassVar[LineSettings]

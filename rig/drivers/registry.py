@@ -13,7 +13,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, cast
 
-from rig.clock import Clock
+from rig.core.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.option_kinds import check_kinds

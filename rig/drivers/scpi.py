@@ -21,7 +21,7 @@ import random
 import re
 from collections.abc import Callable
 
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
 RESYNCHRONISATIONS = 3

@@ -16,15 +16,15 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, ClassVar
 
+from rig.core.errors import Corrupt, OutOfStep, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, resistance_reading, voltage_reading
 from rig.drivers.scpi import ScpiLink
-from rig.errors import Corrupt, OutOfStep, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 RANGE_UP, RANGE_DOWN = 0.95, 0.08  # of full scale, where the driver changes the range, ahead of the overrange
 LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from rig.clock import Clock
+from rig.core.clock import Clock
+from rig.core.errors import InstrumentError
 from rig.drivers.identity import Identity
 from rig.drivers.registry import open_controller, open_meter
-from rig.errors import InstrumentError
 
 # role, driver, options; those whose frames are checked first
 TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (

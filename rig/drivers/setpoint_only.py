@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import nan
 from typing import ClassVar
 
+from rig.core.errors import Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.controller import OwnLimits
-from rig.errors import Refused
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 
 class SetpointOnly:

@@ -20,15 +20,15 @@ import re
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
-from rig.errors import Corrupt, Disconnected, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 CURRENT_MODE, TEMPERATURE_MODE = 0, 1
 WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from rig.core.errors import Corrupt, Refused
 from rig.drivers.scpi import ScpiLink
-from rig.errors import Corrupt, Refused
 from rig.ports.transport import Transport
 
 LONGEST_LINE = 64

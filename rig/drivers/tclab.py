@@ -23,16 +23,16 @@ import re
 from math import nan
 from typing import ClassVar
 
+from rig.core.errors import Corrupt, InstrumentError, Refused
+from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import confirmed
 from rig.drivers.controller import Status
 from rig.drivers.heater_drive import HeaterDrive
 from rig.drivers.identity import Identity
 from rig.drivers.tclab_link import TcLabLink
-from rig.errors import Corrupt, InstrumentError, Refused
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 TRIALS, OFF_ATTEMPTS = 3, 3
 VERSION = re.compile(r"TCLab Firmware (?:Version )?(\d+)\.(\d+)\.?(\S*)\s*(.*)", re.IGNORECASE)

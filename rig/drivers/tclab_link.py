@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import random
 
-from rig.errors import Disconnected, InstrumentError, OutOfStep
+from rig.core.errors import Disconnected, InstrumentError, OutOfStep
 from rig.ports.transport import Transport
 
 END = b"\n"

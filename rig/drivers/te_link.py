@@ -29,7 +29,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass
 
-from rig.errors import Corrupt, InstrumentError, OutOfStep, TimedOut
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut
 from rig.ports.transport import Transport
 
 RESYNCHRONISATIONS = 3

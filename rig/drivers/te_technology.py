@@ -30,16 +30,16 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import ClassVar
 
+from rig.core.errors import Corrupt, Disconnected, Refused, TimedOut
+from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.setpoint_only import SetpointOnly
 from rig.drivers.te_link import Dialect, Request, TeLink
-from rig.errors import Corrupt, Disconnected, Refused, TimedOut
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
-from rig.reading import Quality, Reading
 
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
 TRIALS = 3

@@ -16,28 +16,28 @@ from pathlib import Path
 
 import numpy as np
 
-from compensator.design import design_temperature
-from compensator.film import FilmModel
-from compensator.functions import Array
-from compensator.identify_balance import Kind
-from compensator.identify_film import FilmFit, identify_film
-from compensator.identify_plate import PlateFit, identify_plate
-from compensator.law import Law, LawSettings
-from compensator.temperature_path import temperature_path
+from compensator.control.design import design_temperature
+from compensator.control.law import Law, LawSettings
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.identification.film import FilmFit, identify_film
+from compensator.identification.heat_balance import Kind
+from compensator.identification.plate import PlateFit, identify_plate
+from compensator.identification.temperature_smoother import temperature_path
+from rig.analysis.film_numbers import FilmNumbers, numbers_of_run, plate_course
+from rig.control.loop import Loop
+from rig.control.policies import Follow, temperature_now, warmed_up
+from rig.core.faults import fault
+from rig.core.outcome import Tripped
 from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import ExtendedLaw, plate_extension
-from rig.experiment.film_numbers import FilmNumbers, numbers_of_run, plate_course
 from rig.experiment.minor_loops import minor_turning_points, transition_range
-from rig.experiment.policies import Follow, temperature_now, warmed_up
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
-from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.files.model_file import Model, write_model
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
-from rig.loop import Loop
-from rig.outcome import Tripped
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from sim.effects.actuator_delay import EFFECT as ACTUATOR_DELAY

@@ -9,14 +9,14 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Protocol
 
-from compensator.plate import PlateModel
+from compensator.thermal.plate import PlateModel
+from rig.control.loop import Tick
 from rig.experiment.calibration import calibration_range
 from rig.experiment.minor_loops import minor_turning_points
 from rig.experiment.pulses import PULSE_S
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
-from rig.loop import Tick
 
 Phases = list[tuple[str, float]]
 

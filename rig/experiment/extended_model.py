@@ -22,11 +22,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.film import FilmModel
-from compensator.functions import Array
-from compensator.law import Command, Law, LawName, LawSettings, LawState
-from compensator.pid import PidState, integral_of, output_of
-from compensator.plate import PlateModel
+from compensator.control.law import Command, Law, LawName, LawSettings, LawState
+from compensator.control.pid import PidState, integral_of, output_of
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from rig.experiment.extension import Extension, own_output_table
 from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.film import FilmModel
-from compensator.functions import Array
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from sim.effects.effect import Filter, Reading, Switched, Warming
 from sim.film_side import FilmSide, FilmState
 from sim.links import Effects, Links, links_of

@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from compensator.film import FilmModel
-from compensator.functions import Array
-from compensator.inverse import Inverse
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
+from rig.control.resistance import ohm
+from rig.core.faults import fault
 from rig.drivers.heater_drive import OF_FULL_DRIVE
-from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.target import Target
-from rig.resistance import ohm
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time

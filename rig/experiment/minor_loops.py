@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
+from rig.core.outcome import Tripped
 from rig.files.run_folder import RunFolder
-from rig.outcome import Tripped
 
 MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition

@@ -18,12 +18,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.plate import PlateModel
+from compensator.thermal.plate import PlateModel
+from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.core.outcome import Tripped
+from rig.core.reading import Reading
 from rig.drivers.heater_drive import cools
 from rig.files.configuration import Configuration
-from rig.loop import AT_THE_TICK, Decision, Loop, ReadAt
-from rig.outcome import Tripped
-from rig.reading import Reading
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
 from rig.safety.interlock import Limits

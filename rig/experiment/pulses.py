@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.identify_balance import Kind
-from compensator.identify_plate import identify_plate
+from compensator.identification.heat_balance import Kind
+from compensator.identification.plate import identify_plate
+from rig.control.loop import Loop
+from rig.control.policies import CurrentProfile
+from rig.core.outcome import Tripped
 from rig.drivers.heater_drive import cools
-from rig.experiment.policies import CurrentProfile
 from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
-from rig.loop import Loop
-from rig.outcome import Tripped
 from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
 
 PULSE_SHARE = 0.5  # of the current limit, at most

@@ -13,21 +13,26 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rig.bench import Bench
+from rig.bench.assembly import Bench
+from rig.bench.output_off import OutputOff
+from rig.control.loop import Loop, Progress, Tick, columns_of
+from rig.core.faults import Faults
+from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.drivers.heater_drive import drive_unit
-from rig.faults import Faults
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
-from rig.loop import Loop, Progress, Tick, columns_of
-from rig.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
-from rig.safety.output_off import OutputOff
 from rig.safety.signals import SignalStop
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 FEWEST_ROWS = 2  # for a report
 TRIP_S = 60.0  # of rows before a trip, kept beside its cause
+Report = Callable[[RunFolder], None]  # writes a run's report into its folder
+
+
+def no_report(folder: RunFolder) -> None:
+    """For whoever wants none."""
 
 
 def limits_of(file: ConfigurationFile) -> Limits:
@@ -47,6 +52,7 @@ def recorded(
     progress: Progress | None = None,
     on_tick: Callable[[Tick], None] | None = None,
     make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] = RunFolder,
+    report: Report = no_report,
 ) -> Iterator[tuple[Loop, RunFolder]]:
     """A run folder and a loop; at the end the output is off, and the reason is written down."""
     start: dict[str, Any] = {
@@ -59,6 +65,7 @@ def recorded(
         "guarded": bench.guard.guarding,
     }
     folder = make_folder(path, start, file.text, columns_of(bench))
+    bench.guard.records(str(folder.part.absolute()))
     loop = Loop(bench, limits_of(file), folder, progress, on_tick)
     output = OutputOff(bench.controller, signals, bench.guard)
     try:
@@ -80,7 +87,7 @@ def recorded(
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
                 error.add_note(f"{folder.part} is not whole: {problem}")
         if not bench.watched_after:
-            _write_report(folder, error)
+            _write_report(folder, error, report)
         raise error
 
 
@@ -102,15 +109,13 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
         raise NotConfirmedOff(look.text) from error
 
 
-def _write_report(folder: RunFolder, error: BaseException) -> None:
+def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:
     """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
     first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
-    if isinstance(error, NotConfirmedOff) or len(folder.rows) < FEWEST_ROWS:
+    if report is no_report or isinstance(error, NotConfirmedOff) or len(folder.rows) < FEWEST_ROWS:
         return
-    from rig.report.run import write_live_report
-
     try:
-        write_live_report(folder)
+        report(folder)
     except Exception as problem:  # whatever it is, how the run ended is more important
         error.add_note(f"no report could be written: {problem}")
     else:

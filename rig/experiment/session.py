@@ -12,10 +12,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
-from compensator.design import Design
-from compensator.identify_balance import Kind
-from compensator.law import LawName
-from rig.bench import Bench, open_bench
+from compensator.control.design import Design
+from compensator.control.law import LawName
+from compensator.identification.heat_balance import Kind
+from rig.analysis.predicted import needs_test_current
+from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
+from rig.bench.assembly import Bench, open_bench
+from rig.control.loop import Loop, Progress, Tick
+from rig.control.policies import CurrentProfile, Follow, Setpoints
+from rig.core.faults import fault
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
@@ -23,22 +28,17 @@ from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, own_target, plate_extension
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
-from rig.experiment.policies import CurrentProfile, Follow, Setpoints
-from rig.experiment.predicted import needs_test_current
-from rig.experiment.run_record import recorded
-from rig.experiment.score import COUNTED, Score, largest, profile_error, rms
+from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
-from rig.faults import fault
 from rig.files.configuration import ConfigurationFile
 from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import write_columns
-from rig.files.run_folder import RunFolder, default_folder, part_of, prepared_folder
+from rig.files.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
 from rig.files.target import COLUMNS as COLUMN_OF
 from rig.files.target import Target, read_target, target_in_words
 from rig.guard.line import UNGUARDED, Guard
-from rig.loop import Loop, Progress, Tick
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
 
@@ -55,7 +55,7 @@ class Session:
     """A bench that is open, the configuration it was opened for, and how to talk to the user meanwhile.
 
     on_tick: called with every tick of every run on it. make_folder: what makes a run folder, `RunFolder` or one's own
-    kind of it.
+    kind of it. report: writes a run's report.
     """
 
     bench: Bench
@@ -65,6 +65,7 @@ class Session:
     progress: Progress | None = None
     on_tick: Callable[[Tick], None] | None = None
     make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] | None = None
+    report: Report = no_report
 
 
 @dataclass
@@ -94,7 +95,7 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
     """A run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
     make = session.make_folder or RunFolder
     bench, file, signals = session.bench, session.file, session.signals
-    return recorded(bench, file, signals, path, what, session.progress, session.on_tick, make)
+    return recorded(bench, file, signals, path, what, session.progress, session.on_tick, make, session.report)
 
 
 def calibrate(session: Session, path: Path) -> Calibration:
@@ -118,12 +119,9 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
     result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
     folder.result(**calibration_result(result))
-    from rig.report.calibration import PREDICTED
-    from rig.report.run import write_live_report
-
     predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
     write_columns(folder.part / PREDICTED, predicted)
-    write_live_report(folder)
+    session.report(folder)
     whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
@@ -138,13 +136,15 @@ def run(
     say: Callable[[str], None],
     onlooker: Onlooker | None,
     guard: Guard = UNGUARDED,
+    report: Report = no_report,
 ) -> Result:
     """The experiment of a configuration, on a bench that is opened for it. Raises Faults, RigError, Outcome."""
     path = out if out is not None else default_folder(file.content.experiment.name)
     target, model = wanted(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
-        session = watched_by(onlooker, Session(bench, file, signals, say), expected_run(file.content, target, model))
-        return run_on(session, path, target, model)
+        session = Session(bench, file, signals, say, report=report)
+        phases = expected_run(file.content, target, model)
+        return run_on(watched_by(onlooker, session, phases), path, target, model)
 
 
 def watched_by(onlooker: Onlooker | None, session: Session, phases: Phases) -> Session:
@@ -251,9 +251,9 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
             folders[name] = _one_law(session, path if name == e.law else inner / name, result, name)
     except BaseException:
         with suppress(Exception):  # why it ended is what has to be told
-            _reports(folders, e.law)
+            _reports(session, folders, e.law)
         raise
-    result.folder = _reports(folders, e.law).finish()
+    result.folder = _reports(session, folders, e.law).finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
@@ -282,15 +282,13 @@ def _one_law(session: Session, where: Path, result: Result, name: LawName) -> Ru
     return folder
 
 
-def _reports(folders: Mapping[LawName, RunFolder], own: LawName) -> RunFolder:
+def _reports(session: Session, folders: Mapping[LawName, RunFolder], own: LawName) -> RunFolder:
     """The reports of what was run: the laws to compare with first, for the own one's links to them. The own folder."""
-    from rig.report.run import write_live_report
-
     for name, folder in folders.items():
         if name != own:
-            write_live_report(folder)
+            session.report(folder)
             folder.finish()
-    write_live_report(folders[own])
+    session.report(folders[own])
     return folders[own]
 
 
@@ -324,13 +322,11 @@ def _profile(session: Session, path: Path, result: Result) -> None:
             policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
     _keep(folder, target, result.model)
-    from rig.report.run import write_live_report
-
     error_K = rms(profile_error(folder)[1])
     if math.isfinite(error_K):
         folder.result(error={"rms_K": error_K, "max_K": largest(profile_error(folder)[1])})
         say(f"temperature: RMS error {error_K:.4f} K ({COUNTED})")
-    write_live_report(folder)
+    session.report(folder)
     result.folder = folder.finish()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from compensator.design import Design
+from compensator.control.design import Design
 from rig.experiment.calibration import Calibration
 
 if TYPE_CHECKING:

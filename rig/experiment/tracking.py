@@ -13,23 +13,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compensator.design import Design, design_log_resistance, design_temperature
-from compensator.film import FilmModel
-from compensator.inverse import Inverse
-from compensator.law import Law, LawName, LawSettings
-from compensator.plate import PlateModel
-from rig.bench import Bench
+from compensator.control.design import Design, design_log_resistance, design_temperature
+from compensator.control.law import Law, LawName, LawSettings
+from compensator.hysteresis.film import FilmModel
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
+from rig.analysis.score import Score, score
+from rig.bench.assembly import Bench
+from rig.control.loop import Loop
+from rig.control.policies import Follow, handed_over, temperature_now, warmed_up
+from rig.control.resistance import ohm
+from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
 from rig.experiment.extension import Extension
-from rig.experiment.policies import Follow, handed_over, temperature_now, warmed_up
-from rig.experiment.score import Score, score
-from rig.faults import fault
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
-from rig.loop import Loop
-from rig.resistance import ohm
 
 HOT_DWELL_S = 3.0
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.matlab_vectors import vectors_of
 from rig.files.table import Column, Table
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.column_mapping import ending_of, typed
 from rig.files.column_meaning import meaning_of
 from rig.files.field_times import time_like

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.column_meaning import KNOWN
 from rig.files.field_times import LAYOUTS
 from rig.files.units import UNITS, asked_unit

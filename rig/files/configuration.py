@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.model_file import MemorylessTable, PlateTable
 from rig.files.secret_keys import without_secrets
 from rig.files.toml_file import Table, checked

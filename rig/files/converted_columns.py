@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.faults import Faults, fault
+from compensator.hysteresis.functions import Array
+from rig.core.faults import Faults, fault
 from rig.files.column_mapping import ending_of, typed
 from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
 from rig.files.field_numbers import Undecided, number_of, read_numbers, tidied

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.column_mapping import typed
 from rig.files.table import Table
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import codecs
 from pathlib import Path
 
-from rig.faults import fault
+from rig.core.faults import fault
 
 MARKS = (  # the longer marks first: UTF-32's begins as UTF-16's does
     (codecs.BOM_UTF8, "utf-8-sig"),

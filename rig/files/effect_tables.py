@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from sim.effects import memoryless_term
 from sim.effects.catalogue import add_effect_file, catalogue
 from sim.effects.effect import Effect, Parameter, Switched, switched

@@ -14,7 +14,7 @@ from itertools import islice
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.units import UNITS, spelled
 
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "#na", "null", "none", "-", "--", "---", "nd", "n.d.", "1.#qnan"))

@@ -15,7 +15,7 @@ from datetime import date, datetime
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 DAY_S = 86400.0
 ORDERS = ("ymd", "dmy", "mdy")

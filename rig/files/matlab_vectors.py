@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.faults import Faults, fault
+from compensator.hysteresis.functions import Array
+from rig.core.faults import Faults, fault
 
 MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tomli_w
 from pydantic import Field, model_validator
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
-from compensator.plate import PlateModel
-from rig.faults import Faults
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
+from compensator.thermal.plate import PlateModel
+from rig.core.faults import Faults
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import read_toml
 

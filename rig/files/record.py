@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 
 __all__ = ["Record", "unit_of"]

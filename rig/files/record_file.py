@@ -18,8 +18,8 @@ from typing import TextIO
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.faults import fault
+from compensator.hysteresis.functions import Array
+from rig.core.faults import fault
 from rig.files.column_mapping import ColumnMapping
 from rig.files.column_meaning import KNOWN
 from rig.files.decoded import decoded

@@ -7,7 +7,7 @@
     events.jsonl    what happened, a line each
     report.html, figures/
 
-A run.json without "stop" is of a run that crashed.
+A run.json without "stop" is of a run that crashed and had no guard; with one, the guard has written it.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.version import __version__
+
+PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
 
 
 def default_folder(name: str, root: Path = Path("runs")) -> Path:

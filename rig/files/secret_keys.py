@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tomli_w
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.toml_text import parsed_toml
 
 SECRET_KEYS = ("token", "metrics_token", "webhook")  # a webhook's address is all that its receiver asks for

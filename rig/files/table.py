@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.field_numbers import Signs
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.asked_columns import ask
 from rig.files.column_mapping import ColumnMapping
 from rig.files.converted_columns import converted

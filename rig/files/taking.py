@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.column_mapping import ColumnMapping, ending_of, typed
 from rig.files.column_meaning import KNOWN, Meaning, meaning_of
 from rig.files.field_numbers import Numbers, blank_like, read_numbers, tidied, within_range

@@ -23,8 +23,8 @@ from pathlib import Path
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.faults import Faults
+from compensator.hysteresis.functions import Array
+from rig.core.faults import Faults
 from rig.files.record_file import read_record
 from rig.files.units import UNITS, spelled, straightened
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.field_numbers import blank_like, number_like
 from rig.files.field_times import time_like
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.faults import fault
+from rig.core.faults import fault
 from rig.files.column_meaning import meaning_of
 from rig.files.field_numbers import number_like
 from rig.files.text_form import Form, divided_line, is_value

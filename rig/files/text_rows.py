@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.faults import Faults, fault
+from compensator.hysteresis.functions import Array
+from rig.core.faults import Faults, fault
 from rig.files.field_numbers import signs_of
 from rig.files.text_form import SAMPLE, Form, divided_line
 from rig.files.text_head import Head

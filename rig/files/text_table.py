@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.field_numbers import Signs, signs_of
 from rig.files.table import Column, Table
 from rig.files.text_form import Form, divided_line, first_row, form_of, sample_of

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.toml_text import shown
 
 MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB

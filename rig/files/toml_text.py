@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 
 MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB
 DEEPEST = 20  # tables and lists inside each other; a configuration needs five

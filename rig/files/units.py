@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 Conversion = Callable[[Array], Array]
 

@@ -9,7 +9,7 @@ from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.table import Table
 from rig.files.text_table import text_table
 

@@ -7,6 +7,7 @@
     busy      the output is armed: `alive` has to come from now on
     idle      the output is off, confirmed; nothing has to come
     expects   what the thermometer would show if the output went off now (`rig.safety.after_off.Courses`), or null
+    records   a run begins: the folder that it writes into
     .         alive: a tick of the loop was completed
 
 A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
@@ -22,9 +23,9 @@ import os
 import select
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+from rig.core.outcome import Outcome
 from rig.guard.last_breath import LastBreath
 from rig.guard.suspended import SuspendedWatch
-from rig.outcome import Outcome
 
 if TYPE_CHECKING:
     from rig.safety.after_off import Courses
@@ -63,6 +64,9 @@ class Guard(Protocol):
     def alive(self) -> None:
         """A tick was completed. Raises GuardGone where the guard has died, or is suspended."""
 
+    def records(self, folder: str) -> None:
+        """A run begins, which writes into this folder."""
+
     def expects(self, courses: Courses | None) -> None:
         """What the thermometer would show if the output went off now, None where no reading could choose."""
 
@@ -88,6 +92,9 @@ class _Unguarded:
         pass
 
     def alive(self) -> None:
+        pass
+
+    def records(self, folder: str) -> None:
         pass
 
     def expects(self, courses: Courses | None) -> None:
@@ -135,6 +142,9 @@ class GuardLine:
         if self._suspended.found:
             raise GuardGone(f"the guard process {self._guard_pid} is suspended")
         self._write(ALIVE)
+
+    def records(self, folder: str) -> None:
+        self._tell(event="records", folder=folder)
 
     def expects(self, courses: Courses | None) -> None:
         table = courses.table() if courses is not None else None

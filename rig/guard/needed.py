@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.faults import Faults, fault
+from rig.core.faults import Faults, fault
 from rig.files.toml_text import read_toml
 from rig.guard.line import UNGUARDED, Guard
 from rig.guard.process import guarded

@@ -17,6 +17,7 @@ from typing import Any
 
 import serial
 
+from rig.safety.after_off import AfterOff, Courses, looked_at
 from rig.safety.switching_off import Verdict, look_after_silence, off_confirmed
 from rig.safety.switching_off import switch_off as switch_off_and_look
 
@@ -40,7 +41,7 @@ class Held:
 
 def prepare(held: Held) -> None:
     """Import what `switch_off` needs, so that nothing has to be read from a disk (it may be full, or gone) then."""
-    from rig.clock import RealClock  # noqa: F401
+    from rig.core.clock import RealClock  # noqa: F401
 
     driver_of(held)
 
@@ -54,7 +55,7 @@ def driver_of(held: Held) -> Any:
 
 def opened(held: Held, locked: bool = True) -> Any:
     """Its driver, on its port. locked: whether the port's lock is asked for; a process about to be gone may have it."""
-    from rig.clock import RealClock
+    from rig.core.clock import RealClock
     from rig.drivers import registry
 
     opener = registry.open_controller if held.role == "controller" else registry.open_meter
@@ -98,6 +99,23 @@ def look_once_more(held: Held, before: Verdict, patience_s: float) -> Verdict:
         if not (controller.has_dead_man and held.dead_man_s > 0.0):
             return _named(held, before)
         return _named(held, look_after_silence(controller, held.dead_man_s, before.said_s))
+    finally:
+        controller.close()
+
+
+def temperature_after(held: Held, courses: Courses, off_s: float, patience_s: float) -> AfterOff:
+    """What the temperature says of an output that was confirmed to be off at `off_s`. Never raises an Exception.
+
+    The port is held meanwhile. A port that cannot be opened, and a driver that fails, leave it open.
+    """
+    controller = _opened_in_time(held, patience_s)
+    if isinstance(controller, str):
+        return AfterOff(courses, off_s)
+    dead_man_s = held.dead_man_s if controller.has_dead_man else 0.0
+    try:
+        return looked_at(courses, controller, controller.transport.clock, off_s, dead_man_s)
+    except Exception:  # a driver of the user's own may do anything
+        return AfterOff(courses, off_s)
     finally:
         controller.close()
 

@@ -8,7 +8,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from rig.errors import PortHeld
+from rig.core.errors import PortHeld
 
 NAME = "history.lock"
 TAKEN = (errno.EAGAIN, errno.EACCES)

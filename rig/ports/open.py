@@ -11,7 +11,7 @@ from pathlib import Path
 import serial
 
 import rig.ports.registry  # noqa: F401 - tells pyserial of sim://
-from rig.errors import Disconnected, PortHeld
+from rig.core.errors import Disconnected, PortHeld
 from rig.ports.transport import GONE
 
 WRITE_TIMEOUT_S = 1.0

@@ -13,7 +13,7 @@ from typing import Any
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException
 
-from rig.clock import Clock, RealClock
+from rig.core.clock import Clock, RealClock
 from rig.ports.registry import Line, look_up
 from sim.instruments.instrument import Instrument
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import serial
 
-from rig.clock import Clock
+from rig.core.clock import Clock
 from sim.instruments.instrument import Instrument
 
 if __package__ not in serial.protocol_handler_packages:  # "rig.ports", where protocol_sim is

@@ -13,8 +13,8 @@ from typing import Protocol
 
 from serial import SerialException, SerialTimeoutException
 
-from rig.clock import Clock
-from rig.errors import Corrupt, Disconnected, InstrumentError, TimedOut
+from rig.core.clock import Clock
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, TimedOut
 
 try:
     from termios import error as _TermiosError

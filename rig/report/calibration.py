@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from compensator.functions import Array
-from rig.experiment.film_numbers import numbers_of_run
-from rig.experiment.score import error_dec
+from compensator.hysteresis.functions import Array
+from rig.analysis.film_numbers import numbers_of_run
+from rig.analysis.score import error_dec
+from rig.files.run_folder import PREDICTED
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.film_section import transition_section
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
 from rig.report.run_rows import PHASE, RunRows, drive_label
 
-PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
 UNITS = {
     "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
     "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.report.diagnosis_words import CHANNELS, judged_channels
 from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure

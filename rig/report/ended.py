@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.experiment.score import COUNTED, largest, profile_error, rms, tracking_error
+from rig.analysis.score import COUNTED, largest, profile_error, rms, tracking_error
 from rig.report.error_course import decades_figure, kelvin_figure
 from rig.report.page import events_table, facts, paragraph, section, tiles, write_page
 from rig.report.profile import courses, kelvin

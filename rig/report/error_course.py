@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from compensator.functions import Array
-from rig.experiment.score import profile_error, tracking_error
+from compensator.hysteresis.functions import Array
+from rig.analysis.score import profile_error, tracking_error
 from rig.report.figures import COLOURS, new_figure, saved, thinned
 from rig.report.page import figure
 from rig.report.run_rows import RunRows

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogFormatter
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 COLOURS = {
     "measured": "#1f5fbf",

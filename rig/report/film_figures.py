@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import TwoSlopeNorm
 
-from compensator.forc import Forc
-from compensator.functions import Array
-from compensator.transition import SENSES, Transition, slope_curve
+from compensator.characterization.forc import Forc
+from compensator.characterization.transition import SENSES, Transition, slope_curve
+from compensator.hysteresis.functions import Array
 from rig.files.film_output import in_decades, unit_of
 from rig.report.diagnosis_figures import grid
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rig.analysis.transition_words import forc_note, rows
 from rig.report.film_figures import derivative_figure, forc_figure
 from rig.report.page import bullets, paragraph, section, table
-from rig.report.transition_words import forc_note, rows
 
 if TYPE_CHECKING:
-    from rig.experiment.film_numbers import FilmNumbers
+    from rig.analysis.film_numbers import FilmNumbers
 
 
 def transition_section(folder: Path, numbers: FilmNumbers, suffix: str = "", title: str = "The transition") -> str:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
-from rig.experiment.film_numbers import FilmNumbers
+from compensator.hysteresis.functions import Array
+from rig.analysis.film_numbers import FilmNumbers
 from rig.files.film_output import unit_of
 from rig.files.run_folder import plain_json
 from rig.report.film_figures import loop_figure, residual_figure

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from rig.files.film_output import in_decades, unit_of
 from rig.files.run_folder import plain_json
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.experiment.score import COUNTED, largest, profile_error, rms
-from rig.loop import COLUMNS
+from rig.analysis.score import COUNTED, largest, profile_error, rms
+from rig.control.loop import COLUMNS
 from rig.report.error_course import kelvin_figure
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, section, tiles, write_page

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from rig.core.faults import Faults, fault
 from rig.drivers.heater_drive import OF_FULL_DRIVE
-from rig.faults import Faults, fault
 from rig.files.json_text import parsed_json
 from rig.files.run_folder import RunFolder, plain_json
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.experiment.score import COUNTED, TRACK, Score, score
+from rig.analysis.score import COUNTED, TRACK, Score, score
 from rig.report.error_course import decades_figure
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page

@@ -1,8 +1,8 @@
 """Whether the temperature agrees that the output is off.
 
 A controller may say "off, 0 A" while a current flows. So the temperature is looked at for some time more, and held
-against two courses, from where plate and thermometer were (`rig.safety.courses`): with the output off, and with what was
-on going on. Where the two have parted, the reading is on one side or on the other. Only what has changed since the
+against two courses, from where plate and thermometer were (`rig.safety.courses`): with the output off, and with what
+was on going on. Where the two have parted, the reading is on one side or on the other. Only what has changed since the
 output went off counts, and a thermometer that a run has tripped on (`NO_VOICE`) has no voice.
 
 The working process, the daemon and the guard judge by this. The guard has no arrays and no plate: the courses come to
@@ -15,9 +15,9 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rig.clock import Clock
+from rig.core.clock import Clock
+from rig.core.errors import InstrumentError
 from rig.drivers.controller import TemperatureController
-from rig.errors import InstrumentError
 from rig.safety.switching_off import MARGIN_S
 
 EVERY_S = 0.25  # between two readings
@@ -105,10 +105,11 @@ class AfterOff:
         self._against = self._against + 1 if ON_SHARE[0] < share < ON_SHARE[1] else 0
         if self._against >= THRICE:
             self.agrees = False
+            off_degC, on_degC = without_degC + self._more_K, going_on_degC + self._more_K
             self.text = (
                 f"{after_s:.1f} s after the controller confirmed that its output is off the thermometer "
-                f"shows {temperature_degC:.2f} degC, where it would show {without_degC + self._more_K:.2f} degC without "
-                f"a current and {going_on_degC + self._more_K:.2f} degC with {self._courses.last}"
+                f"shows {temperature_degC:.2f} degC, where it would show {off_degC:.2f} degC without a current and "
+                f"{on_degC:.2f} degC with {self._courses.last}"
             )
 
 

@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from rig.core.errors import Disconnected, InstrumentError
+from rig.core.outcome import Tripped
+from rig.core.reading import Quality, Reading
 from rig.drivers.controller import Status, TemperatureController
-from rig.errors import Disconnected, InstrumentError
-from rig.outcome import Tripped
-from rig.reading import Quality, Reading
 from rig.safety.after_off import Courses
 from rig.safety.courses import HeldSetpoint, of_a_plate
 from rig.safety.credible import OhmmeterTrust, ThermometerTrust

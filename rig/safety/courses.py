@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import pairwise
 from typing import Final
 
 from rig.safety.after_off import Courses
@@ -105,5 +106,5 @@ class HeldSetpoint:
 def _scatter_K(weights: list[float], values: tuple[float, ...], drift: float, value_degC: float) -> float:
     """How far the readings at rest are from their line, at most; a step of the thermometer at least."""
     off_K = max(abs(v - value_degC - drift * w) for w, v in zip(weights, values, strict=True))
-    steps = [abs(b - a) for a, b in zip(values, values[1:], strict=False) if a != b]
+    steps = [abs(b - a) for a, b in pairwise(values) if a != b]
     return max(off_K, min(steps, default=0.0))

@@ -18,7 +18,7 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from rig.reading import Quality, Reading
+from rig.core.reading import Quality, Reading
 
 ENOUGH = 10  # readings alike, at least
 BY_CHANCE = 1e-9

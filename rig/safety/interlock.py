@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from rig.outcome import Tripped
-from rig.reading import Quality, Reading
+from rig.core.outcome import Tripped
+from rig.core.reading import Quality, Reading
 
 
 @dataclass(frozen=True)

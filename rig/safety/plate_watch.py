@@ -24,7 +24,7 @@ from collections import deque
 from copy import copy
 from typing import Final
 
-from rig.outcome import Tripped
+from rig.core.outcome import Tripped
 from rig.safety.first_plate import OF_A_PULSE, KnownPlate
 
 LEAST_K: Final = 2.0  # a draught, a neighbour's heat

@@ -13,7 +13,7 @@ from collections import deque
 
 import numpy as np
 
-from rig.outcome import Tripped
+from rig.core.outcome import Tripped
 
 LOOK_EVERY_S = 0.5
 STRONG = 0.5  # of the current that is useful

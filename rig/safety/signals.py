@@ -6,7 +6,7 @@ import signal
 import threading
 from types import FrameType, TracebackType
 
-from rig.outcome import Stopped
+from rig.core.outcome import Stopped
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name))
 COMPILERS = ("numba", "llvmlite")  # they take exceptions for their own: one raised inside is lost, or breaks them

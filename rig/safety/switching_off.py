@@ -16,8 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
+from rig.core.errors import Disconnected
 from rig.drivers.controller import TemperatureController
-from rig.errors import Disconnected
 
 MARGIN_S: Final = 0.3  # beyond the dead man's time: its clock is not ours, and it acts at its next control step
 STEP_S: Final = 0.5  # of the silence, so that who waits for a sign of life has one

@@ -10,8 +10,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from rig.control.resistance import ohm
 from rig.history.reading import loop_points, temperatures
-from rig.resistance import ohm
 
 HOUR_S = 3600.0
 POINTS = 1500
@@ -54,7 +54,7 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
     """The film of a model file; None where there is no such file, or no film in it, or not with a resistance."""
     if model is None or not Path(model).is_file():
         return None
-    from rig.faults import Faults
+    from rig.core.faults import Faults
     from rig.files.model_file import read_model
 
     try:
@@ -87,7 +87,7 @@ class _Followed:
         """Where the film stands now; None where that is not known."""
         import numpy as np
 
-        from compensator.inverse import Inverse
+        from compensator.inverse.inverse import Inverse
 
         if self._at_s is None:
             return None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 LEAST_SHARE = 0.02  # of the noise's variance: less is no matter
 SURE = 1e-6  # probability of so much by chance, over all questions

@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.resistance_fit import ResistanceFit
 from sim.diagnosis.resistance_search import ResistanceSearch
 from sim.effects.effect import Effect, Reading, at_the_terminals

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.identify_search import transition
+from compensator.hysteresis.functions import Array
+from compensator.identification.multistart import transition
 from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.film_memory import remembered

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.adequacy import describe
 from sim.diagnosis.advice import next_experiments
 from sim.diagnosis.chain import Chain, temperature_search

@@ -13,7 +13,7 @@ import itertools
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 SHORTEST_ROWS = 24.0  # half a period, rows
 BANDS = 3

@@ -14,13 +14,13 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from compensator.film import FilmModel
-from compensator.functions import Array
-from compensator.identify_forms import Form
-from compensator.identify_mixed import RESOLUTIONS, dictionary, half_loop_width
-from compensator.identify_operators import Integers
-from compensator.identify_selection import FEWER_WORTH, WORTH, rms
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.identification.memoryless_forms import Form
+from compensator.identification.mixed_envelopes import RESOLUTIONS, dictionary, half_loop_width
+from compensator.identification.model_selection import FEWER_WORTH, WORTH, rms
+from compensator.identification.operator_outputs import Integers
+from compensator.thermal.plate import PlateModel
 from sim.diagnosis.diagnose import Diagnosis
 from sim.diagnosis.film_refit import FilmRefit, Refit
 from sim.diagnosis.film_start import thinned_path

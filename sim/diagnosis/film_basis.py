@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_columns import SmoothCurve
 from sim.diagnosis.film_relays import RelayPlane
 from sim.diagnosis.plate_path import PlatePath

@@ -15,9 +15,9 @@ from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from compensator.film import Initial
-from compensator.functions import Array
-from compensator.identify_operators import envelope_values, operator_outputs
+from compensator.hysteresis.film import Initial
+from compensator.hysteresis.functions import Array
+from compensator.identification.operator_outputs import envelope_values, operator_outputs
 from sim.diagnosis.film_power import MeterPower
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record

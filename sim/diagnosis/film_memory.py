@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import FilmParameters

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_relays import Relays
 from sim.diagnosis.record import Rows
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 RIGHT_AFTER = 1e-5  # of the step to the next row
 

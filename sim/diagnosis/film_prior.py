@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import SIMPLE
 from sim.diagnosis.film_point import LinearProblem, Point

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compensator.film import Envelope, FilmModel
-from compensator.functions import Array
-from compensator.gram import gram, triangle
-from compensator.identify_forms import Form
-from compensator.identify_mixed import Dictionary
-from compensator.identify_operators import Integers, radius_floor
-from compensator.nnls import solve_triangle
+from compensator.hysteresis.film import Envelope, FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.identification.gram import gram, triangle
+from compensator.identification.memoryless_forms import Form
+from compensator.identification.mixed_envelopes import Dictionary
+from compensator.identification.nnls import solve_triangle
+from compensator.identification.operator_outputs import Integers, radius_floor
 from sim.diagnosis.film_columns import FilmNodes, classical_columns, filtered, operator_columns, transfer
 from sim.diagnosis.resistance_channel import ResistanceChannel
 from sim.diagnosis.resistance_fit import ResistanceFit

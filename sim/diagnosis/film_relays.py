@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_columns import FOLLOWING, FilmNodes, filtered, play_outputs
 from sim.diagnosis.record import Rows
 from sim.effects.effect import Switched, filters

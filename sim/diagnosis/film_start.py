@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.identify_forms import SMOOTH, Form
-from compensator.identify_projection import equal_structure
-from compensator.identify_rows import Path
-from compensator.identify_search import search
+from compensator.hysteresis.functions import Array
+from compensator.identification.memoryless_forms import SMOOTH, Form
+from compensator.identification.multistart import search
+from compensator.identification.rows import Path
+from compensator.identification.variable_projection import equal_structure
 from sim.diagnosis.film_columns import FilmNodes, FilmStart
 from sim.diagnosis.record import Mask
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.record import BLOCKS, Mask
 
 RESAMPLES = 1000

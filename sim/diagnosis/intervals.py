@@ -1,7 +1,7 @@
 """Intervals of the effects' parameters: the curvature at the fit, every other unknown free.
 
 The residual of a fit that leaves nothing is white, so that the curvature is enough; where it is not, the covariance
-is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identify_covariance`).
+is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identification.covariance`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from itertools import islice
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.identify_covariance import block_sandwich
+from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import block_sandwich
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.temperature_search import cell_of, cells
 from sim.diagnosis.unknowns import fitted_parameters, unknown_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 SMALLEST_K = 0.02  # a file's own last digit is no finding
 FEWEST_PER_STEP = 4.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.film_columns import FilmStart, taken_s
 from sim.diagnosis.film_memory import beginnings

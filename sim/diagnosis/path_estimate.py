@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.functions import Array
-from compensator.temperature_path import temperature_path
+from compensator.hysteresis.functions import Array
+from compensator.identification.temperature_smoother import temperature_path
 from sim.diagnosis.plate_path import PlatePath
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureFit

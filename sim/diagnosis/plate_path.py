@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.effects.effect import Command, Filter, Switched, filters
 from sim.plate_balance import heat_flows, run

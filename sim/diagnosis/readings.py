@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 FAR = 8.0
 

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compensator.functions import Array
-from compensator.outliers import lone_outliers
+from compensator.hysteresis.functions import Array
+from compensator.identification.outliers import lone_outliers
 from sim.diagnosis.lattice import lattice_step
 from sim.diagnosis.stretches import SHORT, first_rows, gaps
 from sim.effects.effect import Command, Effect, ReadingTime

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.chain import Chain
 from sim.diagnosis.film_columns import taken_s
 from sim.diagnosis.readings import expected_reading

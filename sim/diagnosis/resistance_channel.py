@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cho_solve
 
-from compensator.functions import Array
-from compensator.identify_operators import radius_floor
+from compensator.hysteresis.functions import Array
+from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.film_basis import FilmBasis
 from sim.diagnosis.film_columns import (
     FOLLOWING,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_columns import FilmStart
 from sim.diagnosis.film_prior import PriorWidths
 from sim.effects.effect import Switched

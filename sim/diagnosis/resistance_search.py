@@ -8,7 +8,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_columns import FilmNodes
 from sim.diagnosis.film_memory import begun, remembered
 from sim.diagnosis.film_start import starting_shape, thinned_path

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.record import Mask, Rows
 
 AROUND = 7  # readings of which the middle one is judged

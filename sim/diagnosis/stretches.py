@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.functions import Array
-from compensator.identify_rows import gap_threshold
+from compensator.hysteresis.functions import Array
+from compensator.identification.rows import gap_threshold
 from sim.diagnosis.readings import quick_noise
 
 SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compensator.functions import KELVIN, Array
+from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.diagnosis.readings import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.record import Mask, Record, Rows

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compensator.functions import Array
-from compensator.identify_balance import Stretch, rough_balances
+from compensator.hysteresis.functions import Array
+from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.record import Record
 from sim.diagnosis.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.unknowns import fitted_parameters

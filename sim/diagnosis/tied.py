@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.film_point import Point
 from sim.diagnosis.readings import likelihood
 from sim.diagnosis.resistance_channel import ResistanceChannel

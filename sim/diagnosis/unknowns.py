@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
 

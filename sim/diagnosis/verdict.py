@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.diagnosis.adequacy import Adequacy, adequacy
 from sim.diagnosis.bends import bends_as_it_does, only_bends
 from sim.diagnosis.chain import Chain

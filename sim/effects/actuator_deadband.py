@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Command, Effect, Parameter
 
 

@@ -8,7 +8,7 @@ Source: K. J. Astrom, T. Hagglund, Advanced PID Control (ISA 2006), ch. 2, dead 
 
 from __future__ import annotations
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Command, Effect, Parameter
 
 

@@ -12,7 +12,7 @@ import math
 
 from numba import njit
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
 from sim.effects.lag import first_order_lag
 

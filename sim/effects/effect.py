@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 Link = Literal["driver", "plate", "thermometer", "film", "ohmmeter"]
 LINKS: tuple[Link, ...] = ("driver", "plate", "thermometer", "film", "ohmmeter")

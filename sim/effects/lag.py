@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 
 
 @njit(cache=True)

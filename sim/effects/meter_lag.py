@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from compensator.functions import Array
+from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
 from sim.effects.lag import first_order_lag
 

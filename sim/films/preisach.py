@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from compensator.film import Memoryless
-from compensator.functions import Array, memoryless
+from compensator.hysteresis.film import Memoryless
+from compensator.hysteresis.functions import Array, memoryless
 
 States = NDArray[np.uint8]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from compensator.film import FilmModel, Memoryless
+from compensator.hysteresis.film import FilmModel, Memoryless
 
 
 @dataclass(frozen=True, eq=False)

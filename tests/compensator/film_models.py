@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
 
 MEMORYLESS = ("none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius")
 Rng = np.random.Generator

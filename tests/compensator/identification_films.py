@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 
 Array = NDArray[np.float64]
 

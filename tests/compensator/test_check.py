@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.check import check_model
-from compensator.film import IDENTITY, Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
+from compensator.inverse.check import check_model
 from tests.compensator.film_models import table_1, table_2
 
 

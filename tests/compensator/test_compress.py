@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from compensator.compress import compress, probe
-from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.identification.compression import compress, probe
 
 RADII = np.linspace(0.02, 0.95, 30)
 RISING, FALLING = Envelope("tanh", 0.2, -12.6), Envelope("tanh", 0.2, -11.8)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.design import design_pi, loop_margins, maximum_sensitivity, sampled_loop
-from compensator.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.design import design_pi, loop_margins, maximum_sensitivity, sampled_loop
+from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 
 
 @pytest.mark.parametrize("ms", [1.2, 1.4, 2.0])

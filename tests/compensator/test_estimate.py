@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from compensator.estimate import (
+from compensator.control.estimate import (
     DOUBT,
     DRIFT,
     FIRST,
@@ -19,12 +19,12 @@ from compensator.estimate import (
     corrected_disturbance,
     corrected_temperature,
 )
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.functions import Array
-from compensator.inverse import Inverse
-from compensator.law import Law, LawSettings
-from compensator.pid import PidGains
-from compensator.plate import PlateModel
+from compensator.control.law import Law, LawSettings
+from compensator.control.pid import PidGains
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.functions import Array
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
 
 PLATE = PlateModel(1.67e-3, 0.067, 0.0167, 25.0)
 FILM = FilmModel(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensator.film import Envelope, FilmModel, Memory, Memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
 from tests.compensator.film_models import any_model, damped_path, plain_outputs, table_2
 
 SEEDS = st.integers(0, 2**32 - 1)

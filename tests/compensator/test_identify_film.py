@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.film import FilmModel
-from compensator.identify_film import FilmFit, FilmRecord, identify_film, identify_film_records
+from compensator.hysteresis.film import FilmModel
+from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
 from tests.compensator.identification_films import (
     decaying_profile,
     film_of_the_class,
@@ -193,7 +193,7 @@ def test_forms_keep_their_sense(form: str) -> None:
     time, temperature, y, _ = record(1, samples=1500)
     fit = identify_film(time, temperature, y, kind="extended_generalized_pi", form=form, monotone=True)
     assert fit.model.memoryless.function == form
-    from compensator.functions import memoryless
+    from compensator.hysteresis.functions import memoryless
 
     d = [memoryless(fit.model.memoryless.code, fit.model.memoryless_array, v)[0] for v in np.linspace(31.0, 89.0, 200)]
     assert np.min(np.diff(d)) > -1e-9

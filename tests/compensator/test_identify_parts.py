@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from compensator.gram import gram, triangle
-from compensator.identify_covariance import block_sandwich
-from compensator.identify_forms import FORMS, Form
-from compensator.identify_mixed import dictionary, half_loop_width, solve_mixed
-from compensator.identify_operators import radius_floor
-from compensator.identify_projection import denser, equal_structure, merged
-from compensator.identify_rows import FilmRecord, Start, build_path, prepare
-from compensator.identify_selection import make_problem
-from compensator.nnls import solve_triangle
+from compensator.identification.covariance import block_sandwich
+from compensator.identification.gram import gram, triangle
+from compensator.identification.memoryless_forms import FORMS, Form
+from compensator.identification.mixed_envelopes import dictionary, half_loop_width, solve_mixed
+from compensator.identification.model_selection import make_problem
+from compensator.identification.nnls import solve_triangle
+from compensator.identification.operator_outputs import radius_floor
+from compensator.identification.rows import FilmRecord, Start, build_path, prepare
+from compensator.identification.variable_projection import denser, equal_structure, merged
 from tests.compensator.identification_films import decaying_profile, film_of_the_class, relay_film
 
 
@@ -49,7 +49,7 @@ def test_operator_outputs_are_those_of_the_model() -> None:
     record = prepared()
     problem = make_problem(build_path([record], [Start("heated")]), equal_structure(9), Form("none", True, 30.0, 90.0))
     theta = np.array([-1.7, 60.3, -1.9, 60.0])
-    from compensator.identify_film import plain_model
+    from compensator.identification.film import plain_model
 
     solution = problem.solve(theta)
     model = plain_model(problem, solution, "extended_generalized_pi", "y", "heated")
@@ -104,7 +104,7 @@ def test_reduced_nonnegative_least_squares() -> None:
 @pytest.mark.parametrize("name", FORMS)
 @pytest.mark.parametrize("monotone", [True, False])
 def test_a_form_is_the_model_s_own_function(name: str, monotone: bool) -> None:
-    from compensator.functions import memoryless
+    from compensator.hysteresis.functions import memoryless
 
     form = Form(name, monotone, 20.0, 95.0)
     low, high = form.bounds()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.identify_plate import PlateRecord, identify_plate, identify_plate_records
-from compensator.plate import PlateModel
+from compensator.identification.plate import PlateRecord, identify_plate, identify_plate_records
+from compensator.thermal.plate import PlateModel
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
 TRUTH = np.array([1.6e-3, 0.06, 0.018, 24.0])

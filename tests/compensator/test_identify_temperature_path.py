@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.outliers import lone_outliers
-from compensator.temperature_path import temperature_path, turning_points
+from compensator.identification.outliers import lone_outliers
+from compensator.identification.temperature_smoother import temperature_path, turning_points
 from tests.compensator.identification_films import decaying_profile
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.film import Envelope, FilmModel, Memory, Memoryless
-from compensator.inverse import Inverse
+from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
+from compensator.inverse.inverse import Inverse
 from tests.compensator.film_models import Rng, any_model, damped_path, monotone_model, table_1, table_2
 
 TENS = 60  # evaluations: what a search near an extremum, over many pieces, may take

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
-from compensator.inverse import Inverse
-from compensator.iteration import applicable, iterate
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, Memoryless
+from compensator.inverse.inverse import Inverse
+from compensator.inverse.iteration import applicable, iterate
 from tests.compensator.film_models import damped_path, table_1, table_2
 
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from compensator.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.functions import Array
-from compensator.inverse import Inverse
-from compensator.law import NAMES, Law, LawName, LawSettings, LawState
-from compensator.pid import PidGains, PidState, pid_integrate, pid_output
-from compensator.plate import PlateModel
-from compensator.reference import next_reference, next_temperature
+from compensator.control.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
+from compensator.control.law import NAMES, Law, LawName, LawSettings, LawState
+from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.reference_shaping import next_reference, next_temperature
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.functions import Array
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
 
 FILM = FilmModel(
     np.arange(1, 31) / 30.0,

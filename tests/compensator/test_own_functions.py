@@ -8,9 +8,9 @@ import pickle
 import numpy as np
 import pytest
 
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.inverse import Inverse
-from compensator.own_functions import register_envelope, register_memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.own_functions import register_envelope, register_memoryless
+from compensator.inverse.inverse import Inverse
 from tests.compensator.film_models import damped_path
 
 NOTHING = str.upper  # a Python object that numba cannot compile into machine code

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensator.pid import PidGains, PidState, bumpless, pid_integrate, pid_output
+from compensator.control.pid import PidGains, PidState, bumpless, pid_integrate, pid_output
 
 H = 0.1
 GAINS = st.builds(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from compensator.plate import PlateModel
+from compensator.thermal.plate import PlateModel
 
 C, S, R, G, AMBIENT = 20.0, 0.05, 2.0, 0.5, 25.0  # J/K, V/K, ohm, W/K, degC
 PLATE = PlateModel(S / C, R / C, G / C, AMBIENT)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensator.film import IDENTITY, Envelope, FilmModel, Memory
+from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory
 from tests.compensator.film_models import any_model, damped_path
 
 SEEDS = st.integers(0, 2**32 - 1)

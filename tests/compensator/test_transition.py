@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks._transition_films import Known, draw_known
 from benchmarks.transition import ASKED, judged
-from compensator.activation import BOLTZMANN_eV_PER_K
-from compensator.forc import forc
-from compensator.transition import transition
+from compensator.characterization.activation import BOLTZMANN_eV_PER_K
+from compensator.characterization.forc import forc
+from compensator.characterization.transition import transition
 from tests.diagnosis.truth.draw import draw_film
 
 QUICK = (0, 2, 7, 8, 9, 10, 11, 12, 15, 18, 21, 23)  # of the benchmark's films, of each kind, those with few rows

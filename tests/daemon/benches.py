@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from rig.clock import RealClock
+from rig.core.clock import RealClock
+from rig.core.outcome import Stopped
 from rig.daemon.answers import Answers
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk
@@ -21,7 +22,6 @@ from rig.daemon.keeper import Keeper
 from rig.daemon.serving import bench_of
 from rig.daemon.systemd import Notifier
 from rig.files.configuration import read_configuration
-from rig.outcome import Stopped
 from rig.web.serving import serve
 from tests.rig.small import write_bench
 

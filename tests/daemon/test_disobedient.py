@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from rig.bench import emulated_instruments
+from rig.bench.assembly import emulated_instruments
 from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN

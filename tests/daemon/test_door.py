@@ -18,10 +18,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from rig.core.faults import Faults
 from rig.daemon.admission import AT_MOST, FREE, FREE_TABLES, PORTS, WITHIN, admit
 from rig.daemon.client import Client
 from rig.daemon.control_socket import MOST_CONNECTIONS
-from rig.faults import Faults
 from rig.files.configuration import Configuration, ConfigurationFile, read_configuration
 from rig.files.json_text import parsed_json
 from rig.files.secret_keys import without_secrets

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.errors import PortHeld
+from rig.core.errors import PortHeld
 from rig.history import reading
 from rig.history.alone import Alone
 from rig.history.store import DAY_S, Retention, Store

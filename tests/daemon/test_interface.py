@@ -15,8 +15,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from rig.core.faults import Faults
 from rig.daemon.serving import bench_of
-from rig.faults import Faults
 from rig.files.configuration import read_configuration
 from tests.daemon.benches import HEADERS, SERVE, RunningBench, running, until, write_current
 

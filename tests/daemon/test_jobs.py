@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
 from rig.drivers.identity import Identity
-from rig.faults import Faults
 from rig.files.configuration import read_configuration
 from rig.history import reading
 from rig.ports.registry import unregister

@@ -16,13 +16,13 @@ from typing import Any, cast
 
 import pytest
 
+from rig.core.faults import Faults
 from rig.daemon.admission import admit
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.hold import hold_of
 from rig.daemon.job_run import JobRun
 from rig.daemon.log import MOST_WAITING, Log
 from rig.daemon.words import in_a_line, rows_of
-from rig.faults import Faults
 from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
 from rig.history.store import Retention, Store

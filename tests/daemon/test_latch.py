@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rig.clock import RealClock
+from rig.core.clock import RealClock
 from rig.daemon import latching
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.desk import HISTORY, Desk

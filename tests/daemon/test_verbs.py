@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from rig.bench import emulated_instruments
+from rig.bench.assembly import emulated_instruments
 from rig.daemon.client import Client
 from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals

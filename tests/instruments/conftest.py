@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 

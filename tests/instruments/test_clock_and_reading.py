@@ -8,9 +8,8 @@ import sys
 
 import pytest
 
-from rig.clock import RealClock, VirtualClock
-from rig.drivers.registry import open_controller, open_meter
-from rig.errors import (
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import (
     Corrupt,
     Disconnected,
     InstrumentError,
@@ -20,7 +19,8 @@ from rig.errors import (
     RigError,
     TimedOut,
 )
-from rig.reading import Quality, Reading, missing
+from rig.core.reading import Quality, Reading, missing
+from rig.drivers.registry import open_controller, open_meter
 
 
 def test_virtual_time_passes_only_by_sleeping() -> None:
@@ -66,7 +66,7 @@ def test_unknown_driver(open_driver: object) -> None:
 
 def test_only_the_driver_that_is_asked_for_is_imported() -> None:
     script = (
-        "import sys, rig.drivers.registry as r; from rig.clock import VirtualClock\n"
+        "import sys, rig.drivers.registry as r; from rig.core.clock import VirtualClock\n"
         "try: r.open_controller('meerstetter', 'sim://nobody', VirtualClock())\n"
         "except Exception: pass\n"
         "print('rig.drivers.meerstetter' in sys.modules, 'rig.drivers.keithley2000' in sys.modules,"

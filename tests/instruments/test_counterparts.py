@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from still_plant import StillPlant
 
-from rig.clock import RealClock, VirtualClock
+from rig.core.clock import RealClock, VirtualClock
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.drivers import registry as drivers
 from rig.ports.open import LineSettings
 from sim.instruments import registry as emulators

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Refused
 from rig.drivers.meerstetter_errors import meaning_of
 from rig.drivers.registry import open_controller
-from rig.errors import Refused
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
 from sim.instruments.srs_ldc500 import SrsLdc500

@@ -7,10 +7,10 @@ from faulty_wire import REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
 from still_plant import StillPlant
 from wire_cases import CONTROLLERS, METERS, Attach, Case, TellTale, controller_on, meter_on
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import InstrumentError
+from rig.core.reading import Quality
 from rig.drivers.registry import open_meter
-from rig.errors import InstrumentError
-from rig.reading import Quality
 from sim.instruments.registry import emulated_meter
 
 EVERY_FAULT = [*[(fault,) for fault in REPLY_FAULTS + REQUEST_FAULTS], REPLY_FAULTS + REQUEST_FAULTS]

@@ -19,10 +19,10 @@ from typing import Any
 import pytest
 from far_ends import Answering
 
-from rig.clock import RealClock, VirtualClock
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import Refused, TimedOut
 from rig.drivers.mecom import MecomLink
 from rig.drivers.registry import open_controller
-from rig.errors import Refused, TimedOut
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from still_plant import StillPlant
 from wire_cases import CONTROLLERS, METERS, Case
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import InstrumentError
+from rig.core.reading import Reading
 from rig.drivers.registry import open_controller, open_meter
-from rig.errors import InstrumentError
 from rig.ports import registry
-from rig.reading import Reading
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
 

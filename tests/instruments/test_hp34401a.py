@@ -10,12 +10,12 @@ from conversation import Conversation
 from far_ends import Host
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.reading import Quality
 from rig.drivers.hp34401a import TEST_CURRENTS_A, Hp34401AMeter
 from rig.drivers.registry import open_meter
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.open import LineSettings
-from rig.reading import Quality
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
 

@@ -9,12 +9,12 @@ import pytest
 from conversation import Conversation
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.reading import Quality
 from rig.drivers.keithley2000 import Keithley2000Meter
 from rig.drivers.meter import resistance_reading
 from rig.drivers.registry import open_meter
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
 

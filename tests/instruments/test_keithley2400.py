@@ -10,12 +10,12 @@ from conversation import Conversation
 from far_ends import Host
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
+from rig.core.reading import Quality
 from rig.drivers.keithley2400 import TEST_CURRENTS_A, Keithley2400Meter
 from rig.drivers.registry import open_meter
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.ports import registry
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2400 import Keithley2400
 

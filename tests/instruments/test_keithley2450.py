@@ -11,12 +11,12 @@ from conversation import Conversation
 from far_ends import Host
 from still_plant import StillPlant
 
-from rig.clock import RealClock, VirtualClock
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
+from rig.core.reading import Quality
 from rig.drivers.keithley2450 import Keithley2450Meter
 from rig.drivers.registry import open_meter
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.ports.pseudo_terminal import PseudoTerminals
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2450 import Keithley2450
 

@@ -13,14 +13,14 @@ from conversation import Conversation
 from far_ends import Host
 from still_plant import StillPlant
 
-from rig.clock import RealClock, VirtualClock
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
+from rig.core.reading import Quality
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.lakeshore import LakeShoreController
 from rig.drivers.lakeshore_line import TOKENS
 from rig.drivers.registry import open_controller
-from rig.errors import Corrupt, InstrumentError, OutOfStep, Refused
 from rig.ports.pseudo_terminal import PseudoTerminals
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.lakeshore import LakeShore
 

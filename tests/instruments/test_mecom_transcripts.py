@@ -10,9 +10,9 @@ from conversation import Conversation
 from still_plant import StillPlant
 from transcripts import MECOM, OBJECT_TEMPERATURE_DEGC
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, Refused, TimedOut
 from rig.drivers.mecom import MecomLink
-from rig.errors import Corrupt, Refused, TimedOut
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument

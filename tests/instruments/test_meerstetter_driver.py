@@ -9,11 +9,11 @@ import pytest
 from conversation import Conversation
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Refused
+from rig.core.reading import Quality
 from rig.drivers.meerstetter import MeerstetterController
 from rig.drivers.registry import open_controller
-from rig.errors import Refused
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
 

@@ -9,9 +9,9 @@ from far_ends import Answering
 from still_plant import StillPlant
 from wire_cases import CONTROLLERS, Case, controller_on
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Disconnected, TimedOut
 from rig.drivers.registry import open_controller
-from rig.errors import Disconnected, TimedOut
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt
+from rig.core.reading import Quality, Reading
 from rig.drivers.meter import reading_in_words
 from rig.drivers.registry import open_meter
-from rig.errors import Corrupt
-from rig.reading import Quality, Reading
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
 

@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 from far_ends import Answering
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Disconnected, InstrumentError, Refused
+from rig.core.reading import Quality
 from rig.drivers.registry import open_controller
-from rig.errors import Disconnected, InstrumentError, Refused
 from rig.files.configuration import read_configuration
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own_driver.md"
@@ -186,7 +186,7 @@ def test_check_on_a_simulator_that_others_wrote(
 
 
 def test_a_bath_that_others_wrote_is_regulated(bath_file: Path, lewis_bath: str) -> None:
-    from rig.clock import RealClock
+    from rig.core.clock import RealClock
 
     controller: Any = open_controller(f"{bath_file}:JulaboBath", lewis_bath, RealClock(), drain_s=0.1)
     controller.identify()

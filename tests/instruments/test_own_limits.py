@@ -8,11 +8,11 @@ from collections.abc import Callable
 import pytest
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, InstrumentError, Overrange, Refused, TimedOut
+from rig.core.reading import Quality, Reading, missing
 from rig.drivers.controller import OwnLimits
 from rig.drivers.registry import open_controller
-from rig.errors import Corrupt, InstrumentError, Overrange, Refused, TimedOut
-from rig.reading import Quality, Reading, missing
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller
 

@@ -17,8 +17,8 @@ import serial
 from conversation import Conversation
 from still_plant import StillPlant
 
-from rig.clock import RealClock, VirtualClock
-from rig.errors import Corrupt, Disconnected, PortHeld, TimedOut
+from rig.core.clock import RealClock, VirtualClock
+from rig.core.errors import Corrupt, Disconnected, PortHeld, TimedOut
 from rig.ports import registry
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals

@@ -6,9 +6,9 @@ import pytest
 from far_ends import Answering
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Disconnected
 from rig.drivers.search import TRIED, tries
-from rig.errors import Disconnected
 from rig.ports import registry
 from sim.instruments.registry import emulated_controller, emulated_meter
 

@@ -10,12 +10,12 @@ import pytest
 from conversation import Conversation
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused, TimedOut
+from rig.core.reading import Quality
 from rig.drivers.registry import open_controller
 from rig.drivers.srs_ldc500 import SrsLdc500Controller
-from rig.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports import registry
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.srs_ldc500 import SrsLdc500
 

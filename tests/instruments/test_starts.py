@@ -8,7 +8,7 @@ import pytest
 from still_plant import StillPlant
 from wire_cases import CONTROLLERS, METERS, Case
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter

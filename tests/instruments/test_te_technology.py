@@ -9,11 +9,11 @@ import pytest
 from conversation import Conversation
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import Corrupt, OutOfStep, Refused
+from rig.core.reading import Quality
 from rig.drivers.registry import open_controller
 from rig.drivers.te_technology import TeTechnologyController
-from rig.errors import Corrupt, OutOfStep, Refused
-from rig.reading import Quality
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
 

@@ -12,10 +12,10 @@ import pytest
 import serial
 from still_plant import StillPlant
 
-from rig.clock import RealClock
+from rig.core.clock import RealClock
+from rig.core.errors import Disconnected, PortHeld, TimedOut
 from rig.drivers.registry import open_meter
 from rig.drivers.search import ON_VISA, TRIED, tries
-from rig.errors import Disconnected, PortHeld, TimedOut
 from rig.ports import registry
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport

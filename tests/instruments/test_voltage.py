@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from still_plant import StillPlant
 
-from rig.bench import open_bench
-from rig.clock import VirtualClock
+from rig.bench.assembly import open_bench
+from rig.core.clock import VirtualClock
+from rig.core.errors import Overrange
+from rig.core.faults import Faults
+from rig.core.reading import Quality, Reading
 from rig.drivers.formula import formula
 from rig.drivers.meter import column_of, film_output
 from rig.drivers.registry import open_meter
-from rig.errors import Overrange
-from rig.faults import Faults
 from rig.files.configuration import read_configuration
 from rig.files.record_file import read_record
-from rig.reading import Quality, Reading
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
 

@@ -13,13 +13,13 @@ from typing import Any
 from faulty_wire import FaultyWire
 from still_plant import StillPlant
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
+from rig.core.errors import InstrumentError
+from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.registry import open_controller, open_meter
-from rig.errors import InstrumentError
 from rig.ports import registry
-from rig.reading import Reading
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
 

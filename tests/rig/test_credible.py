@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.reading import Quality, Reading
+from rig.core.reading import Quality, Reading
 from rig.safety.credible import OhmmeterTrust, ThermometerTrust
 
 NOISE = np.random.default_rng(2).standard_normal(2000).tolist()

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from rig.bench import emulated_instruments
-from rig.clock import RealClock
+from rig.bench.assembly import emulated_instruments
+from rig.core.clock import RealClock
+from rig.core.errors import PortHeld
 from rig.drivers.registry import open_controller, open_meter
-from rig.errors import PortHeld
 from rig.files.configuration import read_configuration
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.thermal.plate import PlateModel
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import read_record, write_columns
 from tests.rig.small import write_bench
@@ -140,7 +140,7 @@ def test_measured_films_as_the_literature_has_them(
     measured: Path, file: str, cooling: tuple[float, float], energy: float
 ) -> None:
     """VO2 switches between 60 and 77 degC with a few kelvin of hysteresis, and its insulator has 0.1 to 0.5 eV."""
-    from rig.experiment.film_numbers import numbers_of_record
+    from rig.analysis.film_numbers import numbers_of_record
 
     numbers = numbers_of_record(read_record(measured / file), "minus_log10_ohm").document()
     values = {name: entry["value"] for name, entry in numbers.items() if isinstance(entry, dict) and "value" in entry}

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-import rig.bench
+import rig.bench.assembly
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -51,12 +51,12 @@ class SpeaksGarbage(FallsSilent):
 
 
 def break_instrument(monkeypatch: pytest.MonkeyPatch, role: str, how: type[FallsSilent], after_s: float) -> None:
-    whole = rig.bench.emulated_instruments
+    whole = rig.bench.assembly.emulated_instruments
 
     def broken(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
         return [(r, n, how(i, after_s) if r == role else i) for r, n, i in whole(file, start_s)]
 
-    monkeypatch.setattr(rig.bench, "emulated_instruments", broken)
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", broken)
 
 
 @pytest.mark.parametrize("how", [FallsSilent, SpeaksGarbage])
@@ -87,14 +87,14 @@ def test_the_controller_dies_and_off_cannot_be_confirmed(
 def test_wrong_polarity_is_found_before_anything_else(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
 ) -> None:
-    whole = rig.bench.emulated_instruments
+    whole = rig.bench.assembly.emulated_instruments
 
     def swapped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
         instruments = whole(file, start_s)
         instruments[0][2]._heating_sign = -1
         return instruments
 
-    monkeypatch.setattr(rig.bench, "emulated_instruments", swapped)
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", swapped)
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 30.0"))
     status, _, err = peltier("calibrate", path, "--out", tmp_path / "run")

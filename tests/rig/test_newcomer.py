@@ -11,16 +11,16 @@ from typing import Any, cast
 
 import pytest
 
-from rig.bench import emulated_instruments
+from rig.bench.assembly import emulated_instruments
 from rig.command.progress import Progress, clock
-from rig.command.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
+from rig.control.loop import Decision, Tick
+from rig.core.reading import Reading
+from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
 from rig.experiment.expected import expected_calibration, expected_run
 from rig.files.configuration import read_configuration
 from rig.files.model_file import read_model
 from rig.files.target import target_in_words
-from rig.loop import Decision, Tick
 from rig.ports.pseudo_terminal import PseudoTerminals
-from rig.reading import Reading
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

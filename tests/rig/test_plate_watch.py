@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.identify_plate import identify_plate
-from compensator.plate import PlateModel
-from rig.outcome import Tripped
+from compensator.identification.plate import identify_plate
+from compensator.thermal.plate import PlateModel
+from rig.core.outcome import Tripped
 from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
 from rig.safety.plate_watch import PlateWatch, watchable_rate_K_per_s
 

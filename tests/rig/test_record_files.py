@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record import Record
 from rig.files.record_file import read_record, write_columns

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.outcome import Tripped
+from rig.core.outcome import Tripped
 from rig.safety.runaway import RunawayWatch
 
 CLEAN = ("peltier_8010.csv", "peltier_8020.csv", "peltier_8055.csv", "peltier_500.csv")

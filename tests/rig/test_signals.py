@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.outcome import Stopped
+from rig.core.outcome import Stopped
 from rig.safety.signals import SignalStop
 
 SOON_S = 20.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.clock import VirtualClock
+from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller
 from rig.ports import registry
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, look_after_silence, off_confirmed, switch_off

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.faults import Faults
+from rig.core.faults import Faults
 from rig.files.target import read_target, target_in_words
 from tests.rig.small import MODEL
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from rig.files.configuration import read_configuration
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import read_record, write_columns

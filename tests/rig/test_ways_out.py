@@ -12,11 +12,11 @@ from typing import Any
 
 import pytest
 
-import rig.bench
+import rig.bench.assembly
+from rig.control.loop import Loop
+from rig.core.outcome import Stopped, Tripped
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.run_folder import RunFolder
-from rig.loop import Loop
-from rig.outcome import Stopped, Tripped
 from sim.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
@@ -237,14 +237,14 @@ def test_what_goes_wrong_in_mid_run_trips(
 
 
 def swap(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = rig.bench.emulated_instruments
+    whole = rig.bench.assembly.emulated_instruments
 
     def swapped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
         instruments = whole(file, start_s)
         instruments[0][2]._heating_sign = -1
         return instruments
 
-    monkeypatch.setattr(rig.bench, "emulated_instruments", swapped)
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", swapped)
 
 
 @pytest.mark.parametrize("verb", ["run", "calibrate"])
@@ -295,7 +295,7 @@ def test_no_answer_to_the_pulse(monkeypatch: pytest.MonkeyPatch, peltier: Peltie
 
 def test_a_gap_in_mid_run_trips(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
     """The program was asleep for a while: nobody knows what plate and film did, though the next reading is good."""
-    whole = rig.bench.VirtualClock.sleep_until_s
+    whole = rig.bench.assembly.VirtualClock.sleep_until_s
     slept = []
 
     def sleep(self: Any, time_s: float) -> None:
@@ -305,7 +305,7 @@ def test_a_gap_in_mid_run_trips(monkeypatch: pytest.MonkeyPatch, peltier: Peltie
             time_s += 3.0
         whole(self, time_s)
 
-    monkeypatch.setattr(rig.bench.VirtualClock, "sleep_until_s", sleep)
+    monkeypatch.setattr(rig.bench.assembly.VirtualClock, "sleep_until_s", sleep)
     status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
     assert status == 10
     assert "this program did not read for 3." in err
@@ -353,7 +353,7 @@ def disobeys(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[Disobedien
 
     def make(fault: str) -> list[Disobedient]:
         wrapped: list[Disobedient] = []
-        whole = rig.bench.emulated_instruments
+        whole = rig.bench.assembly.emulated_instruments
 
         def emulated(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
             (role, driver, controller), *others = whole(file, start_s)
@@ -364,7 +364,7 @@ def disobeys(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[Disobedien
             wrapped[0].begin()
             raise Tripped("test", "a test trips", 0.0)
 
-        monkeypatch.setattr(rig.bench, "emulated_instruments", emulated)
+        monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", emulated)
         at_row(monkeypatch, 100, trip)
         return wrapped
 
@@ -417,14 +417,14 @@ def test_nobody_would_switch_off(peltier: Peltier, tmp_path: Path, verb: str) ->
 def test_check_clears_an_error_where_it_is_told_to(
     monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
 ) -> None:
-    whole = rig.bench.emulated_instruments
+    whole = rig.bench.assembly.emulated_instruments
 
     def tripped(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
         instruments = whole(file, start_s)
         instruments[0][2].trip(104)
         return instruments
 
-    monkeypatch.setattr(rig.bench, "emulated_instruments", tripped)
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", tripped)
     path = write_bench(tmp_path)
     status, out, _ = peltier("check", path)  # nobody is there to be asked
     assert status == 1

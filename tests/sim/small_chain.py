@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.film import Envelope, FilmModel, Memoryless
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.thermal.plate import PlateModel
 from rig.files.effect_tables import middle
 from sim.chain import World
 from sim.effects.catalogue import catalogue

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.functions import Array
-from compensator.identify_rows import gap_threshold
+from compensator.hysteresis.functions import Array
+from compensator.identification.rows import gap_threshold
 from sim.diagnosis.chain import temperature_search
 from sim.diagnosis.film_columns import FilmStart, film_nodes
 from sim.diagnosis.lattice import lattice_step

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from compensator.plate import PlateModel
+from compensator.thermal.plate import PlateModel
 from sim.effects.effect import switched
 from sim.effects.heat_sink_warmup import EFFECT
 from sim.films.preisach import PreisachFilm

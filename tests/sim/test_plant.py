@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.film import Memoryless
-from compensator.plate import PlateModel
+from compensator.hysteresis.film import Memoryless
+from compensator.thermal.plate import PlateModel
 from sim.films.preisach import PreisachFilm
 from sim.plant import SimulatedPlant, World
 

@@ -1,0 +1,100 @@
+"""The major branches of a record: the rows on which the film is heated, or cooled, through its whole range at once.
+
+A run is what lies between two turning points of the temperature; reversals of less than `RIPPLE` of the range are none.
+A run is a major branch where it goes through `WHOLE` of the record's range, so that the film comes from saturation if
+the range is wide enough. Rows in which a ripple goes back are left out: the film is then inside a minor loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.outliers import lone_outliers
+from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
+
+Sense = Literal["heating", "cooling"]
+WHOLE: Final = 0.85  # of the record's range: a first sweep from a room somewhat warmer than the cold end is one
+RIPPLE: Final = 0.02  # of the range: a controller's overshoot, no reversal that was meant
+RIPPLE_NOISE: Final = 3.0  # standard deviations of the thermometer's noise
+FEWEST_ROWS: Final = 20  # of a branch, below which it has no shape
+MOST_ROWS: Final = 600  # of a branch: of more the means of neighbours are taken, far finer than any transition
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Rows first..last (both included) between two turning points of the temperature."""
+
+    first: int
+    last: int
+    heating: bool
+
+
+@dataclass(frozen=True, eq=False)
+class MajorBranch:
+    """The readings of all runs in one sense, in the order of time: degC (what is behind the thermometer's noise) and
+    output, shape (rows,) each, means of neighbouring rows where there are many; how many runs; the median rate, K/s."""
+
+    sense: Sense
+    temperature_degC: Array
+    output: Array
+    runs: int
+    rate_K_per_s: float
+
+
+def runs_of(path: TemperaturePath) -> list[Run]:
+    """The runs of a record in the order of time."""
+    v = path.temperature_degC
+    least = max(RIPPLE * float(np.ptp(v)), RIPPLE_NOISE * path.noise_K)
+    return [Run(int(a), int(b), bool(v[b] > v[a])) for a, b in pairwise(turning_points(v, least))]
+
+
+def onward_rows(v: Array, run: Run) -> NDArray[np.int64]:
+    """The rows of a run in which the temperature is further than in any row of the run before."""
+    part = v[run.first : run.last + 1]
+    furthest = np.maximum.accumulate(part) if run.heating else np.minimum.accumulate(part)
+    return np.asarray(run.first + np.flatnonzero(part == furthest), dtype=np.int64)
+
+
+def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike) -> dict[Sense, MajorBranch]:
+    """The branches that a record has, none to two. Arrays of shape (rows,): s, degC, the film's output (nan: none)."""
+    time, y = np.asarray(time_s, dtype=np.float64), np.asarray(output, dtype=np.float64)
+    path = temperature_path(time, temperature_degC)
+    v = path.temperature_degC
+    good = np.isfinite(y) & np.isfinite(np.asarray(temperature_degC, dtype=np.float64))
+    good[lone_outliers(y, np.isfinite(y))] = False
+    found: dict[Sense, MajorBranch] = {}
+    senses: tuple[Sense, Sense] = ("heating", "cooling")
+    for sense in senses:
+        whole = [
+            run
+            for run in runs_of(path)
+            if run.heating == (sense == "heating") and abs(v[run.last] - v[run.first]) >= WHOLE * np.ptp(v)
+        ]
+        rows = [onward_rows(v, run) for run in whole]
+        rows = [row[good[row]] for row in rows]
+        if sum(row.size for row in rows) < FEWEST_ROWS:
+            continue
+        rates = [_rate(time[row], v[row]) for row in rows]
+        groups = [group for row in rows for group in _groups(row, max(MOST_ROWS // len(rows), FEWEST_ROWS))]
+        means = [np.array([float(np.mean(values[group])) for group in groups]) for values in (v, y)]
+        found[sense] = MajorBranch(sense, means[0], means[1], len(whole), float(np.median(rates)))
+    return found
+
+
+def _rate(time_s: Array, v: Array) -> float:
+    """The rate of a run in the middle half of its range, K/s, > 0: without what it waits at its ends."""
+    share = np.abs(v - v[0]) / max(abs(float(v[-1] - v[0])), 1e-300)
+    inside = np.flatnonzero((share >= 0.25) & (share <= 0.75))
+    first, last = (int(inside[0]), int(inside[-1])) if inside.size > 1 else (0, v.size - 1)
+    return abs(float(v[last] - v[first])) / max(float(time_s[last] - time_s[first]), 1e-300)
+
+
+def _groups(rows: NDArray[np.int64], most: int) -> list[NDArray[np.int64]]:
+    """At most so many groups of neighbouring rows."""
+    return [group for group in np.array_split(rows, min(most, max(rows.size, 1))) if group.size]

@@ -1,0 +1,1 @@
+"""The control law: reference shaping, estimate, feedback, gains."""

@@ -1,0 +1,156 @@
+"""PID gains from the plate model, with their margins, by python-control.
+
+The control law turns a heating rate (K/s) into a current through the plate's inverse, so that the plate seen by the
+temperature PID is an integrator with the sample-and-hold's and the bench's dead time. A PID on log R alone sees the
+plate linearized at a working point, times the film's steepest slope. Rules: S. Skogestad, J. Process Control 13
+(2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity Ms is the one asked.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compensator.control.pid import PidGains
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import KELVIN, Array
+from compensator.thermal.plate import PlateModel
+
+
+@dataclass(frozen=True)
+class Margins:
+    """Gain margin (ratio), phase margin (degrees), maximum sensitivity Ms and the crossover (rad/s)."""
+
+    gain_margin: float
+    phase_margin_deg: float
+    ms: float
+    crossover_rad_per_s: float
+
+
+@dataclass(frozen=True)
+class Design:
+    """Gains with their margins, and the process that they were designed for."""
+
+    gains: PidGains
+    margins: Margins
+    closed_loop_time_s: float
+    process_gain: float
+    process_pole_per_s: float
+    dead_time_s: float
+    period_s: float
+
+
+def sampled_loop(gains: PidGains, gain: float, pole_per_s: float, dead_time_s: float, period_s: float) -> Any:
+    """PID(z) G(z) as a python-control transfer function, G the zero-order hold of gain e^(-dead_time s) / (s + pole).
+
+    The dead time is taken in whole periods, rounded up.
+    """
+    import control
+
+    z = control.tf([1.0, 0.0], [1.0], period_s)
+    steps = math.ceil(dead_time_s / period_s - 1e-9)
+    if pole_per_s == 0.0:
+        held = control.tf([gain * period_s], [1.0, -1.0], period_s)
+    else:
+        shrink = math.exp(-pole_per_s * period_s)
+        held = control.tf([gain * (1.0 - shrink) / pole_per_s], [1.0, -shrink], period_s)
+    delay = control.tf([1.0], [1.0, *([0.0] * steps)], period_s) if steps else control.tf([1.0], [1.0], period_s)
+    pid = gains.kp + gains.ki * period_s / (z - 1.0)
+    if gains.kd > 0.0:
+        span = gains.filter_time_s + period_s
+        pid = pid + (gains.kd / span) * (z - 1.0) / (z - gains.filter_time_s / span)
+    return pid * held * delay
+
+
+def loop_response(loop: Any, period_s: float) -> tuple[Array, Any]:
+    """Frequencies (rad/s) up to Nyquist's, and the loop's complex response there."""
+    omega = np.logspace(-4.0, math.log10(0.9999 * math.pi / period_s), 2000)
+    return omega, np.asarray(loop(np.exp(1j * omega * period_s)))
+
+
+def maximum_sensitivity(loop: Any, period_s: float) -> float:
+    """Ms, the largest |1 / (1 + L)|; infinite where the closed loop is not stable."""
+    import control
+
+    if not np.all(np.abs(np.asarray(control.feedback(loop, 1).poles())) < 1.0):
+        return math.inf
+    return float(np.max(1.0 / np.abs(1.0 + loop_response(loop, period_s)[1])))
+
+
+def loop_margins(loop: Any, period_s: float) -> Margins:
+    """Gain margin, phase margin, Ms and crossover of a sampled loop."""
+    import control
+
+    omega, response = loop_response(loop, period_s)
+    gain_margin, phase_margin, _, crossover = control.margin(control.frd(response, omega, smooth=True))
+    return Margins(float(gain_margin), float(phase_margin), maximum_sensitivity(loop, period_s), float(crossover))
+
+
+def design_pi(gain: float, pole_per_s: float, dead_time_s: float, period_s: float, ms: float) -> Design:
+    """PI gains for gain e^(-dead_time s) / (s + pole) by SIMC, the fastest whose sampled loop keeps Ms <= ms."""
+    total = dead_time_s + 0.5 * period_s
+
+    def gains_for(closed_loop_s: float) -> PidGains:
+        kp = 1.0 / (gain * (closed_loop_s + total))
+        integral_time = 4.0 * (closed_loop_s + total)
+        if pole_per_s > 0.0:
+            integral_time = min(1.0 / pole_per_s, integral_time)
+        return PidGains(kp=kp, ki=kp / integral_time, tracking_time_s=integral_time, b=1.0)
+
+    low, high = 0.05 * total, 200.0 * total
+    for _ in range(30):
+        middle = math.sqrt(low * high)
+        loop = sampled_loop(gains_for(middle), gain, pole_per_s, dead_time_s, period_s)
+        if maximum_sensitivity(loop, period_s) > ms:
+            low = middle
+        else:
+            high = middle
+        if high / low < 1.01:
+            break
+    gains = gains_for(high)
+    margins = loop_margins(sampled_loop(gains, gain, pole_per_s, dead_time_s, period_s), period_s)
+    return Design(gains, margins, high, gain, pole_per_s, dead_time_s, period_s)
+
+
+def design_temperature(period_s: float, dead_time_s: float, ms: float) -> Design:
+    """Temperature PID whose output is a heating rate (K/s): with the plate's inverse, the plate is 1/s."""
+    return design_pi(1.0, 0.0, dead_time_s, period_s, ms)
+
+
+def steepest_slope(model: FilmModel, low_degC: float, high_degC: float) -> tuple[float, float]:
+    """Largest |d output / dT| on the major loop (output's unit per K) and its temperature (degC)."""
+    grid = np.linspace(low_degC, high_degC, 2001)
+    heating, _ = model.simulate(grid, model.initial_memory(low_degC, "heated"))
+    cooling, _ = model.simulate(grid[::-1], model.initial_memory(high_degC, "cooled"))
+    best, where = 0.0, 0.5 * (low_degC + high_degC)
+    for temperatures, outputs in ((grid, heating), (grid[::-1], cooling)):
+        slopes = np.abs(np.diff(outputs) / np.diff(temperatures))
+        k = int(np.argmax(slopes))
+        if slopes[k] > best:
+            best, where = float(slopes[k]), float(0.5 * (temperatures[k] + temperatures[k + 1]))
+    return best, where
+
+
+def design_log_resistance(
+    model: FilmModel,
+    plate: PlateModel,
+    low_degC: float,
+    high_degC: float,
+    current_limit_A: float,
+    period_s: float,
+    dead_time_s: float,
+    ms: float,
+) -> Design:
+    """PID on the output alone, in A per decade, at the film's steepest slope: the comparison `pid`."""
+    slope, where = steepest_slope(model, low_degC, high_degC)
+    current = plate.current_for_rate_A(where, 0.0, current_limit_A)
+    gain = slope * (
+        plate.seebeck_over_capacity_per_A_s * (where + KELVIN)
+        + plate.resistance_over_capacity_K_per_A2_s * current
+        + plate.drive_over_capacity_K_per_s
+    )
+    pole = plate.conductance_over_capacity_per_s - plate.seebeck_over_capacity_per_A_s * current
+    return design_pi(gain, max(pole, 0.0), dead_time_s, period_s, ms)

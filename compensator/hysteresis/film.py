@@ -1,0 +1,243 @@
+"""The extended generalized Prandtl-Ishlinskii model of a film: parameters and memory as separate objects.
+
+    u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t)            paper eq (9)
+
+v is the temperature in degC, u the output, for a film -log10(R / 1 ohm). `FilmModel` never changes; `Memory` is
+what the film remembers: the last temperature and each operator's position. A step takes a memory and gives a new
+one, so a trial step costs nothing and a record can be replayed exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensator.hysteresis import play
+from compensator.hysteresis.functions import (
+    ENVELOPE_CODES,
+    MEMORYLESS_CODES,
+    Array,
+    envelope_limits,
+    envelope_value,
+    envelope_values,
+)
+from compensator.hysteresis.own_functions import envelope_code, memoryless_code, registered
+
+Packed = tuple[Array, Array, Array, int, Array]  # (envelopes, radii, weights, code of D, parameters of D)
+Initial = Literal["cooled", "heated"]
+KINDS = ("extended_generalized_pi", "generalized_pi", "classical_pi", "mixed_envelopes")
+
+
+def writable(values: ArrayLike) -> Array:
+    """A contiguous array that a compiled loop takes without compiling anew (a read-only array is another type)."""
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    return array if array.flags.writeable else array.copy()
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """gamma(v) = f(a v + b), increasing in v (degC): paper eqs (28), (29). `a` in 1/K, > 0."""
+
+    function: str
+    a: float
+    b: float
+
+    def __post_init__(self) -> None:
+        if self.function not in ENVELOPE_CODES and envelope_code(self.function) is None:
+            known = ", ".join([*ENVELOPE_CODES, *registered()[0]])
+            raise ValueError(f"function: {self.function!r} is none of {known}")
+        if not (self.a > 0.0 and np.isfinite(self.a) and np.isfinite(self.b)):
+            raise ValueError(f"a: {self.a!r}, b: {self.b!r}: expected a finite and > 0 (increasing), b finite")
+
+    def row(self) -> tuple[float, float, float]:
+        """The envelope as the compiled loops take it: (code, a, b)."""
+        code = ENVELOPE_CODES.get(self.function)
+        if code is None:
+            code = envelope_code(self.function)
+        if code is None:
+            raise ValueError(f"function: {self.function!r} is not registered in this process")
+        return float(code), self.a, self.b
+
+
+IDENTITY = Envelope("linear", 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Memoryless:
+    """D(v), in the output's unit: the forms of `compensator.hysteresis.functions`, paper eqs (30), (31)."""
+
+    function: str = "none"
+    amplitude: float = 0.0
+    a: float = 1.0
+    b: float = 0.0
+    offset: float = 0.0
+    coefficients: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.function not in MEMORYLESS_CODES and memoryless_code(self.function) is None:
+            known = ", ".join([*MEMORYLESS_CODES, *registered()[1]])
+            raise ValueError(f"function: {self.function!r} is none of {known}")
+        if not np.all(np.isfinite([self.amplitude, self.a, self.b, self.offset, *self.coefficients])):
+            raise ValueError("amplitude, a, b, offset, coefficients: expected finite numbers")
+
+    @property
+    def code(self) -> int:
+        """The function as the compiled loops take it."""
+        code = MEMORYLESS_CODES.get(self.function)
+        if code is None:
+            code = memoryless_code(self.function)
+        if code is None:
+            raise ValueError(f"function: {self.function!r} is not registered in this process")
+        return code
+
+    def array(self) -> Array:
+        """The parameters as the compiled loops take them: (amplitude, a, b, offset, c_0, c_1, ...)."""
+        coefficients = self.coefficients
+        if self.function == "polynomial" and not coefficients:
+            coefficients = (0.0,)
+        return np.array([self.amplitude, self.a, self.b, self.offset, *coefficients], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What the film remembers: the last input (degC) and each play operator's output w_j, shape (operators,)."""
+
+    input_degC: float
+    plays: Array
+
+    def __post_init__(self) -> None:
+        plays = np.array(self.plays, dtype=np.float64)
+        plays.setflags(write=False)
+        object.__setattr__(self, "plays", plays)
+
+
+def memory_owning(input_degC: float, plays: Array) -> Memory:
+    """A memory around an array that nobody else keeps: without the copy that `Memory` makes."""
+    plays.setflags(write=False)
+    memory = object.__new__(Memory)
+    memory.__dict__["input_degC"], memory.__dict__["plays"] = input_degC, plays
+    return memory
+
+
+@dataclass(frozen=True, eq=False)
+class FilmModel:
+    """Parameters of D(v) + sum_j p_j F_rj^gamma[v], paper eq (9).
+
+    radii: r_j >= 0 in the unit of the envelopes' values, shape (operators,). weights: p_j >= 0 in the output's unit.
+    rising, falling: one envelope for all operators, or (kind "mixed_envelopes") one for each.
+    """
+
+    radii: Array
+    weights: Array
+    rising: Envelope | tuple[Envelope, ...]
+    falling: Envelope | tuple[Envelope, ...]
+    memoryless: Memoryless = field(default_factory=Memoryless)
+    kind: str = "extended_generalized_pi"
+    output: str = "minus_log10_ohm"
+    initial: Initial = "cooled"
+
+    def __post_init__(self) -> None:
+        for name in ("radii", "weights"):
+            values = np.array(getattr(self, name), dtype=np.float64)
+            if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)) or np.any(values < 0.0):
+                raise ValueError(f"{name}: expected a list of finite numbers >= 0, at least one")
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        if self.radii.size != self.weights.size:
+            raise ValueError(f"weights: {self.weights.size} numbers for {self.radii.size} radii")
+        if self.kind not in KINDS:
+            raise ValueError(f"kind: {self.kind!r} is none of {', '.join(KINDS)}")
+        if self.initial not in ("cooled", "heated"):
+            raise ValueError(f"initial: {self.initial!r}: expected 'cooled' or 'heated'")
+        for name in ("rising", "falling"):
+            envelopes = getattr(self, name)
+            if isinstance(envelopes, tuple) and len(envelopes) != self.radii.size:
+                raise ValueError(f"{name}: {len(envelopes)} envelopes for {self.radii.size} radii")
+        if isinstance(self.rising, tuple) != isinstance(self.falling, tuple):
+            raise ValueError("rising, falling: expected one envelope each for all operators, or one each for each")
+
+    def __getstate__(self) -> dict[str, object]:
+        """The fields alone: what is cached holds addresses that another process does not know."""
+        return {name: self.__dict__[name] for name in self.__dataclass_fields__}
+
+    @property
+    def operators(self) -> int:
+        return int(self.radii.size)
+
+    @cached_property
+    def envelopes(self) -> Array:
+        """Rows (code_R, a_R, b_R, code_L, a_L, b_L): one for all operators, or one for each."""
+        rising = self.rising if isinstance(self.rising, tuple) else (self.rising,)
+        falling = self.falling if isinstance(self.falling, tuple) else (self.falling,)
+        return np.array([r.row() + f.row() for r, f in zip(rising, falling, strict=True)], dtype=np.float64)
+
+    @cached_property
+    def memoryless_array(self) -> Array:
+        """The parameters of D as the compiled loops take them."""
+        return self.memoryless.array()
+
+    @cached_property
+    def packed(self) -> Packed:
+        """The model as the compiled loops take it: always of the same array types, so that each compiles once."""
+        return (
+            self.envelopes,
+            self.radii.copy(),
+            self.weights.copy(),
+            self.memoryless.code,
+            self.memoryless_array,
+        )
+
+    def saturated(self, initial: Initial) -> Array:
+        """Each operator's output after the input came from +inf ("cooled") or -inf ("heated"); may be infinite."""
+        rows = np.broadcast_to(self.envelopes, (self.operators, 6))
+        if initial == "cooled":
+            return np.array([envelope_limits(row[0], row[1])[1] for row in rows]) - self.radii
+        return np.array([envelope_limits(row[3], row[4])[0] for row in rows]) + self.radii
+
+    def initial_memory(self, input_degC: float, initial: Initial | None = None) -> Memory:
+        """Memory at `input_degC` after cooling down from the hot end, or heating up from the cold end."""
+        initial = initial or self.initial
+        rows = np.broadcast_to(self.envelopes, (self.operators, 6))
+        saturated = self.saturated(initial)
+        if initial == "cooled":
+            gamma = np.array([envelope_value(row[3], row[4], row[5], input_degC) for row in rows])
+            return Memory(input_degC, np.minimum(saturated, gamma + self.radii))
+        gamma = np.array([envelope_value(row[0], row[1], row[2], input_degC) for row in rows])
+        return Memory(input_degC, np.maximum(saturated, gamma - self.radii))
+
+    def simulate(self, inputs_degC: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
+        """Outputs for a sequence of temperatures, shape (samples,), and the memory after the last."""
+        inputs = writable(inputs_degC)
+        outputs = np.empty(inputs.size)
+        plays = memory.plays.copy()
+        play.run(inputs, memory.input_degC, plays, self.packed, outputs)
+        return outputs, memory_owning(float(inputs[-1]) if inputs.size else memory.input_degC, plays)
+
+    def step(self, input_degC: float, memory: Memory) -> tuple[float, Memory]:
+        """One sample: the output and the new memory. The same compiled loop as `simulate`, so the same bits."""
+        outputs, memory = self.simulate(np.array([input_degC]), memory)
+        return float(outputs[0]), memory
+
+    def output_at(self, memory: Memory) -> float:
+        """The output at the memory's own input."""
+        return self.step(memory.input_degC, memory)[0]
+
+    def play_outputs(self, inputs_degC: ArrayLike, memory: Memory) -> Array:
+        """Output of each operator, shape (samples, operators)."""
+        inputs = writable(inputs_degC)
+        outputs = np.empty((inputs.size, self.operators))
+        play.play_outputs(inputs, memory.input_degC, memory.plays.copy(), self.packed[0], self.packed[1], outputs)
+        return outputs
+
+    def order_margin(self, low_degC: float = -50.0, high_degC: float = 200.0) -> Array:
+        """min over v of gamma_L(v) + r_j - (gamma_R(v) - r_j), shape (operators,): negative where the order
+        condition (below paper eq (6)) fails and the output jumps at a reversal."""
+        v = np.linspace(low_degC, high_degC, 20001)
+        margins = np.empty(len(self.envelopes))
+        for k, row in enumerate(self.envelopes):
+            margins[k] = float(np.min(envelope_values(row[3:], v) - envelope_values(row[:3], v)))
+        return np.broadcast_to(margins, (self.operators,)) + 2.0 * self.radii

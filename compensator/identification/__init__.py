@@ -1,0 +1,1 @@
+"""Parameters of film and plate from records, with their standard errors."""

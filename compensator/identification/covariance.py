@@ -1,0 +1,102 @@
+"""Standard errors that survive residuals with structure: the sandwich over blocks of rows.
+
+    cov = H^-1 (sum over blocks b of g_b g_b') H^-1 c,     H = J'J,  g_b = sum over rows i in b of J_i e_i,
+    c = B / (B - 1) (n - 1) / (n - k) for B blocks, n rows, k parameters
+
+Residuals of a fit that is not quite the truth hang together over many rows, so that s^2 H^-1 promises far too much;
+blocks longer than they hang together count what the rows really tell. Sources: W. K. Newey, K. D. West, Econometrica
+55 (1987) 703; A. C. Cameron, D. L. Miller, J. Human Resources 50 (2015) 317 (the factor for few blocks).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.gram import gram
+
+MOST_BLOCKS: Final = 200
+FEWEST_BLOCKS: Final = 12
+UNKNOWN: Final = 3e-7  # relative size of a singular value below which a combination is not determined
+
+
+def correlation_rows(residual: Array) -> float:
+    """How many rows hang together: 1 + 2 sum of the autocorrelation up to its first crossing of 0.05."""
+    n = residual.size
+    e = residual - np.mean(residual)
+    size = 1 << int(2 * n - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(e, size)) ** 2
+    auto = np.fft.irfft(spectrum, size)[:n]
+    if auto[0] <= 0.0:
+        return 1.0
+    rho = auto / auto[0]
+    below = np.flatnonzero(rho < 0.05)
+    last = int(below[0]) if below.size else n
+    return float(1.0 + 2.0 * np.sum(rho[1:last]))
+
+
+def block_count(residual: Array) -> int:
+    """Blocks of about four correlation lengths, between `FEWEST_BLOCKS` and `MOST_BLOCKS`."""
+    count = int(residual.size / (4.0 * correlation_rows(residual)))
+    return max(min(count, MOST_BLOCKS, residual.size), min(FEWEST_BLOCKS, residual.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Covariance:
+    """matrix: of the parameters, shape (k, k), over the combinations that the rows determine; undetermined: shape
+    (k,), the parameters with a share in another combination, whose standard error is therefore infinite."""
+
+    matrix: Array
+    undetermined: NDArray[np.bool_]
+
+    @property
+    def standard_errors(self) -> Array:
+        """Shape (k,); inf where undetermined."""
+        errors = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
+        return np.where(self.undetermined, np.inf, errors)
+
+    def transformed(self, change: Array) -> Covariance:
+        """That of `change` times the parameters, shape (m, k)."""
+        mixed = (np.abs(change) > 0.0) @ self.undetermined
+        return Covariance(np.asarray(change @ self.matrix @ change.T), np.asarray(mixed, dtype=np.bool_))
+
+    @property
+    def correlation(self) -> Array:
+        """Shape (k, k); 0 beside an undetermined parameter."""
+        size = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
+        known = ~self.undetermined & (size > 0.0)
+        safe = np.where(known, size, 1.0)
+        result = np.where(np.outer(known, known), self.matrix / np.outer(safe, safe), 0.0)
+        np.fill_diagonal(result, 1.0)
+        return np.asarray(result, dtype=np.float64)
+
+
+def block_sandwich(jacobian: Array, residual: Array, blocks: int | None = None) -> Covariance:
+    """Covariance of the parameters of a least-squares fit.
+
+    jacobian: d fit / d parameters, shape (rows, k); residual: shape (rows,), rows in sequence. In no direction is
+    the spread taken smaller than white residuals would give it.
+    """
+    rows, k = jacobian.shape
+    count = block_count(residual) if blocks is None else blocks
+    size = np.sqrt(np.sum(jacobian**2, axis=0))
+    size = np.where(size > 0.0, size, 1.0)
+    scaled = jacobian / size
+    square, vectors = np.linalg.eigh(gram(scaled))
+    s = np.sqrt(np.maximum(square, 0.0))
+    known = s > UNKNOWN * max(s[-1], 1e-150)
+    inner = np.where(known, 1.0 / np.where(known, s, 1.0), 0.0)
+    bread = vectors * inner
+    edges = np.linspace(0, rows, count + 1).round().astype(np.int64)
+    scores = np.add.reduceat((scaled @ bread) * residual[:, None], edges[:-1], axis=0)
+    meat = gram(scores) * (count / max(count - 1, 1)) * ((rows - 1) / max(rows - k, 1))
+    values, axes = np.linalg.eigh(meat)
+    white = float(residual @ residual) / max(rows - k, 1)
+    meat = (axes * np.maximum(values, white)) @ axes.T
+    matrix = bread @ meat @ bread.T / np.outer(size, size)
+    lost = np.any(np.abs(vectors[:, ~known]) > 1e-3, axis=1)
+    return Covariance(np.asarray(matrix, dtype=np.float64), np.asarray(lost, dtype=np.bool_))

@@ -1,0 +1,352 @@
+"""Identification of a film: the extended generalized Prandtl-Ishlinskii model from temperature and output.
+
+    u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
+
+The way: check the records and find the path behind the noisy temperature (`identify_rows`, `temperature_path`);
+search globally on thinned rows for each form of D and the memory that each record began with (`identify_search`);
+choose the form, and whether operators with mixed envelopes are worth it (`identify_mixed`), by rows that were held
+out (`identify_selection`); refine the winner on all rows; say how sure it is (`identify_bands`) and what the records
+cannot fix (`identify_notes`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.film import Envelope, FilmModel, Initial, Memory
+from compensator.hysteresis.functions import Array
+from compensator.identification.identifiability import film_notes
+from compensator.identification.memoryless_forms import FORMS, Form
+from compensator.identification.mixed_envelopes import MixedSolution, solve_mixed
+from compensator.identification.model_selection import (
+    MIXED_WORTH,
+    Candidate,
+    Rows,
+    choose_form,
+    choose_mixed,
+    make_problem,
+    predict,
+    refine_plain,
+    rms,
+    share_out,
+    without_strays,
+)
+from compensator.identification.multistart import choose_starts, refine_starts, search, start_candidates
+from compensator.identification.prediction_bands import NORMAL_95, Linearized, Uncertainty, uncertainty
+from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
+from compensator.identification.temperature_smoother import temperature_path
+from compensator.identification.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
+
+MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless they are asked for
+FALLING: Final = -0.8  # correlation with temperature: the output has the wrong sign
+AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
+Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
+__all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading."""
+
+    output: Array
+    half_width: Array
+    half_width_reading: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFit:
+    """The identified film.
+
+    model; starts and memories: what each record's film remembered at its first row; rmse, max_abs: over all trusted
+    readings; held_out_rmse: of the same kind of model fitted without the held-out rows; candidates: what was tried;
+    active_operators: those with weight > 0; uncertainty: covariance of all that was fitted; temperature_noise_K: of
+    each record's thermometer; outliers: indices of readings left out, of each record; identifiability: in plain
+    words what these records cannot fix.
+    """
+
+    model: FilmModel
+    starts: tuple[Start, ...]
+    memories: tuple[Memory, ...]
+    rmse: float
+    max_abs: float
+    held_out_rmse: float
+    candidates: tuple[Candidate, ...]
+    active_operators: int
+    uncertainty: Uncertainty
+    temperature_noise_K: tuple[float, ...]
+    outliers: tuple[NDArray[np.int64], ...]
+    identifiability: tuple[str, ...]
+
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters, with units; none with mixed envelopes."""
+        return self.uncertainty.fitted.outer_names
+
+    @property
+    def outer_values(self) -> Array:
+        """Their values, shape (outer,)."""
+        return self.uncertainty.fitted.outer_values
+
+    @property
+    def outer_standard_errors(self) -> Array:
+        """Their standard errors, shape (outer,); inf where a record does not determine one."""
+        return self.uncertainty.outer_standard_errors
+
+    def predict(
+        self,
+        time_s: ArrayLike,
+        temperature_degC: ArrayLike,
+        *,
+        start: Start | None = None,
+        temperature_noise_K: float | None = None,
+    ) -> Prediction:
+        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's."""
+        path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
+        v = path.temperature_degC
+        start = start or Start(self.model.initial)
+        output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
+        every = np.ones(v.size, dtype=np.bool_)
+        none = np.empty(0, dtype=np.int64)
+        record = Prepared("record", np.asarray(time_s, dtype=np.float64), path, np.zeros(v.size), every, none, 0)
+        half_width = self.uncertainty.half_width(build_path([record], [start]))
+        return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
+
+
+def identify_film(
+    time_s: ArrayLike,
+    temperature_degC: ArrayLike,
+    output: ArrayLike,
+    *,
+    output_time_s: ArrayLike | None = None,
+    kind: Kind | None = None,
+    form: str | None = None,
+    operators: int = 30,
+    initial: Initial | Literal["fitted"] = "fitted",
+    monotone: bool | None = None,
+    ordered: bool = True,
+    temperature_noise_K: float | None = None,
+    output_name: str = "minus_log10_ohm",
+    seed: int = 0,
+) -> FilmFit:
+    """The film model of one record. Arrays of shape (samples,): s, degC, and the output, nan where there is none.
+
+    output_time_s: when each output was read, where that differs from its row's time. kind: None chooses between
+    "extended_generalized_pi" and "mixed_envelopes" by held-out rows; "generalized_pi" has no D. form: of D, None
+    chooses among none, linear, arrhenius, tanh, polynomial. operators: the largest number of radii. initial: the
+    memory before the first row. monotone: D increases with v; None: unless the form is sin or cos. ordered: every
+    radius keeps the order condition below paper eq (6); without it the output jumps where a record reverses inside
+    the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
+    Raises ValueError with one line for a record that cannot be used.
+    """
+    return identify_film_records(
+        [FilmRecord(time_s, temperature_degC, output, output_time_s=output_time_s)],
+        kind=kind,
+        form=form,
+        operators=operators,
+        initial=initial,
+        monotone=monotone,
+        ordered=ordered,
+        temperature_noise_K=temperature_noise_K,
+        output_name=output_name,
+        seed=seed,
+    )
+
+
+def identify_film_records(
+    records: Sequence[FilmRecord],
+    *,
+    kind: Kind | None = None,
+    form: str | None = None,
+    operators: int = 30,
+    initial: Initial | Literal["fitted"] = "fitted",
+    monotone: bool | None = None,
+    ordered: bool = True,
+    temperature_noise_K: float | None = None,
+    output_name: str = "minus_log10_ohm",
+    seed: int = 0,
+) -> FilmFit:
+    """One film model for several records, each with its own memory; arguments as for `identify_film`."""
+    if not records:
+        raise ValueError("records: none given, expected at least one")
+    if kind not in (None, "extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
+        raise ValueError(f"kind: {kind!r}: expected extended_generalized_pi, generalized_pi or mixed_envelopes")
+    if form is not None and form not in FORMS:
+        raise ValueError(f"form: {form!r} is none of {', '.join(FORMS)}")
+    if operators < 1:
+        raise ValueError(f"operators: {operators}: expected at least 1")
+    if initial not in ("cooled", "heated", "fitted"):
+        raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
+    rows = share_out([prepare(record, noise_K=temperature_noise_K) for record in records])
+    _check_outputs(rows.records)
+    low = min(float(np.min(record.inputs)) for record in rows.records)
+    high = max(float(np.max(record.inputs)) for record in rows.records)
+    names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
+    increasing = monotone if monotone is not None else form not in ("sin", "cos")
+    forms = [Form(name, increasing, low, high) for name in names]
+    structure = equal_structure(operators, 1, ordered)
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+
+    starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
+    found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
+    if initial == "fitted":
+        starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
+    chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
+    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, chosen)
+    cleaned = without_strays(rows, starts, problem, solution)
+    if cleaned is not rows:
+        rows = cleaned
+        path = build_path(rows.records, starts, rows.thin)
+        found = {
+            each.name: make_problem(path, structure, each).refine(
+                make_problem(path, structure, each).solve(found[each.name].theta)
+            )
+            for each in forms
+        }
+        chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
+    if kind in (None, "mixed_envelopes"):
+        error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
+        to_beat = MIXED_WORTH * error if kind is None else math.inf
+        most = MIXED_OPERATORS * operators if kind is None else None
+        mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
+        candidates += tried
+        if mixed is not None:
+            return _finish_mixed(rows, starts, mixed, candidates, output_name)
+    return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
+
+
+def _check_outputs(records: Sequence[Prepared]) -> None:
+    v = np.concatenate([record.inputs[record.used] for record in records])
+    y = np.concatenate([record.output[record.used] for record in records])
+    if np.ptp(y) <= 1e-9 * (1.0 + float(np.max(np.abs(y)))):
+        raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
+    if np.corrcoef(v, y)[0, 1] < FALLING:
+        raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
+
+
+def _likely_end(record: Prepared) -> Initial:
+    """The end of the sweep that the record begins nearer to."""
+    middle = 0.5 * (float(np.min(record.inputs)) + float(np.max(record.inputs)))
+    return "cooled" if record.inputs[0] >= middle else "heated"
+
+
+def _fit_memories(
+    rows: Rows,
+    starts: list[Start],
+    structure: Structure,
+    forms: Sequence[Form],
+    found: dict[str, Solution],
+    seed: int,
+) -> tuple[list[Start], dict[str, Solution]]:
+    """The memories with which the records began, and the search repeated with them where they are others."""
+    best = min(forms, key=lambda form: found[form.name].square)
+    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, best)
+    options = [start_candidates(record) for record in rows.records]
+    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, found[best.name].theta)
+    if chosen == starts:
+        return starts, found
+    for _ in range(2):
+        extra = [found[form.name].theta[: problem.split] for form in forms]
+        path = build_path(rows.records, chosen, rows.thin)
+        found = search(path, structure, forms, seed=seed, extra=extra)
+        best = min(forms, key=lambda form: found[form.name].square)
+        problem = make_problem(path, structure, best)
+        refined = refine_starts(rows.records, rows.train, chosen, problem, found[best.name].theta)
+        if refined == chosen:
+            break
+        chosen = refined
+    path = build_path(rows.records, chosen, rows.thin)
+    for form in forms:
+        problem = make_problem(path, structure, form)
+        found[form.name] = problem.refine(problem.solve(found[form.name].theta))
+    return chosen, found
+
+
+def _finish_mixed(
+    rows: Rows, starts: Sequence[Start], mixed: MixedSolution, candidates: list[Candidate], output_name: str
+) -> FilmFit:
+    held = build_path(rows.records, starts, rows.held)
+    train = solve_mixed(build_path(rows.records, starts, rows.train), mixed.operators, mixed.form, mixed.shape)
+    error = rms(held.output - train.at(held))
+    final = solve_mixed(build_path(rows.records, starts), mixed.operators, mixed.form, mixed.shape)
+    model = final.model(output_name, starts[0].initial)
+    return _fit(rows, starts, model, final, final.residual, error, candidates)
+
+
+def _finish_plain(
+    rows: Rows,
+    starts: Sequence[Start],
+    structure: Structure,
+    form: Form,
+    solution: Solution,
+    candidates: list[Candidate],
+    kind: str,
+    output_name: str,
+) -> FilmFit:
+    held = build_path(rows.records, starts, rows.held)
+    train = refine_plain(build_path(rows.records, starts, rows.train), structure, form, solution.theta)
+    error = rms(held.output - predict(*train, held))
+    problem, final = refine_plain(build_path(rows.records, starts), structure, form, train[1].theta)
+    model = plain_model(problem, final, kind, output_name, starts[0].initial)
+    return _fit(rows, starts, model, PlainFit(problem, final), final.residual, error, candidates)
+
+
+def plain_model(problem: Problem, solution: Solution, kind: str, output_name: str, initial: Initial) -> FilmModel:
+    """The solution as a model with one pair of envelopes; operators without weight are left out."""
+    theta = solution.theta
+    radii, _ = problem.structure.radii(problem.shapes(theta))
+    a_r, a_l = math.exp(theta[0]), math.exp(theta[2])
+    active = solution.weights > 0.0
+    if not np.any(active):
+        active[0] = True
+    return FilmModel(
+        radii[active],
+        solution.weights[active],
+        Envelope("tanh", a_r, -a_r * float(theta[1])),
+        Envelope("tanh", a_l, -a_l * float(theta[3])),
+        problem.form.memoryless(solution.coefficients, theta[4:], solution.offset),
+        kind,
+        output_name,
+        initial,
+    )
+
+
+def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory:
+    """The film's memory at a record's first row (degC)."""
+    if start.previous_degC is None:
+        return model.initial_memory(first_degC, start.initial)
+    memory = model.initial_memory(start.previous_degC, start.initial)
+    return model.step(first_degC, memory)[1]
+
+
+def _fit(
+    rows: Rows,
+    starts: Sequence[Start],
+    model: FilmModel,
+    fitted: Linearized,
+    residual: Array,
+    held_out_rmse: float,
+    candidates: list[Candidate],
+) -> FilmFit:
+    path = build_path(rows.records, starts)
+    sure = uncertainty(fitted, path, residual)
+    firsts = [float(record.inputs[0]) for record in rows.records]
+    return FilmFit(
+        model,
+        tuple(starts),
+        tuple(memory_at_start(model, start, first) for start, first in zip(starts, firsts, strict=True)),
+        rms(residual),
+        float(np.max(np.abs(residual))),
+        held_out_rmse,
+        tuple(candidates),
+        int(np.sum(model.weights > 0.0)),
+        sure,
+        tuple(record.path.noise_K for record in rows.records),
+        tuple(record.outliers for record in rows.records),
+        film_notes(rows.records, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
+    )

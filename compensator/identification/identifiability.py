@@ -1,0 +1,127 @@
+"""What a film's records cannot fix, in plain words, and which profile would fix it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.identification.gram import gram
+from compensator.identification.multistart import transition
+from compensator.identification.rows import Path, Prepared
+
+ENOUGH_REVERSALS: Final = 5
+TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change to nearly all of it
+
+
+def reversals_inside(records: Sequence[Prepared], low_degC: float, high_degC: float) -> Array:
+    """Distinct temperatures (degC, sorted) between low and high at which the records turn back."""
+    found = [record.inputs[record.path.turning[1:-1]] for record in records]
+    turning = np.sort(np.concatenate(found))
+    turning = turning[(turning > low_degC) & (turning < high_degC)]
+    apart = 0.04 * (high_degC - low_degC)
+    kept: list[float] = []
+    for value in turning:
+        if not kept or value - kept[-1] > apart:
+            kept.append(float(value))
+    return np.array(kept)
+
+
+def determined_combinations(operators: Array, weights: Array, noise: float) -> int:
+    """How many combinations of the weights change the output by more than twice the noise when they change by the
+    weights' own size. operators: play outputs, shape (readings, operators)."""
+    stride = max(1, operators.shape[0] // 2000)
+    part = operators[::stride]
+    square = np.linalg.eigvalsh(gram(part - part.mean(axis=0)))
+    singular = np.sqrt(np.maximum(square, 0.0) * stride)
+    size = float(np.sum(weights)) / weights.size
+    return int(np.sum(singular * size > 2.0 * noise))
+
+
+def memoryless_rms(path: Path) -> float:
+    """What is left of the output when only the temperature, not the history, may explain it: local means in bins,
+    with the trend inside a bin taken out."""
+    v, y = path.inputs[path.rows], path.output
+    order = np.argsort(v, kind="stable")
+    square, count = 0.0, 0
+    for part in np.array_split(order, max(2, min(60, v.size // 6))):
+        if part.size > 3:
+            fit = (
+                np.polynomial.polynomial.polyfit(v[part] - v[part].mean(), y[part], 1) if np.ptp(v[part]) > 0 else None
+            )
+            rest = y[part] - (
+                np.polynomial.polynomial.polyval(v[part] - v[part].mean(), fit) if fit is not None else y[part].mean()
+            )
+            square += float(rest @ rest)
+            count += part.size - 2
+    return float(np.sqrt(square / max(count, 1)))
+
+
+def film_notes(
+    records: Sequence[Prepared], path: Path, operators: Array, model: FilmModel, parameters: int, rmse: float
+) -> tuple[str, ...]:
+    """Sentences, one for each thing that the records leave open; empty if they fix the model.
+
+    operators: play outputs at the readings, shape (readings, operators); parameters: number that were fitted.
+    """
+    notes = []
+    weights = model.weights
+    jump = float(np.sum(weights * np.maximum(-model.order_margin(), 0.0)))
+    if jump > 1e-6 * float(np.sum(weights)):
+        count = int(np.sum(model.order_margin() < 0.0))
+        notes.append(
+            f"{count} of {weights.size} operators violate the order condition: the output jumps by up to {jump:.3g} "
+            "where the temperature reverses inside the transition, and the inverse skips that interval."
+        )
+    v = path.inputs[path.rows]
+    low, high = float(np.min(v)), float(np.max(v))
+    middle, half = transition(path)
+    inside = middle - TRANSITION_PER_HALF_WIDTH * half, middle + TRANSITION_PER_HALF_WIDTH * half
+    one_way = []
+    for sense, word in ((1, "rising"), (-1, "falling")):
+        moving = np.sign(path.side[path.rows]) == sense
+        crossed = np.ptp(np.clip(v[moving], *inside)) if np.any(moving) else 0.0
+        if crossed < 0.5 * (inside[1] - inside[0]):
+            one_way.append(
+                f"No {word} sweep through the transition: the {word} envelope is hardly fixed. "
+                f"Sweep through {inside[0]:.1f} to {inside[1]:.1f} degC in both directions."
+            )
+    notes += one_way
+    if not one_way and memoryless_rms(path) < 1.3 * rmse:
+        notes.append(
+            f"No hysteresis is seen between {low:.1f} and {high:.1f} degC: the record does not cross the transition, "
+            "and neither envelopes nor weights are fixed. Sweep from well below to well above it and back."
+        )
+    else:
+        turned = reversals_inside(records, *inside)
+        known = determined_combinations(operators, weights, rmse)
+        several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
+        if turned.size == 0:
+            notes.append(
+                f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
+                f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights.size} weights "
+                "are tied together by the loop's shape alone and minor loops are not fixed. "
+                f"Record first-order reversal curves or a decaying oscillation with {several}."
+            )
+        elif turned.size < ENOUGH_REVERSALS:
+            where = ", ".join(f"{value:.1f}" for value in turned)
+            notes.append(
+                f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
+                f"({where} degC): about {min(known, weights.size)} combinations of {weights.size} weights are fixed, "
+                f"minor loops elsewhere are extrapolated. Record {several}."
+            )
+    if v.size < 5 * parameters:
+        notes.append(
+            f"{v.size} readings for {parameters} fitted numbers: too few to trust the details. "
+            f"Record at least {5 * parameters} readings, most of them inside the transition."
+        )
+    for record in records:
+        if record.gaps:
+            notes.append(
+                f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is "
+                "taken as monotone; an excursion inside a gap would have changed the film's memory unseen."
+            )
+    return tuple(notes)

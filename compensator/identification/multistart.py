@@ -1,0 +1,229 @@
+"""Global search for the outer parameters of a film model: many starts, the best refined, the record's memory chosen.
+
+The starts are an even set over the envelopes' slopes and centres and D's shape, scaled to the record: a local search
+from a single start often ends far from the best fit. Operator outputs do not depend on D, so that each start serves
+every form of D at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from compensator.hysteresis.film import Initial
+from compensator.hysteresis.functions import Array
+from compensator.identification.memoryless_forms import SMOOTH, Form
+from compensator.identification.operator_outputs import GROUP
+from compensator.identification.rows import Path, Prepared, Start, build_path
+from compensator.identification.variable_projection import Problem, Solution, Structure
+
+STARTS: Final = 256
+REFINED: Final = 8
+SHAPES: Final = 48  # of D, tried beside good envelopes
+
+
+def envelope_bounds(path: Path, groups: int) -> tuple[Array, Array]:
+    """Least and largest (log a_R, c_R, log a_L, c_L) of every group, from the record's temperatures."""
+    low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
+    span = high - low
+    least = np.array([math.log(0.5 / span), low - 0.5 * span] * 2)
+    most = np.array([math.log(150.0 / span), high + 0.5 * span] * 2)
+    return np.tile(least, groups), np.tile(most, groups)
+
+
+def transition(path: Path) -> tuple[float, float]:
+    """Where the output changes: the middle and half-width (degC) of the central 80 % of its change per kelvin."""
+    v = path.inputs[path.rows]
+    edges = np.linspace(np.min(v), np.max(v), 61)
+    density = slope_density(path, edges)
+    total = np.cumsum(density)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    low, high = np.interp([0.1 * total[-1], 0.9 * total[-1]], total, centres)
+    return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
+
+
+def slope_density(path: Path, edges: Array) -> Array:
+    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart."""
+    v, y = path.inputs[path.rows], path.output
+    travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(v)))))
+    step = 0.5 * float(edges[1] - edges[0])
+    coarse = np.flatnonzero(np.diff(np.floor(travel / step), prepend=-1.0) > 0)
+    dv, dy = np.diff(v[coarse]), np.diff(y[coarse])
+    middle = 0.5 * (v[coarse][1:] + v[coarse][:-1])
+    size = edges.size - 1
+    place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
+    moved = np.bincount(place, weights=np.abs(dv), minlength=size)
+    changed = np.bincount(place, weights=np.maximum(np.sign(dv) * dy, 0.0), minlength=size)
+    return np.asarray(changed / np.maximum(moved, 1e-9) + 1e-12, dtype=np.float64)
+
+
+def even_points(count: int, dimensions: int, seed: int) -> Array:
+    """Points that fill the unit cube evenly, shape (count, dimensions): multiples of the powers of 1/x, x the root
+    of x^(d+1) = x + 1, from a random origin (H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
+    (SIAM 1992), ch. 3, on such lattices)."""
+    root = 2.0
+    for _ in range(40):
+        root = (1.0 + root) ** (1.0 / (dimensions + 1))
+    steps = root ** -np.arange(1.0, dimensions + 1.0)
+    origin = np.random.default_rng(seed).random(dimensions)
+    return np.asarray((origin + np.arange(count)[:, None] * steps) % 1.0, dtype=np.float64)
+
+
+def starting_points(problem: Problem, count: int, seed: int) -> Array:
+    """Starts over the bounds, shape (count, parameters): slopes on a log scale, centres drawn to the transition."""
+    groups = problem.structure.groups
+    middle, half = transition(problem.path)
+    dimensions = problem.low.size
+    unit = even_points(count, dimensions, seed)
+    starts = problem.low + unit * (problem.high - problem.low)
+    for group in range(groups):
+        first = GROUP * group
+        centre = middle + 3.0 * half * (unit[:, first + 1] - 0.5)
+        apart = 6.0 * half * (unit[:, first + 3] - 0.5)
+        steepness = math.log(1.0 / half) + 3.0 * (unit[:, first] - 0.6)
+        starts[:, first] = steepness
+        starts[:, first + 2] = steepness + 1.2 * (unit[:, first + 2] - 0.5)
+        starts[:, first + 1] = centre + 0.5 * apart
+        starts[:, first + 3] = centre - 0.5 * apart
+    return np.clip(starts, problem.low, problem.high)
+
+
+def search(
+    path: Path,
+    structure: Structure,
+    forms: Sequence[Form],
+    *,
+    starts: int = STARTS,
+    seed: int = 0,
+    extra: Sequence[Array] = (),
+) -> dict[str, Solution]:
+    """The best fit for each form of D; `extra`: envelope parameters (4 groups,) known to be good."""
+    low, high = envelope_bounds(path, structure.groups)
+    problems = {form.name: Problem(path, structure, form, low, high) for form in forms}
+    largest = max(problems.values(), key=lambda problem: problem.low.size)
+    points = starting_points(largest, starts, seed)
+    split = largest.split
+    found: dict[str, list[Solution]] = {name: [] for name in problems}
+    shapes = [*extra, *points[:, :split]]
+    for number, shape in enumerate(shapes):
+        row = points[number % points.shape[0]]
+        operators, _ = largest.operators(np.append(shape, row[split:]))
+        for name, problem in problems.items():
+            theta = np.append(shape, _within(problem, row[split:]))
+            found[name].append(problem.solve_columns(theta, operators))
+    return {name: _refined(problems[name], solutions) for name, solutions in found.items()}
+
+
+def _within(problem: Problem, drawn: Array) -> Array:
+    """D's nonlinear parameters from a draw made for the form with the most of them."""
+    count = problem.low.size - problem.split
+    return np.clip(drawn[:count], problem.low[problem.split :], problem.high[problem.split :])
+
+
+def _several(problem: Problem, solutions: list[Solution]) -> list[Solution]:
+    """The best few local minima near the best of many solutions, best first."""
+    best = sorted(solutions, key=lambda solution: solution.square)[:REFINED]
+    near = sorted((problem.refine(solution, steps=8) for solution in best), key=lambda solution: solution.square)
+    if problem.low.size > problem.split:  # D's own shape has local minima: try others beside good envelopes
+        shapes = [solution.theta[: problem.split] for solution in near[:4]]
+        near += [problem.refine(other, steps=8) for shape in shapes for other in _other_forms(problem, shape)]
+        near.sort(key=lambda solution: solution.square)
+    return near[:3]
+
+
+def _refined(problem: Problem, solutions: list[Solution]) -> Solution:
+    candidates = _several(problem, solutions)
+    if problem.form.periodic and not problem.form.monotone:
+        # a wave's frequency has a narrow minimum that shows only beside good envelopes, and these only beside a good
+        # D: find them with any smooth D first
+        form = Form(SMOOTH, False, problem.form.low_degC, problem.form.high_degC)
+        any_d = Problem(
+            problem.path, problem.structure, form, problem.low[: problem.split], problem.high[: problem.split]
+        )
+        found = _several(any_d, [any_d.solve(solution.theta[: problem.split]) for solution in solutions])
+        others = [other for solution in found for other in _other_forms(problem, solution.theta)]
+        candidates += [problem.refine(solution, steps=8) for solution in others]
+        candidates = sorted(candidates, key=lambda solution: solution.square)[:3]
+    return min((problem.refine(solution, steps=30) for solution in candidates), key=lambda solution: solution.square)
+
+
+def _other_forms(problem: Problem, envelopes: Array) -> list[Solution]:
+    """The two best of many shapes of D beside given envelopes, shape (4 groups,)."""
+    low, high = problem.low[problem.split :], problem.high[problem.split :]
+    shapes = low + even_points(SHAPES, low.size, 0) * (high - low)
+    operators, _ = problem.operators(np.append(envelopes, shapes[0]))
+    tried = [problem.solve_columns(np.append(envelopes, shape), operators) for shape in shapes]
+    return sorted(tried, key=lambda other: other.square)[:2]
+
+
+def start_candidates(record: Prepared) -> list[Start]:
+    """Memories a record may begin with: saturated at either end, with or without one turning point since."""
+    v0 = float(record.inputs[0])
+    low, high = float(np.min(record.inputs)), float(np.max(record.inputs))
+    margin = 0.25 * (high - low)
+    candidates = [Start("cooled"), Start("heated")]
+    candidates += [Start("cooled", float(t)) for t in np.linspace(low - margin, v0, 14)[:-1]]
+    candidates += [Start("heated", float(t)) for t in np.linspace(v0, high + margin, 14)[1:]]
+    return candidates
+
+
+def choose_starts(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    candidates: Sequence[Sequence[Start]],
+    fit: Problem,
+    theta: Array,
+) -> list[Start]:
+    """The memories that fit best at theta, record by record: another one has to gain 3 % to be taken."""
+    best = list(starts)
+    for number in range(len(records)):
+        least = _square(records, chosen, best, fit, theta)
+        for candidate in candidates[number]:
+            trial = [*best[:number], candidate, *best[number + 1 :]]
+            value = _square(records, chosen, trial, fit, theta)
+            if value < 0.97 * least:
+                best, least = trial, value
+    return best
+
+
+def refine_starts(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    fit: Problem,
+    theta: Array,
+) -> list[Start]:
+    """The turning points before the first rows, each at its best at theta."""
+    best = list(starts)
+    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
+        if start.previous_degC is None:
+            continue
+        step = 1.25 * float(np.ptp(record.inputs)) / 13.0
+        v0 = float(record.inputs[0])
+        low, high = start.previous_degC - step, start.previous_degC + step
+        low, high = (low, min(high, v0)) if start.initial == "cooled" else (max(low, v0), high)
+
+        def square(previous: float, number: int = number, initial: Initial = start.initial) -> float:
+            trial = [*best[:number], Start(initial, previous), *best[number + 1 :]]
+            return _square(records, chosen, trial, fit, theta)
+
+        found = minimize_scalar(square, bounds=(low, high), method="bounded", options={"xatol": 0.01, "maxiter": 25})
+        best[number] = Start(start.initial, float(found.x))
+    return best
+
+
+def _square(
+    records: Sequence[Prepared],
+    chosen: Sequence[NDArray[np.bool_]],
+    starts: Sequence[Start],
+    fit: Problem,
+    theta: Array,
+) -> float:
+    path = build_path(records, starts, chosen)
+    return Problem(path, fit.structure, fit.form, *envelope_bounds(path, fit.structure.groups)).solve(theta).square

@@ -1,0 +1,161 @@
+"""Operator outputs along a path, and their derivatives with respect to the envelopes: the compiled part of a fit.
+
+An operator's output is always an envelope's value at an earlier row of the path, shifted by the radius,
+    w_j = gamma_R(v_k) - r_j   or   gamma_L(v_k) + r_j   or   its saturated value,      paper eq (6)
+so that its derivative with respect to the envelopes' parameters is the envelope's own at that row. Envelopes are
+    gamma(v) = tanh(a (v - c)),        d gamma / d log a = (1 - gamma^2) a (v - c),     d gamma / d c = -(1 - gamma^2) a
+and a group of operators shares (log a_R, c_R, log a_L, c_L); its radii are r_j = f + (1 - f) s_j with fixed s_j and
+    f = max(0, max over v of (gamma_R(v) - gamma_L(v)) / 2),
+the smallest radius for which the order condition below eq (6) holds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+
+Integers = NDArray[np.int64]
+Sides = NDArray[np.int8]
+GROUP = 4  # parameters of a group: log a_R, c_R, log a_L, c_L
+
+
+@njit(cache=True)
+def operator_outputs(
+    gamma: Array, side: Sides, radii: Array, group: Integers, top: float, rows: Integers, out: Array
+) -> None:
+    """Outputs of all operators at the given rows of the path, into out (rows, operators).
+
+    gamma: (path, groups), the envelope of the side on which the path arrives at a row. side: +1 rising, -1 falling,
+    0 at rest; -2 and +2 begin anew, from saturation at `top` ("cooled") or at -top ("heated").
+    """
+    count = radii.size
+    w = np.empty(count)
+    g = np.empty(count)
+    r = 0
+    for i in range(side.size):
+        s = side[i]
+        if s != 0:
+            if gamma.shape[1] == 1:
+                g[:] = gamma[i, 0]
+            else:
+                for j in range(count):
+                    g[j] = gamma[i, group[j]]
+            if s == 1:
+                for j in range(count):
+                    w[j] = max(g[j] - radii[j], w[j])
+            elif s == -1:
+                for j in range(count):
+                    w[j] = min(g[j] + radii[j], w[j])
+            elif s == -2:
+                for j in range(count):
+                    w[j] = min(g[j] + radii[j], top - radii[j])
+            else:
+                for j in range(count):
+                    w[j] = max(g[j] - radii[j], radii[j] - top)
+        while r < rows.size and rows[r] == i:
+            for j in range(count):
+                out[r, j] = w[j]
+            r += 1
+
+
+@njit(cache=True)
+def output_derivatives(
+    inputs: Array,
+    gamma: Array,
+    side: Sides,
+    shapes: Array,
+    radii: Array,
+    fractions: Array,
+    group: Integers,
+    weights: Array,
+    floor_slope: Array,
+    rows: Integers,
+    out: Array,
+) -> None:
+    """d (sum_j p_j w_j) / d (parameters of the groups) at the rows, into out (rows, 4 groups).
+
+    shapes: (groups, 4) with log a_R, c_R, log a_L, c_L; floor_slope: (groups, 4), df / d shapes.
+    """
+    count, groups = radii.size, shapes.shape[0]
+    w = np.empty(count)
+    parts = np.zeros((count, 3))  # what an operator adds now: d/d log a, d/dc, d/df
+    owner = np.zeros(count, dtype=np.int64)  # 0: envelope R, 2: envelope L
+    total = np.zeros((groups, GROUP))
+    by_floor = np.zeros(groups)
+    r = 0
+    for i in range(side.size):
+        s = side[i]
+        if s != 0:
+            begins = s == 2 or s == -2
+            rising = s > 0
+            first = 0 if rising else 2
+            sign = -1.0 if rising else 1.0
+            for j in range(count):
+                k = group[j]
+                value = gamma[i, k] + sign * radii[j]
+                saturated = False
+                if begins:
+                    end = sign * (1.0 - radii[j])
+                    saturated = value >= end if s == -2 else value <= end
+                    w[j] = end if saturated else value
+                elif (rising and value > w[j]) or (not rising and value < w[j]):
+                    w[j] = value
+                else:
+                    continue
+                p = weights[j]
+                if p == 0.0:
+                    continue
+                total[k, owner[j]] -= parts[j, 0]
+                total[k, owner[j] + 1] -= parts[j, 1]
+                by_floor[k] -= parts[j, 2]
+                if saturated:
+                    parts[j, 0], parts[j, 1], parts[j, 2] = 0.0, 0.0, -sign * p * (1.0 - fractions[j])
+                else:
+                    a, c = np.exp(shapes[k, first]), shapes[k, first + 1]
+                    bell = (1.0 - gamma[i, k] * gamma[i, k]) * a * p
+                    parts[j, 0], parts[j, 1] = bell * (inputs[i] - c), -bell
+                    parts[j, 2] = sign * p * (1.0 - fractions[j])
+                owner[j] = first
+                total[k, first] += parts[j, 0]
+                total[k, first + 1] += parts[j, 1]
+                by_floor[k] += parts[j, 2]
+        while r < rows.size and rows[r] == i:
+            for k in range(groups):
+                for q in range(GROUP):
+                    out[r, GROUP * k + q] = total[k, q] + by_floor[k] * floor_slope[k, q]
+            r += 1
+
+
+def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
+    """gamma along the path on the side it arrives, shape (path, groups); shapes as above."""
+    rising = (side > 0)[:, None]
+    a = np.where(rising, np.exp(shapes[None, :, 0]), np.exp(shapes[None, :, 2]))
+    c = np.where(rising, shapes[None, :, 1], shapes[None, :, 3])
+    return np.asarray(np.tanh(a * (inputs[:, None] - c)), dtype=np.float64)
+
+
+def radius_floor(shape: Array) -> tuple[float, Array]:
+    """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
+    slope_r, centre_r, slope_l, centre_l = np.exp(shape[0]), shape[1], np.exp(shape[2]), shape[3]
+    reach = 4.0 / min(slope_r, slope_l)
+    low, high = min(centre_r, centre_l) - reach, max(centre_r, centre_l) + reach
+    for points in (161, 33, 33):  # the narrower tanh may be far steeper: a grid in each scale, then twice refined
+        v = np.linspace(low, high, points)
+        if points == 161:
+            steep = max(slope_r, slope_l)
+            near = centre_r if slope_r > slope_l else centre_l
+            v = np.sort(np.concatenate((v, near + np.linspace(-4.0, 4.0, 161) / steep)))
+        gap = np.tanh(slope_r * (v - centre_r)) - np.tanh(slope_l * (v - centre_l))
+        k = int(np.argmax(gap))
+        low, high = float(v[max(k - 1, 0)]), float(v[min(k + 1, v.size - 1)])
+    floor = 0.5 * float(gap[k])
+    if floor <= 0.0:
+        return 0.0, np.zeros(GROUP)
+    x = float(v[k])
+    g_r, g_l = np.tanh(slope_r * (x - centre_r)), np.tanh(slope_l * (x - centre_l))
+    bell_r, bell_l = 0.5 * (1.0 - g_r * g_r) * slope_r, 0.5 * (1.0 - g_l * g_l) * slope_l
+    gradient = np.array([bell_r * (x - centre_r), -bell_r, -bell_l * (x - centre_l), bell_l])
+    return floor + 1e-9, gradient

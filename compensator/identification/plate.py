@@ -1,0 +1,279 @@
+"""Identification of a plate's heat balance from temperature and current, by its simulation error.
+
+    peltier:  dT/dt = s I (T + 273.15) + 1/2 r I^2 - g T + h           s = S/C, r = R_e/C, g = G/C, h = g T_a
+    heater:   dT/dt = q u - g T + h                                    drive u in 0..1
+
+The current of a row is held until the next, so that each step is exact (`compensator.thermal.plate`), and so are its
+derivatives. The simulation runs over each stretch between gaps from a first temperature of its own, which enters
+linearly and is projected out. Starts come from the balance integrated over windows (a linear regression, biased by
+noise); the fit itself minimizes the simulation error, not the one-step prediction error, which a lag or noise would
+mislead: L. Ljung, System Identification (Prentice Hall 1999), sec. 7.3, 10.2. Robust weights: P. J. Huber, Robust
+Statistics (Wiley 1981), ch. 7.
+
+Where a record leaves a combination open, what every plate has in common decides: an ambient of 25 +- 15 degC, and a
+current up to about 40 % +- 30 % of the one of largest cooling, s (T + 273.15) / r. That weighs as much as one reading
+independent of all others, nothing on a record that fixes its plate; the standard errors leave it out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import block_sandwich, correlation_rows
+from compensator.identification.heat_balance import (
+    LAG_PLACE,
+    PLACES,
+    Kind,
+    SimulationError,
+    Stretch,
+    Trial,
+    rough_balances,
+)
+from compensator.identification.rows import gap_threshold
+from compensator.identification.temperature_smoother import temperature_path
+from compensator.thermal.plate import PlateModel
+
+NAMES: Final = {
+    "peltier": (
+        "seebeck_over_capacity_per_A_s",
+        "resistance_over_capacity_K_per_A2_s",
+        "conductance_over_capacity_per_s",
+        "ambient_degC",
+    ),
+    "heater": ("drive_over_capacity_K_per_s", "conductance_over_capacity_per_s", "ambient_degC"),
+}
+HUBER: Final = 4.0  # in robust standard deviations
+UNUSUAL: Final = 6.0  # squared spreads from a usual plate
+FEWEST: Final = 12
+LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
+SHORTEST_LAG_S: Final = 0.05
+LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
+
+
+@dataclass(frozen=True, eq=False)
+class PlateRecord:
+    """`time_s` increasing, `temperature_degC` (nan: no reading), `current_A` (held until the next row; nan: unknown),
+    each of shape (samples,)."""
+
+    time_s: ArrayLike
+    temperature_degC: ArrayLike
+    current_A: ArrayLike
+    name: str = "record"
+
+
+@dataclass(frozen=True, eq=False)
+class PlateFit:
+    """The identified plate.
+
+    model; names: of the parameters; values, standard_errors: shape (parameters,), inf where the record fixes nothing;
+    correlation: shape (parameters, parameters); first_degC: temperature at the start of each stretch, with `stretches`
+    its (record, first row, last row + 1); noise_K: of the thermometer; rmse_K, max_abs_K: of the simulation over all
+    trusted readings; outliers: number of readings left out; identifiability: what the records cannot fix; lag_s: of the
+    thermometer behind the plate, where it was asked for.
+    """
+
+    model: PlateModel
+    names: tuple[str, ...]
+    values: Array
+    standard_errors: Array
+    correlation: Array
+    first_degC: tuple[float, ...]
+    stretches: tuple[tuple[int, int, int], ...]
+    noise_K: float
+    rmse_K: float
+    max_abs_K: float
+    outliers: int
+    identifiability: tuple[str, ...]
+    lag_s: float = 0.0
+
+
+def identify_plate(
+    time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier", lag: bool = False
+) -> PlateFit:
+    """The plate of one record; arrays of shape (samples,) in s, degC, A (heater: drive 0..1).
+
+    lag: whether the thermometer may lag behind the plate. Raises ValueError with one line for a record that cannot be
+    used.
+    """
+    return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind, lag=lag)
+
+
+def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False) -> PlateFit:
+    """One plate for several records; a stretch of rows between gaps has a first temperature of its own.
+
+    lag: whether the thermometer may lag; then `lag_s` is the lag, 0 where it does not make the record likelier.
+    """
+    if kind not in NAMES:
+        raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
+    if not records:
+        raise ValueError("records: none given, expected at least one")
+    stretches: list[Stretch] = []
+    outliers, noises = 0, []
+    for number, record in enumerate(records):
+        found, out, noise = _stretches(record, number)
+        stretches += found
+        outliers += out
+        noises.append(noise)
+    if not stretches:
+        raise ValueError("records: no stretch of readings between gaps is long enough, expected at least 3 rows")
+    fit = SimulationError(stretches, PLACES[kind])
+    near = [fit.descend(fit.evaluate(start), 6) for start in rough_balances(stretches, kind)]
+    best = fit.descend(min(near, key=lambda trial: trial.cost), 60)
+    if not best.residual.size:
+        raise ValueError("records: no reading that can be trusted, expected at least 3 rows of them")
+    if lag:
+        best = _with_lag(fit, best)
+    for _ in range(2):
+        start = best.par
+        limit = HUBER * max(1.4826 * float(np.median(np.abs(best.residual))), 1e-9)
+        one_reading = float(np.mean(best.weights * best.residual**2)) * correlation_rows(best.residual)
+        fit = SimulationError(stretches, PLACES[kind], limit, one_reading)
+        best = fit.evaluate(start)
+        if float(np.sum(fit.usual(start)[0] ** 2)) > UNUSUAL:  # the record leaves something open: look around again
+            rough = [np.append(par[:LAG_PLACE], start[LAG_PLACE]) for par in rough_balances(stretches, kind)]
+            near = [fit.descend(fit.evaluate(par), 12) for par in (start, *rough)]
+            best = min(near, key=lambda trial: trial.cost)
+        best = fit.descend(best, 60)
+    return _result(fit, best, kind, float(np.median(noises)), outliers)
+
+
+def _with_lag(fit: SimulationError, plain: Trial) -> Trial:
+    """The best fit with a lagging thermometer, where that explains more than chance does; else the one without."""
+    lagging = SimulationError(fit.stretches, (*fit.places, LAG_PLACE), fit.limit, fit.one_reading)
+    best = plain
+    for lag in LAG_STARTS_S:
+        trial = lagging.descend(lagging.evaluate(np.append(plain.par[:LAG_PLACE], lag)), 40)
+        best = min(best, trial, key=lambda t: t.cost)
+    if best.par[LAG_PLACE] < SHORTEST_LAG_S:
+        return plain
+    rows = correlation_rows(best.residual)
+    likelier = 0.5 * best.residual.size / rows * math.log(max(plain.cost, 1e-300) / max(best.cost, 1e-300))
+    return fit.evaluate(best.par) if likelier > LAG_EVIDENCE else plain
+
+
+def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, float]:
+    """The record in stretches between gaps, its number of outliers, and its noise (K)."""
+    name = record.name
+    time = np.asarray(record.time_s, dtype=np.float64)
+    temperature = np.asarray(record.temperature_degC, dtype=np.float64)
+    current = np.asarray(record.current_A, dtype=np.float64)
+    if not (time.ndim == temperature.ndim == current.ndim == 1 and time.size == temperature.size == current.size):
+        raise ValueError(
+            f"{name}: time_s {time.shape}, temperature_degC {temperature.shape}, current_A {current.shape}: "
+            "expected three arrays of the same length"
+        )
+    if not np.all(np.isfinite(time)):
+        raise ValueError(f"{name}: time_s: {int(np.sum(~np.isfinite(time)))} are not finite, expected finite seconds")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        k = int(back[0]) + 1
+        raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
+    known = np.isfinite(temperature)
+    if np.sum(known) < FEWEST:
+        raise ValueError(f"{name}: temperature_degC: {int(np.sum(known))} finite readings, expected at least {FEWEST}")
+    if not np.any(np.isfinite(current)):
+        raise ValueError(f"{name}: current_A: no finite number in {time.size} rows, expected A")
+    if np.all(current[np.isfinite(current)] == 0.0):
+        raise ValueError(f"{name}: current_A: 0 throughout, expected a current that moves the plate")
+    path = temperature_path(time, temperature)
+    known[path.outliers] = False
+    steps = np.diff(time)
+    broken = (steps > gap_threshold(steps)) | ~np.isfinite(current[:-1])
+    edges = np.concatenate(([0], np.flatnonzero(broken) + 1, [time.size]))
+    found = []
+    for first, last in pairwise(edges):
+        if np.sum(known[first:last]) >= 3:
+            part = slice(first, last)
+            used = known[part]
+            found.append(
+                Stretch(
+                    number,
+                    int(first),
+                    steps[first : last - 1],
+                    np.nan_to_num(current[part]),
+                    np.where(used, temperature[part], 0.0),
+                    used,
+                )
+            )
+    return found, path.outliers.size, path.noise_K
+
+
+def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outliers: int) -> PlateFit:
+    s, r, g, q, h, lag = (float(value) for value in best.par)
+    lost = g < 1e-7
+    ambient = h / g if not lost else 25.0
+    model = (
+        PlateModel(s, r, g if not lost else 0.0, ambient, q, kind)
+        if kind == "peltier"
+        else PlateModel(0.0, 0.0, g if not lost else 0.0, ambient, q, kind)
+    )
+    root = np.sqrt(best.weights)
+    covariance = block_sandwich(root[:, None] * best.jacobian, root * best.residual)
+    change = np.eye(len(fit.places))  # from (.., g, h) to (.., g, T_a)
+    change[-1, -1] = 1.0 / max(g, 1e-12)
+    change[-1, -2] = -ambient / max(g, 1e-12)
+    covariance = covariance.transformed(change)
+    errors = covariance.standard_errors
+    values = best.par[fit.places].copy()
+    values[-1] = ambient
+    return PlateFit(
+        model,
+        NAMES[kind],
+        values,
+        errors,
+        covariance.correlation,
+        tuple(float(first) for first in best.firsts),
+        tuple((part.record, part.first, part.first + part.used.size) for part in fit.stretches),
+        noise_K,
+        math.sqrt(float(np.mean(best.residual**2))),
+        float(np.max(np.abs(best.residual))),
+        outliers + int(np.sum(best.weights < 0.5)),
+        plate_notes(fit.stretches, NAMES[kind], values, errors, kind),
+        lag,
+    )
+
+
+def plate_notes(
+    stretches: Sequence[Stretch], names: tuple[str, ...], values: Array, errors: Array, kind: Kind
+) -> tuple[str, ...]:
+    """What the records leave open, in plain words, and which profile would fix it."""
+    notes = []
+    current = np.concatenate([stretch.current[:-1] for stretch in stretches])
+    largest = float(np.max(np.abs(current)))
+    levels = np.unique(np.round(current / (0.02 * largest)))
+    length = max(float(np.sum(stretch.steps)) for stretch in stretches)
+    g = values[names.index("conductance_over_capacity_per_s")]
+    if levels.size == 1:
+        notes.append(
+            "The current is constant: Seebeck term, Joule heat and loss cannot be told apart. "
+            "Record a profile with at least three levels of current, of both signs."
+            if kind == "peltier"
+            else "The drive is constant: heating rate and loss to the ambient cannot be told apart. "
+            "Record steps of the drive, zero among them."
+        )
+    elif kind == "peltier" and (np.all(current >= -0.02 * largest) or np.all(current <= 0.02 * largest)):
+        notes.append(
+            "The current has one sign only: Seebeck term and Joule heat are nearly the same. "
+            "Record heating and cooling with currents of both signs and several sizes."
+        )
+    if g * length < 1.5:
+        notes.append(
+            f"No stretch is longer than 1.5 thermal time constants (the longest is {length:.0f} s): loss and ambient "
+            "are poorly separated. Let the plate rest at zero current for several time constants."
+        )
+    for name, value, error in zip(names, values, errors, strict=True):
+        if not math.isfinite(error) or error > (100.0 if name == "ambient_degC" else 3.0 * abs(value)):
+            notes.append(f"{name} is not determined by this record: the value is that of a usual plate.")
+        elif name == "ambient_degC" and error > 3.0:
+            notes.append(f"ambient_degC is known to {error:.1f} K only; a rest at zero current would fix it.")
+        elif name != "ambient_degC" and error > 0.3 * abs(value):
+            notes.append(f"{name} is known to {100.0 * error / max(abs(value), 1e-300):.0f} % only.")
+    return tuple(notes)

@@ -1,0 +1,208 @@
+"""Records of a film made ready for a fit: checked, freed of outliers, with a path for the operators.
+
+A film's memory belongs to its record. What happened before the first row is described by a `Start`: saturation at
+the hot ("cooled") or cold ("heated") end and, where the first row lies inside the transition, one turning point
+between that end and the first row. Rate independence makes the path cheap: besides the rows with readings only its
+turning points count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.film import Initial
+from compensator.hysteresis.functions import Array
+from compensator.identification.operator_outputs import Integers, Sides
+from compensator.identification.outliers import lone_outliers
+from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
+
+FEWEST: Final = 12  # readings below which nothing is fitted
+GAP: Final = 1.5  # in median steps
+UNEVEN_GAP: Final = 1.1  # in steps that are longer than all but a twentieth
+
+
+@dataclass(frozen=True, eq=False)
+class FilmRecord:
+    """One record: `time_s` increasing, `temperature_degC`, `output` (nan: no reading), each of shape (samples,);
+    `output_time_s`: when each output was read, where that is known to differ from the row's time (nan: it does not)."""
+
+    time_s: ArrayLike
+    temperature_degC: ArrayLike
+    output: ArrayLike
+    name: str = "record"
+    output_time_s: ArrayLike | None = None
+
+
+@dataclass(frozen=True)
+class Start:
+    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row."""
+
+    initial: Initial = "cooled"
+    previous_degC: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
+    the record as given; `origin`: of each row here the row there (-1: none), None if they are the same."""
+
+    name: str
+    time_s: Array
+    path: TemperaturePath
+    output: Array
+    used: NDArray[np.bool_]
+    outliers: Integers
+    gaps: int
+    origin: Integers | None = None
+
+    @property
+    def inputs(self) -> Array:
+        return self.path.temperature_degC
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Rows of all records in sequence: inputs (degC), sides as `operator_outputs` takes them, and which of them
+    carry readings: `rows`, with `output`, `record` and `sample` (row in the record), each of shape (readings,)."""
+
+    inputs: Array
+    side: Sides
+    rows: Integers
+    output: Array
+    record: Integers
+    sample: Integers
+
+
+def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
+    """Check one record and find its path; `ValueError` with one line where it cannot be used."""
+    name = record.name
+    time = np.asarray(record.time_s, dtype=np.float64)
+    temperature = np.asarray(record.temperature_degC, dtype=np.float64)
+    output = np.array(record.output, dtype=np.float64)
+    if not (time.ndim == temperature.ndim == output.ndim == 1 and time.size == temperature.size == output.size):
+        raise ValueError(
+            f"{name}: time_s {time.shape}, temperature_degC {temperature.shape}, output {output.shape}: "
+            "expected three arrays of the same length"
+        )
+    if not np.all(np.isfinite(time)):
+        raise ValueError(f"{name}: time_s: {int(np.sum(~np.isfinite(time)))} are not finite, expected finite seconds")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if back.size:
+        k = int(back[0]) + 1
+        raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
+    known = np.isfinite(temperature)
+    if not np.any(known):
+        raise ValueError(f"{name}: temperature_degC: no finite number in {time.size} rows, expected degC")
+    finite = np.isfinite(output) & known
+    if not np.any(finite):
+        raise ValueError(f"{name}: output: no finite reading in {time.size} rows, expected at least {FEWEST}")
+    if np.sum(finite) < FEWEST:
+        raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
+    path = temperature_path(time, temperature, noise_K=noise_K)
+    if np.ptp(path.temperature_degC) < max(1e-3, 3.0 * path.noise_K):
+        raise ValueError(
+            f"{name}: temperature_degC: constant at {np.median(temperature[known]):g}, "
+            "expected a sweep through the transition"
+        )
+    outliers = lone_outliers(output, finite)
+    finite[outliers] = False
+    steps = np.diff(time)
+    gaps = int(np.sum(steps > gap_threshold(steps)))
+    whole = Prepared(name, time, path, output, finite, outliers, gaps)
+    if record.output_time_s is None:
+        return whole
+    read = np.array(record.output_time_s, dtype=np.float64)
+    if read.shape != time.shape:
+        raise ValueError(f"{name}: output_time_s {read.shape}: expected the same length as time_s {time.shape}")
+    return _at_reading_times(whole, read)
+
+
+def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
+    """The record with a row of its own for each output that was read between two rows."""
+    read = np.clip(np.where(np.isfinite(read_s), read_s, record.time_s), record.time_s[0], record.time_s[-1])
+    apart = np.flatnonzero(record.used & (read != record.time_s))
+    if not apart.size:
+        return record
+    count = record.time_s.size
+    time = np.concatenate((record.time_s, read[apart]))
+    output = np.concatenate((record.output, record.output[apart]))
+    used = np.concatenate((record.used, np.ones(apart.size, dtype=np.bool_)))
+    used[apart] = False
+    origin = np.concatenate((np.arange(count), apart))
+    order = np.argsort(time, kind="stable")
+    inputs = np.interp(time[order], record.time_s, record.inputs)
+    path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
+    return Prepared(
+        record.name, time[order], path, output[order], used[order], record.outliers, record.gaps, origin[order]
+    )
+
+
+def gap_threshold(steps_s: Array) -> float:
+    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.1 times the 95th percentile. Sampling is
+    uneven where many steps are long, or are no multiples of the median."""
+    median = float(np.median(steps_s))
+    medians = steps_s / median
+    if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
+        return UNEVEN_GAP * float(np.percentile(steps_s, 95.0))
+    return GAP * median
+
+
+def build_path(
+    records: Sequence[Prepared], starts: Sequence[Start], chosen: Sequence[NDArray[np.bool_]] | None = None
+) -> Path:
+    """One path through all records, with the chosen rows' readings (default: all used rows')."""
+    inputs, sides, rows, outputs, owners, samples = [], [], [], [], [], []
+    length = 0
+    for number, (record, start) in enumerate(zip(records, starts, strict=True)):
+        keep = record.used if chosen is None else record.used & chosen[number]
+        needed = keep.copy()
+        needed[record.path.turning] = True
+        needed[0] = True
+        index = np.flatnonzero(needed)
+        v = record.inputs[index]
+        position = np.flatnonzero(keep[index])
+        if start.previous_degC is not None:
+            v = np.concatenate(([start.previous_degC], v))
+            position = position + 1
+        side = np.empty(v.size, dtype=np.int8)
+        side[0] = -2 if start.initial == "cooled" else 2
+        side[1:] = np.sign(np.diff(v))
+        inputs.append(v)
+        sides.append(side)
+        rows.append(position + length)
+        readings = np.flatnonzero(keep)
+        outputs.append(record.output[readings])
+        owners.append(np.full(readings.size, number))
+        samples.append(readings)
+        length += v.size
+    return Path(
+        np.concatenate(inputs),
+        np.concatenate(sides).astype(np.int8),
+        np.concatenate(rows).astype(np.int64),
+        np.concatenate(outputs),
+        np.concatenate(owners).astype(np.int64),
+        np.concatenate(samples).astype(np.int64),
+    )
+
+
+def held_out_blocks(record: Prepared, blocks: int = 90) -> NDArray[np.bool_]:
+    """Rows to hold out: every third of short blocks of readings, which leaves each stretch of a sweep covered."""
+    rows = np.flatnonzero(record.used)
+    length = max(1, round(rows.size / blocks))
+    held = np.zeros(record.used.size, dtype=np.bool_)
+    held[rows[(np.arange(rows.size) // length) % 3 == 1]] = True
+    return held
+
+
+def thinned(record: Prepared, chosen: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+    """At most about `most` of the chosen rows, evenly in sequence."""
+    rows = np.flatnonzero(record.used & chosen)
+    keep = np.zeros(record.used.size, dtype=np.bool_)
+    if rows.size:
+        keep[rows[np.unique(np.linspace(0, rows.size - 1, min(most, rows.size)).round().astype(np.int64))]] = True
+    return keep

@@ -1,0 +1,256 @@
+"""A noise-free way into the film's memory: the temperature path behind noisy readings.
+
+Play operators remember extremes, so that noise on a measured temperature ratchets them and looks like creep. The path
+is found in two steps, both without phase:
+
+1. A smoother for a temperature whose rate walks at random,
+       T' = rate,  rate' = white noise of density q,  reading = T + noise of standard deviation sigma,
+   with q and sigma by maximum likelihood from the readings themselves; where the rate breaks (a corner of a profile)
+   q is raised at that step, so that corners stay sharp. Forward Kalman filter, backward Rauch-Tung-Striebel pass.
+2. Reversals smaller than `REVERSAL` sigma are no reversals: between the turning points that are left the path is the
+   monotone (isotonic) least-squares fit of the smoothed readings.
+
+Readings without noise (sigma below `NEGLIGIBLE` of their span) are returned unchanged, to the bit; so are those
+sampled so coarsely that reversals look like noise.
+
+Sources: H. E. Rauch, F. Tung, C. T. Striebel, AIAA J. 3 (1965) 1445; R. E. Barlow et al., Statistical Inference
+under Order Restrictions (Wiley 1972), ch. 1 (pool adjacent violators).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.outliers import lone_outliers
+
+WIDE_K: Final = 5.0  # above this span ...
+COARSE: Final = 0.05  # ... `noise` of such a share is no noise, but reversals between the rows
+REVERSAL: Final = 3.0  # in sigma: smaller reversals are taken for noise
+NEGLIGIBLE: Final = 1e-5  # noise over span: below it readings are taken as they are
+BREAK: Final = 6.0  # in usual changes of the rate per step: a corner of the profile
+GATE: Final = 6.0  # in predicted standard deviations: readings further off are outliers
+STRAY: Final = 1.5  # in sigma: the smoothed path may not be further off the readings than this, in the mean square
+CORNER: Final = 3.0  # in ranges of the rate: how much it may change where it breaks
+
+
+@dataclass(frozen=True, eq=False)
+class TemperaturePath:
+    """`temperature_degC`: shape (samples,); `turning`: indices of the turning points, first and last row included;
+    `noise_K`: standard deviation of the readings' noise, 0 where it is negligible; `outliers`: indices left out."""
+
+    temperature_degC: Array
+    turning: NDArray[np.int64]
+    noise_K: float
+    outliers: NDArray[np.int64]
+
+
+@njit(cache=True)
+def _smooth(
+    steps: Array, readings: Array, used: NDArray[np.bool_], density: Array, backward: bool, work: Array
+) -> float:
+    """Kalman filter (and smoother) with unit reading variance: the sum of the innovations' log variances.
+
+    steps: s, shape (n - 1,); density: q / sigma^2 in each step. work: shape (n, 8); its columns become
+    T, rate (smoothed if `backward`), the filter's covariance, and the innovation over its standard deviation.
+    """
+    n = readings.size
+    t, rate = readings[0], 0.0
+    ptt, ptr, prr = 1.0, 0.0, 1.0
+    first = max(steps[0], 1e-9)
+    prr = 4.0 / (first * first)
+    logs = 0.0
+    for k in range(n):
+        if k > 0:
+            dt, q = steps[k - 1], density[k - 1]
+            t += rate * dt
+            ptt += 2.0 * dt * ptr + dt * dt * prr + q * dt * dt * dt / 3.0
+            ptr += dt * prr + 0.5 * q * dt * dt
+            prr += q * dt
+            work[k, 5] = 0.0
+            if used[k]:
+                innovation, s = readings[k] - t, ptt + 1.0
+                if k > 2:
+                    logs += math.log(s)
+                work[k, 5] = innovation / math.sqrt(s)
+                gain_t, gain_r = ptt / s, ptr / s
+                t += gain_t * innovation
+                rate += gain_r * innovation
+                prr -= gain_r * ptr
+                ptr -= gain_t * ptr
+                ptt -= gain_t * ptt
+        else:
+            work[0, 5] = 0.0
+        work[k, 0], work[k, 1], work[k, 2], work[k, 3], work[k, 4] = t, rate, ptt, ptr, prr
+    if backward:
+        for k in range(n - 2, -1, -1):
+            dt, q = steps[k], density[k]
+            ptt, ptr, prr = work[k, 2], work[k, 3], work[k, 4]
+            a_tt = ptt + 2.0 * dt * ptr + dt * dt * prr + q * dt * dt * dt / 3.0
+            a_tr = ptr + dt * prr + 0.5 * q * dt * dt
+            a_rr = prr + q * dt
+            determinant = a_tt * a_rr - a_tr * a_tr
+            if determinant <= 0.0:
+                continue
+            c_t, c_r = ptt + dt * ptr, ptr + dt * prr  # columns of P F'
+            g_tt, g_tr = (c_t * a_rr - ptr * a_tr) / determinant, (ptr * a_tt - c_t * a_tr) / determinant
+            g_rt, g_rr = (c_r * a_rr - prr * a_tr) / determinant, (prr * a_tt - c_r * a_tr) / determinant
+            dx, dr = work[k + 1, 0] - work[k, 0] - dt * work[k, 1], work[k + 1, 1] - work[k, 1]
+            work[k, 0] += g_tt * dx + g_tr * dr
+            work[k, 1] += g_rt * dx + g_rr * dr
+    return logs
+
+
+@njit(cache=True)
+def _monotone(values: Array, sense: float, out: Array, level: Array, size: NDArray[np.int64]) -> None:
+    """Isotonic least squares of `values` (rising for sense +1, falling for -1): pool adjacent violators."""
+    blocks = 0
+    for k in range(values.size):
+        level[blocks], size[blocks] = sense * values[k], 1
+        blocks += 1
+        while blocks > 1 and level[blocks - 2] >= level[blocks - 1]:
+            total = size[blocks - 2] + size[blocks - 1]
+            level[blocks - 2] = (level[blocks - 2] * size[blocks - 2] + level[blocks - 1] * size[blocks - 1]) / total
+            size[blocks - 2] = total
+            blocks -= 1
+    k = 0
+    for block in range(blocks):
+        for _ in range(size[block]):
+            out[k] = sense * level[block]
+            k += 1
+
+
+@njit(cache=True)
+def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
+    """Indices of the turning points whose reversals exceed the threshold; the first and last row are among them."""
+    found = np.empty(values.size + 1, dtype=np.int64)
+    found[0] = 0
+    count, sense = 1, 0
+    low = high = 0
+    for k in range(1, values.size):
+        if values[k] > values[high]:
+            high = k
+        if values[k] < values[low]:
+            low = k
+        if sense <= 0 and values[k] - values[low] > threshold:  # a rise: the low before it was a turning point
+            if sense < 0 or low > 0:
+                found[count] = low
+                count += 1
+            sense, high = 1, k
+            low = k
+        elif sense >= 0 and values[high] - values[k] > threshold:
+            if sense > 0 or high > 0:
+                found[count] = high
+                count += 1
+            sense, low = -1, k
+            high = k
+    if values.size > 1 and found[count - 1] != values.size - 1:
+        found[count] = values.size - 1
+        count += 1
+    return found[:count]
+
+
+def _cost(logs: float, innovations: Array) -> float:
+    """-2 log L up to constants, of innovations that follow Student's t with four degrees of freedom: a few large
+    ones, at the corners of a profile, must not pass for noise or for a restless rate."""
+    square = (1.4826 * float(np.median(np.abs(innovations)))) ** 2 + 1e-300
+    return logs + innovations.size * math.log(square) + 5.0 * float(np.sum(np.log1p(innovations**2 / (4.0 * square))))
+
+
+def _density(steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array) -> float:
+    """q / sigma^2 (1/s^3) of the highest likelihood: by a grid in its logarithm, then finer."""
+    work = np.empty((readings.size, 8))
+    best = -3.0 * math.log(float(np.median(steps)))
+    for offsets in (np.arange(-22.0, 9.0, 2.0), np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5])):
+        tried = best + offsets
+        costs = [_cost(_smooth(steps, readings, used, extra + math.exp(x), False, work), work[used, 5]) for x in tried]
+        best = float(tried[int(np.argmin(costs))])
+    return math.exp(best)
+
+
+def temperature_path(
+    time_s: ArrayLike, temperature_degC: ArrayLike, *, noise_K: float | None = None
+) -> TemperaturePath:
+    """The path behind noisy readings; nan readings are bridged. Arrays of shape (samples,), time increasing.
+
+    `noise_K` sets the standard deviation of the noise instead of estimating it; 0 returns the readings as they are.
+    """
+    time = np.ascontiguousarray(time_s, dtype=np.float64)
+    readings = np.array(temperature_degC, dtype=np.float64)
+    finite = np.isfinite(readings)
+    lone = lone_outliers(readings, finite)
+    used = finite.copy()
+    used[lone] = False
+    if not np.all(used):
+        readings = np.interp(time, time[used], readings[used])
+    span = float(np.ptp(readings)) if readings.size else 0.0
+    if readings.size < 8 or span == 0.0 or noise_K == 0.0:
+        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, lone)
+    trusted = used.copy()
+    steps = np.diff(time)
+    extra = np.zeros(steps.size)  # density at the corners
+    work = np.empty((readings.size, 8))
+    density, variance = 1.0, 0.0
+    for _ in range(4):
+        density = _density(steps, readings, used, extra)
+        _smooth(steps, readings, used, density + extra, False, work)
+        variance = float(1.4826 * np.median(np.abs(work[used, 5]))) ** 2
+        if math.sqrt(variance) < NEGLIGIBLE * span:
+            break
+        used = trusted & _trusted(work[:, 5] / math.sqrt(variance))
+        _smooth(steps, readings, used, density + extra, True, work)
+        breaks = _breaks(work[:, 1], extra > 0.0)
+        if np.array_equal(breaks, extra > 0.0):
+            break
+        extra = np.where(breaks, (CORNER * np.ptp(work[:, 1])) ** 2 / (variance * steps), 0.0)
+    sigma = math.sqrt(variance) if noise_K is None else noise_K
+    outliers = np.flatnonzero(finite & ~used)
+    coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span
+    if sigma < NEGLIGIBLE * span or coarse:
+        return TemperaturePath(readings, turning_points(readings, 0.0), 0.0, lone)
+    for _ in range(12):
+        _smooth(steps, readings, used, density + extra, True, work)
+        if float(np.mean((readings[used] - work[used, 0]) ** 2)) < (STRAY * sigma) ** 2:
+            break
+        density *= 10.0
+    smooth = np.ascontiguousarray(work[:, 0])
+    turning = turning_points(smooth, REVERSAL * sigma)
+    path = np.empty_like(smooth)
+    level, size = np.empty(smooth.size), np.empty(smooth.size, dtype=np.int64)
+    for first, last in pairwise(turning):
+        sense = 1.0 if smooth[last] >= smooth[first] else -1.0
+        start = first if first == 0 else first + 1
+        _monotone(smooth[start : last + 1], sense, path[start : last + 1], level, size)
+        if first > 0:
+            run = path[start : last + 1]
+            np.maximum(run, path[first], out=run) if sense > 0 else np.minimum(run, path[first], out=run)
+    return TemperaturePath(path, turning, sigma, outliers)
+
+
+def _trusted(innovations: Array) -> NDArray[np.bool_]:
+    """False for lone outliers: an innovation beyond the gate whose successor turns back as sharply."""
+    far = np.abs(innovations) > GATE
+    back = np.zeros(innovations.size, dtype=np.bool_)
+    back[:-1] = (innovations[1:] * innovations[:-1] < 0.0) & (np.abs(innovations[1:]) > 0.4 * np.abs(innovations[:-1]))
+    back[1:] &= ~(far[:-1] & back[:-1])
+    return np.asarray(~(far & back), dtype=np.bool_)
+
+
+def _breaks(rates: Array, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The steps in which the smoothed rate changes by far more than usual, those known and their neighbours."""
+    change = np.abs(np.diff(rates))
+    usual = 1.4826 * float(np.median(change)) + 1e-300
+    sharp = change > BREAK * usual
+    for k in (-1, 1):  # only the sharpest of a run: a corner is one step
+        sharp &= change >= np.roll(change, k)
+    wide = sharp.copy()
+    wide[1:] |= sharp[:-1]
+    wide[:-1] |= sharp[1:]
+    return np.asarray(wide | known, dtype=np.bool_)

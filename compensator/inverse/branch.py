@@ -1,0 +1,280 @@
+"""One branch of the model from a memory: values, bounds and steps along it, for the inverse to search.
+
+From a memory every temperature above the present one lies on the rising branch, every one below on the falling
+branch. The falling one is the rising one of the model turned round: with z = side v and side = +-1,
+
+    F(z) = side f(side z) = E(z) + H(z),      E(z) = side D(side z),
+    H(z) = sum_j p_j max(G(z) - r_j, side m_j),    G(z) = side gamma(side z)
+
+so that only a walk to larger z is needed, along which H never decreases and operators only ever start to move. In
+g = G(z) H is convex and piecewise linear (common envelopes). On an interval [x, y]
+
+    E in [min E, max E],  E' in [min E', max E']                         exactly,
+    `compensator.inverse.monotone_intervals`
+    H in [H(x), H(y)],    H' in [sum_(moving at x) p min G', sum_(moving at y) p max G']
+
+which bounds F by its range and by lines through both ends. Nothing but `evaluate` computes D and the envelopes at a
+trial temperature; the rest reuses what stands in the rows of the workspace.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from compensator.hysteresis import play
+from compensator.hysteresis.film import Packed
+from compensator.hysteresis.functions import Array, envelope, envelope_inflection, envelope_inverse, lean, memoryless
+from compensator.inverse.monotone_intervals import SLOPE_ROW, VALUE_ROW, range_between
+
+ROWS: Final = 128  # points that a search can hold
+Z, F, E1, E2, H, GAMMA, SLOPE, D = range(8)  # columns of a point: z, F, E', E'', H, G, G', D(side z)
+
+# points (ROWS, 8), each envelope's G and G' (ROWS, envelopes), and two arrays (operators,) to reckon in
+Work = tuple[Array, Array, Array, Array, Array]
+
+
+@njit(cache=True, error_model="numpy")
+def workspace(film: Packed) -> Work:
+    """Room for a search; the two arrays of envelopes hold anything only where envelopes are mixed."""
+    envelopes, operators = film[0].shape[0], film[1].size
+    rows = ROWS if envelopes > 1 else 1
+    gammas, slopes = np.empty((rows, envelopes)), np.empty((rows, envelopes))
+    return np.empty((ROWS, 8)), gammas, slopes, np.empty(operators), np.empty(operators)
+
+
+@lean
+def place_common(
+    row: int, side: float, radii: Array, weights: Array, memory: Array, points: Array, parts: Array
+) -> None:
+    """Complete a row that has z, D and its slopes, and G: H and F, in the model's own bits. Common envelopes."""
+    gamma = points[row, GAMMA]
+    for j in range(radii.size):
+        parts[j] = max(gamma - radii[j], side * memory[j])
+    h = play.weighted_sum(weights, parts)
+    points[row, H], points[row, F] = h, side * points[row, D] + h
+
+
+@lean
+def evaluate(row: int, side: float, z: float, film: Packed, memory: Array, work: Work) -> None:
+    """One evaluation: D and the envelopes at z, into a row of the workspace."""
+    envelopes, code, par = film[0], film[3], film[4]
+    points, gammas, slopes = work[0], work[1], work[2]
+    v = side * z
+    d0, d1, d2 = memoryless(code, par, v)
+    points[row, Z], points[row, D], points[row, E1], points[row, E2] = z, d0, d1, side * d2
+    first = 0 if side > 0.0 else 3
+    if envelopes.shape[0] == 1:
+        gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
+        points[row, GAMMA], points[row, SLOPE] = side * gamma, slope
+        place_common(row, side, film[1], film[2], memory, points, work[4])
+    else:
+        for j in range(envelopes.shape[0]):
+            gamma, slope = envelope(envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2], v)
+            gammas[row, j], slopes[row, j] = side * gamma, slope
+        radii, weights, parts = film[1], film[2], work[4]
+        for j in range(radii.size):
+            parts[j] = max(gammas[row, j] - radii[j], side * memory[j])
+        h = play.weighted_sum(weights, parts)
+        points[row, H], points[row, F] = h, side * d0 + h
+
+
+@lean
+def slope_onward(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """F' just above a point: an operator that has reached its envelope moves."""
+    envelopes, radii, weights = film[0], film[1], film[2]
+    points, gammas, slopes = work[0], work[1], work[2]
+    total = 0.0
+    common = envelopes.shape[0] == 1
+    gamma, slope = points[row, GAMMA], points[row, SLOPE]
+    for j in range(radii.size):
+        if not common:
+            gamma, slope = gammas[row, j], slopes[row, j]
+        if gamma - radii[j] >= side * memory[j]:
+            total += weights[j] * slope
+    return float(points[row, E1] + total)
+
+
+@lean
+def moving_weight(row: int, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """Sum of the weights of the operators that move just above a point."""
+    envelopes, radii, weights = film[0], film[1], film[2]
+    gamma, total = work[0][row, GAMMA], 0.0
+    for j in range(radii.size):
+        if envelopes.shape[0] > 1:
+            gamma = work[1][row, j]
+        if gamma - radii[j] >= side * memory[j]:
+            total += weights[j]
+    return total
+
+
+@lean
+def bounds(
+    x: int, y: int, side: float, film: Packed, table: Array, memory: Array, work: Work
+) -> tuple[float, float, float, float, float, float]:
+    """(least F', largest F', least F, largest F, least E, largest E) between the points in rows x and y."""
+    envelopes, radii, weights = film[0], film[1], film[2]
+    points, gammas, slopes = work[0], work[1], work[2]
+    p, q = points[x], points[y]
+    width = q[Z] - p[Z]
+    low, high = min(side * p[Z], side * q[Z]), max(side * p[Z], side * q[Z])
+    d_low, d_high = (p[D], q[D]) if side > 0.0 else (q[D], p[D])
+    s_low, s_high = (p[E1], q[E1]) if side > 0.0 else (q[E1], p[E1])
+    least_d, most_d = range_between(table, VALUE_ROW, low, high, d_low, d_high)
+    least_e, most_e = (least_d, most_d) if side > 0.0 else (-most_d, -least_d)
+    least, most = range_between(table, SLOPE_ROW, low, high, s_low, s_high)
+    first = 0 if side > 0.0 else 3
+    slack = 0.0
+    if envelopes.shape[0] == 1:
+        code, a, b = envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2]
+        flat, steep = min(p[SLOPE], q[SLOPE]), max(p[SLOPE], q[SLOPE])
+        centre = envelope_inflection(code, a, b)
+        if low < centre < high:
+            at_centre = envelope(code, a, b, centre)[1] if code != 1.0 else a
+            flat, steep = min(flat, at_centre), max(steep, at_centre)
+        already, at_last = 0.0, 0.0
+        for j in range(radii.size):
+            if p[GAMMA] - radii[j] >= side * memory[j]:
+                already += weights[j]
+            if q[GAMMA] - radii[j] > side * memory[j]:
+                at_last += weights[j]
+        least += already * flat
+        most += max(already, at_last) * steep
+    else:
+        for j in range(radii.size):
+            code, a, b = envelopes[j, first], envelopes[j, first + 1], envelopes[j, first + 2]
+            if gammas[y, j] - radii[j] <= side * memory[j]:
+                continue
+            flat, steep = min(slopes[x, j], slopes[y, j]), max(slopes[x, j], slopes[y, j])
+            centre = envelope_inflection(code, a, b)
+            if low < centre < high:
+                at_centre = envelope(code, a, b, centre)[1] if code != 1.0 else a
+                flat, steep = min(flat, at_centre), max(steep, at_centre)
+            if gammas[x, j] - radii[j] >= side * memory[j]:
+                least += weights[j] * flat
+            most += weights[j] * steep
+    floor, ceiling = least_e + p[H], most_e + q[H]
+    if most <= 0.0:
+        ceiling = min(ceiling, p[F])
+    elif least >= 0.0:
+        ceiling = min(ceiling, q[F])
+    else:
+        ceiling = min(ceiling, p[F] + most * (q[F] - p[F] - least * width) / (most - least))
+    if least >= 0.0:
+        floor = max(floor, p[F])
+    elif most <= 0.0:
+        floor = max(floor, q[F])
+    else:
+        floor = max(floor, p[F] + least * (q[F] - p[F] - most * width) / (least - most))
+    slack = 4e-16 * (abs(p[D]) + abs(q[D]) + abs(p[H]) + abs(q[H]))
+    return least, most, floor - slack, ceiling + slack, least_e, most_e
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+def moving_sums(g: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
+    """(rest, moving) of sum_j p_j max(g - r_j, held_j) = moving g + rest; summed in any order, for steps only."""
+    rest, moving = 0.0, 0.0
+    for j in range(radii.size):
+        moves = g - radii[j] >= held[j]
+        rest += weights[j] * (-radii[j] if moves else held[j])
+        moving += weights[j] if moves else 0.0
+    return rest, moving
+
+
+@lean
+def level(kappa: float, target: float, start: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
+    """(g, weight that moves there) where kappa g + sum_j p_j max(g - r_j, held_j) = target; nan: nowhere.
+
+    held: side m_j. The sum is convex and piecewise linear in g: Newton's method, from `start`, is exact after
+    finitely many steps.
+    """
+    g, moving, steps = start, 0.0, 0
+    while steps <= radii.size + 4:
+        rest, moving = moving_sums(g, held, radii, weights)
+        slope = kappa + moving
+        if slope > 0.0:
+            g_next = (target - rest) / slope
+            done = steps > 0 and g < math.inf and g_next >= g - 1e-15 * (1.0 + abs(g))
+            g = g_next
+            if done:
+                break
+        elif steps > 0:
+            g = math.nan
+            break
+        else:
+            g = math.inf  # where all operators move the slope is largest
+        steps += 1
+    return g, moving
+
+
+@lean
+def held_back(rest: float, start: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The z at which H alone reaches the value `rest`, common envelopes; nan where it never does."""
+    envelopes, held = film[0], work[3]
+    for j in range(memory.size):
+        held[j] = side * memory[j]
+    g = level(0.0, rest, start, held, film[1], film[2])[0]
+    first = 0 if side > 0.0 else 3
+    return side * envelope_inverse(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g)
+
+
+@lean
+def common_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The z where F reaches the target, common envelopes: exact in the operators' kinks and in g, E linear in g."""
+    point, envelopes, held = work[0][row], film[0], work[3]
+    if point[SLOPE] <= 0.0:
+        return math.nan
+    for j in range(memory.size):
+        held[j] = side * memory[j]
+    kappa = point[E1] / point[SLOPE]
+    rest = target - (point[F] - point[H]) + kappa * point[GAMMA]
+    g = level(kappa, rest, point[GAMMA], held, film[1], film[2])[0]
+    first = 0 if side > 0.0 else 3
+    return side * envelope_inverse(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g)
+
+
+@lean
+def kinked_step(gap: float, e1: float, slope: float, gamma: float, held: Array, radii: Array, weights: Array) -> float:
+    """The step in z at which E and the common envelope, both straight lines, have closed the gap; nan: never."""
+    rest, moving = moving_sums(gamma, held, radii, weights)
+    total = gap + rest + moving * gamma
+    g, z = math.inf, math.inf
+    for _ in range(radii.size + 2):
+        rest, moving = moving_sums(g, held, radii, weights)
+        if e1 + moving * slope <= 0.0:
+            z = math.nan
+            break
+        z_next = (total - rest - moving * gamma) / (e1 + moving * slope)
+        done = z_next >= z - 1e-15 * (1.0 + abs(z))
+        z, g = z_next, gamma + slope * z_next
+        if done:
+            break
+    return z
+
+
+@lean
+def mixed_step(row: int, target: float, side: float, film: Packed, memory: Array, work: Work) -> float:
+    """The same where every operator has an envelope of its own."""
+    radii, weights = film[1], film[2]
+    points, gammas, slopes = work[0], work[1], work[2]
+    gap, z = target - points[row, F], math.inf
+    for _ in range(radii.size + 2):
+        total, slope_sum = 0.0, points[row, E1]
+        for j in range(radii.size):
+            held, w, slope = side * memory[j], gammas[row, j] - radii[j], slopes[row, j]
+            here = max(w, held)
+            if z == math.inf or w + slope * z > held:
+                total += weights[j] * (w - here)
+                slope_sum += weights[j] * slope
+            else:
+                total += weights[j] * (held - here)
+        if slope_sum <= 0.0:
+            return math.nan
+        z_next = (gap - total) / slope_sum
+        if z != math.inf and z_next >= z - 1e-15 * (1.0 + abs(z)):
+            return float(z_next)
+        z = z_next
+    return z

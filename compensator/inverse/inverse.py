@@ -1,0 +1,205 @@
+"""The inverse of the extended generalized PI model, solved for v directly on the branch it is on.
+
+From a memory, every temperature above the present one is reached on the rising branch, every one below on the falling
+branch (`compensator.inverse.branch`). A walk away from the present temperature proves, interval by interval, that there
+is no solution, or that a bracket holds exactly one (`compensator.inverse.search`); so the solution nearest to the
+present temperature is found whenever there is one, where D decreases faster than h increases too (paper, table 1), and
+where there is none that is proven. Of several the `choice` is:
+
+    "nearest"           the smallest change of temperature
+    "fastest"           the shortest time, at the plate's rates of heating and cooling
+    "fewest_reversals"  onward in the direction of `heading`, if there is a solution, else back
+
+On one branch all three take the nearest. The bound that is kept: |model(inverse(u)) - u| <= `bound`, 1e-10 of the
+output's unit, or 1e-12 of the model's span where that is more (outputs of hundreds). One *evaluation* is D and the
+envelopes at one trial temperature, the present one included.
+
+The paper's own iteration, eq (20), is `compensator.inverse.iteration`; where it cannot converge is told there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensator.hysteresis.film import FilmModel, Initial, Memory, memory_owning, writable
+from compensator.hysteresis.functions import Array
+from compensator.inverse.monotone_intervals import SLOPE_ROW, pieces
+from compensator.inverse.solve import Settings, output_range, solutions_on_branch, trajectory
+
+LOW_DEGC, HIGH_DEGC = -50.0, 200.0
+TOLERANCE = 5e-10  # of the output: 1e-9 decades are promised
+SPAN_SHARE = 1e-12  # of the output's span, where that is more
+MOST_SOLUTIONS: Final = 512
+
+Choice = Literal["nearest", "fastest", "fewest_reversals"]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """One temperature for one wanted output.
+
+    reachable: whether there is one within the limits, from this memory. temperature_degC: the solution, or where
+    there is none the present temperature. residual: model minus target, in the output's unit. Where the target
+    cannot be reached, intervals are the outputs that can, (low, high) each and in order - more than one where the
+    order condition fails and the output jumps at a reversal -, interval is from the least to the largest of them,
+    and nearest the near end; else nearest is the target. evaluations: of D and the envelopes at one temperature.
+    """
+
+    reachable: bool
+    temperature_degC: float
+    residual: float
+    nearest: float
+    interval: tuple[float, float] | None
+    evaluations: int
+    memory: Memory
+    intervals: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """The inverse of a film model within temperature limits (degC).
+
+    Every solution keeps |model(inverse(u)) - u| <= bound, in the output's unit. choice: of several solutions.
+    heating_K_per_s, cooling_K_per_s: the plate's rates (both > 0), for the choice "fastest".
+    """
+
+    model: FilmModel
+    low_degC: float = LOW_DEGC
+    high_degC: float = HIGH_DEGC
+    tolerance: float = TOLERANCE
+    choice: Choice = "nearest"
+    heating_K_per_s: float = 1.0
+    cooling_K_per_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low_degC) and self.low_degC < self.high_degC < math.inf):
+            raise ValueError(f"limits: {self.low_degC!r} to {self.high_degC!r} degC: expected low < high")
+        if self.choice not in ("nearest", "fastest", "fewest_reversals"):
+            raise ValueError(f"choice: {self.choice!r} is none of nearest, fastest, fewest_reversals")
+        if not (0.0 < self.heating_K_per_s < math.inf and 0.0 < self.cooling_K_per_s < math.inf):
+            raise ValueError("heating_K_per_s, cooling_K_per_s: expected finite numbers > 0")
+
+    @cached_property
+    def pieces(self) -> Array:
+        """Where D turns and bends within the limits, shape (3, points): `compensator.inverse.monotone_intervals`."""
+        return pieces(self.model.memoryless, self.low_degC, self.high_degC)
+
+    @cached_property
+    def least_slope(self) -> float:
+        """The least dD/dv within the limits (exact): where it is >= 0 the model is monotone."""
+        return float(self.pieces[SLOPE_ROW].min())
+
+    @cached_property
+    def bound(self) -> float:
+        """What |model(inverse(u)) - u| keeps, in the output's unit: `tolerance`, or SPAN_SHARE of the span."""
+        span = float(self.model.weights.sum() + np.ptp(self.pieces[1]))
+        return max(self.tolerance, SPAN_SHARE * span)
+
+    def settings(self, heading: int = 0) -> Settings:
+        """What the compiled loops need beside the film; heading: the sign of the last move, 0 if there was none."""
+        up, down = 1.0, 1.0
+        if self.choice == "fastest":
+            up, down = 1.0 / self.heating_K_per_s, 1.0 / self.cooling_K_per_s
+        elif self.choice == "fewest_reversals" and heading != 0:
+            up, down = (1.0, 1e9) if heading > 0 else (1e9, 1.0)
+        limits = np.array([self.low_degC, self.high_degC, self.bound, self.least_slope, up, down])
+        return limits, self.pieces
+
+    @cached_property
+    def _settings(self) -> Settings:
+        return self.settings()
+
+    def solve(self, target: float, memory: Memory, heading: int = 0) -> Solution:
+        """The chosen temperature at which the output is `target`, from this memory.
+
+        heading: sign of the last move of the temperature, for the choice "fewest_reversals".
+        """
+        rows, counts = np.empty((2, 1)), np.empty(1, dtype=np.int64)
+        plays = memory.plays.copy()
+        settings = self.settings(heading) if heading else self._settings
+        before = memory.input_degC
+        v = trajectory(np.array([target]), before, plays, self.model.packed, settings, rows, counts)
+        count = int(counts[0])
+        if not math.isnan(rows[0, 0]):
+            return Solution(True, v, float(rows[1, 0]), target, None, count, memory_owning(v, plays))
+        intervals = self.reachable_intervals(memory)
+        ends = [end for interval in intervals for end in interval]
+        nearest = min(ends, key=lambda end: abs(end - target))
+        residual = self.model.output_at(memory) - target
+        return Solution(False, before, residual, nearest, (ends[0], ends[-1]), count, memory, intervals)
+
+    def solutions(self, target: float, memory: Memory) -> tuple[Array, int]:
+        """All temperatures (degC, increasing) at which the output is `target` from this memory, and evaluations.
+
+        Where the output stands still at the target, one of the temperatures there.
+        """
+        v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
+        found: list[Array] = []
+        count = 1
+        at_rest = abs(self.model.output_at(memory) - target) <= self.bound
+        if at_rest:
+            found.append(np.array([v]))
+        for side, end in ((-1.0, self.low_degC), (1.0, self.high_degC)):
+            if (end - v) * side > 0.0:
+                roots = np.empty(MOST_SOLUTIONS)
+                n, more = solutions_on_branch(side, target, v, end, film, self._settings, plays, roots)
+                found.append(roots[:n][np.abs(roots[:n] - v) > 1e-6] if at_rest else roots[:n])
+                count += more - 1
+        return np.sort(np.concatenate(found)) if found else np.empty(0), count
+
+    def first(self, target: float, initial: Initial | None = None) -> Solution:
+        """The lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output."""
+        initial = initial or self.model.initial
+        film, saturated = self.model.packed, self.model.saturated(initial)
+        side, start, end = 1.0, self.low_degC, self.high_degC
+        if initial == "cooled":
+            side, start, end = -1.0, end, start
+        roots = np.empty(1 if side > 0.0 or self.least_slope >= 0.0 else MOST_SOLUTIONS)
+        found, count = solutions_on_branch(side, target, start, end, film, self._settings, saturated, roots)
+        if found:
+            v = float(roots[found - 1])
+            memory = self.model.initial_memory(v, initial)
+            return Solution(True, v, self.model.output_at(memory) - target, target, None, count, memory)
+        low, high = output_range(side, start, end, film, self._settings, saturated)
+        nearest = low if abs(target - low) <= abs(target - high) else high
+        rest = self.model.initial_memory(self.low_degC, initial)
+        return Solution(False, math.nan, math.nan, nearest, (low, high), count, rest, ((low, high),))
+
+    def reachable_intervals(self, memory: Memory) -> tuple[tuple[float, float], ...]:
+        """The outputs that can be reached from this memory without turning round, as intervals in order.
+
+        There is more than one where the output jumps at a reversal: the order condition fails.
+        """
+        v, film, plays = memory.input_degC, self.model.packed, memory.plays.copy()
+        here = self.model.output_at(memory)
+        parts = [(here, here)]
+        for side, end in ((-1.0, self.low_degC), (1.0, self.high_degC)):
+            if (end - v) * side > 0.0:
+                parts.append(output_range(side, v, end, film, self._settings, plays))
+        parts.sort()
+        merged = [parts[0]]
+        for low, high in parts[1:]:
+            if low <= merged[-1][1] + self.bound:
+                merged[-1] = (merged[-1][0], max(merged[-1][1], high))
+            else:
+                merged.append((low, high))
+        return tuple((float(low), float(high)) for low, high in merged)
+
+    def reachable_interval(self, memory: Memory) -> tuple[float, float]:
+        """Least and largest output that can be reached from this memory without turning round."""
+        intervals = self.reachable_intervals(memory)
+        return intervals[0][0], intervals[-1][1]
+
+    def trajectory(self, targets: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
+        """Temperatures (degC) for a sequence of outputs, nan where one is out of reach, and the memory after."""
+        wanted = writable(targets)
+        rows, counts = np.empty((2, wanted.size)), np.empty(wanted.size, dtype=np.int64)
+        plays = memory.plays.copy()
+        v = trajectory(wanted, memory.input_degC, plays, self.model.packed, self._settings, rows, counts)
+        return rows[0], Memory(v, plays)

@@ -1,0 +1,274 @@
+"""The chosen temperature from a memory, in compiled loops: the nearer of the rising and the falling branch's solution.
+
+What the choice means, and what is kept, tells `compensator.inverse.inverse`. One *evaluation* is D and the envelopes at
+one trial temperature, the present one included.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from compensator.hysteresis import play
+from compensator.hysteresis.film import Packed
+from compensator.hysteresis.functions import Array, envelope, lean, memoryless
+from compensator.inverse.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
+from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Z, evaluate, place_common, workspace
+from compensator.inverse.search import largest, search
+
+# what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
+Settings = tuple[Array, Array]
+LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)
+# what is known of the present temperature: v, D, D', D'', and of the branch last walked its side, G and G'
+HERE_SIZE: Final = 7
+
+
+@njit(cache=True, error_model="numpy")
+def no_point() -> Array:
+    """An empty note of the present temperature."""
+    return np.full(HERE_SIZE, math.nan)
+
+
+@lean
+def solve_monotone(
+    target: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    limits: Array,
+    memory: Array,
+    points: Array,
+    held: Array,
+    parts: Array,
+    here: Array,
+) -> tuple[bool, float, float, int]:
+    """`solve` where D never decreases and envelopes are common: one branch, one bracket.
+
+    Plain arrays and one exit: with tuples of arrays or a second return every call would count its references.
+    """
+    bound = limits[BOUND]
+    if here[0] != v:
+        here[0], here[4] = v, 0.0
+        here[1], here[2], here[3] = memoryless(code, par, v)
+    rest = here[1] + play.weighted_sum(weights, memory)
+    found, v_found, residual, count = abs(rest - target) <= bound, v, rest - target, 1
+    if not found:
+        side, first, end = 1.0, 0, limits[HIGH]
+        if target < rest:
+            side, first, end = -1.0, 3, -limits[LOW]
+        points[HERE, Z], points[HERE, D] = side * v, here[1]
+        points[HERE, E1], points[HERE, E2] = here[2], side * here[3]
+        if here[4] == side:
+            points[HERE, GAMMA], points[HERE, SLOPE] = here[5], here[6]
+        else:
+            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
+            points[HERE, GAMMA], points[HERE, SLOPE] = side * gamma, slope
+        place_common(HERE, side, radii, weights, memory, points, parts)
+        # not where the film is at its limit, nor where the output jumps past the target at the reversal
+        if side * v < end and points[HERE, F] - side * target < -bound:
+            found, more = common_root(
+                HERE,
+                end,
+                math.nan,
+                True,
+                side,
+                side * target,
+                envelopes,
+                radii,
+                weights,
+                code,
+                par,
+                memory,
+                points,
+                held,
+                parts,
+                bound,
+            )
+            count += more
+            v_found, residual = side * points[FOUND, Z], side * points[FOUND, F] - target
+        elif side * v < end and points[HERE, F] - side * target <= bound:
+            v_found = np.nextafter(v, side * math.inf)  # the jump ends at the target, one bit from here
+            d0, d1, d2 = memoryless(code, par, v_found)
+            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v_found)
+            points[FOUND, Z], points[FOUND, D], points[FOUND, E1] = side * v_found, d0, d1
+            points[FOUND, E2], points[FOUND, GAMMA], points[FOUND, SLOPE] = side * d2, side * gamma, slope
+            place_common(FOUND, side, radii, weights, memory, points, parts)
+            found, residual = True, side * points[FOUND, F] - target
+            count += 1
+    return found, v_found if found else math.nan, residual, count
+
+
+@njit(cache=True, error_model="numpy")
+def solve(
+    target: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    limits: Array,
+    table: Array,
+    memory: Array,
+    points: Array,
+    gammas: Array,
+    slopes: Array,
+    held: Array,
+    parts: Array,
+    here: Array,
+    root: Array,
+) -> tuple[bool, float, float, int]:
+    """(found, temperature, model minus target, evaluations) of the chosen solution, from v and a memory.
+
+    The arguments are the film, the settings, the memory and the workspace, taken apart. `here` and the row FOUND tell
+    `arrive` what is known at the solution, so that a smooth target costs no evaluation twice.
+    """
+    bound, least_slope = limits[BOUND], limits[LEAST_SLOPE]
+    rest = memoryless(code, par, v)[0] + play.weighted_sum(weights, memory)
+    count = 1
+    if abs(rest - target) <= bound:
+        return True, v, rest - target, count
+    monotone = least_slope >= 0.0
+    film, work = (envelopes, radii, weights, code, par), (points, gammas, slopes, held, parts)
+    up, up_residual, down, down_residual = math.nan, math.nan, math.nan, math.nan
+    if v < limits[HIGH] and (target > rest or not monotone):
+        evaluate(HERE, 1.0, v, film, memory, work)
+        found, more = search(1.0, target, limits[HIGH], film, table, least_slope, memory, work, bound, root)
+        count += more
+        if found > 0:
+            up, up_residual = points[FOUND, Z], points[FOUND, F] - target
+    stop = limits[LOW]
+    if not math.isnan(up):
+        stop = max(stop, v - (up - v) * limits[UP_COST] / limits[DOWN_COST])
+    if v > stop and (target < rest or not monotone):
+        if not math.isnan(up):
+            copy_row(FOUND, FOUND_UP, work)
+        evaluate(HERE, -1.0, -v, film, memory, work)
+        found, more = search(-1.0, -target, -stop, film, table, least_slope, memory, work, bound, root)
+        count += more
+        if found > 0:
+            down, down_residual = -points[FOUND, Z], -points[FOUND, F] - target
+        elif not math.isnan(up):
+            copy_row(FOUND_UP, FOUND, work)
+    if not math.isnan(down):
+        return True, down, down_residual, count
+    return not math.isnan(up), up, up_residual, count
+
+
+@lean
+def arrive(
+    v: float, v_before: float, envelopes: Array, radii: Array, memory: Array, points: Array, here: Array
+) -> None:
+    """Move the memory, in place, to the solution that `solve` left in the row FOUND, and note what is known there."""
+    if v != v_before:
+        side = 1.0 if v > v_before else -1.0
+        here[0], here[1], here[2], here[3] = v, points[FOUND, D], points[FOUND, E1], side * points[FOUND, E2]
+        if envelopes.shape[0] > 1:
+            here[4] = 0.0
+            play.advance(v, v_before, envelopes, radii, memory)
+        else:
+            here[4], here[5], here[6] = side, points[FOUND, GAMMA], points[FOUND, SLOPE]
+            play.move(side, side * points[FOUND, GAMMA], radii, memory)
+
+
+@njit(cache=True, error_model="numpy")
+def trajectory(
+    targets: Array,
+    v: float,
+    memory: Array,
+    film: Packed,
+    settings: Settings,
+    rows: Array,
+    evaluations: NDArray[np.int64],
+) -> float:
+    """Temperatures for a sequence of outputs; where a target is out of reach the film rests and the row is nan.
+
+    rows: temperatures and residuals, shape (2, targets). Returns the last temperature; `memory` is left there.
+    """
+    here, root = no_point(), np.empty(1)
+    envelopes, radii, weights, code, par = film
+    limits, table = settings
+    points, gammas, slopes, held, parts = workspace(film)
+    monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
+    for i in range(targets.size):
+        if monotone:
+            found, v_next, residual, count = solve_monotone(
+                targets[i], v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
+            )
+        else:
+            found, v_next, residual, count = solve(
+                targets[i],
+                v,
+                envelopes,
+                radii,
+                weights,
+                code,
+                par,
+                limits,
+                table,
+                memory,
+                points,
+                gammas,
+                slopes,
+                held,
+                parts,
+                here,
+                root,
+            )
+        rows[0, i], rows[1, i], evaluations[i] = v_next, residual, count
+        if found:
+            arrive(v_next, v, envelopes, radii, memory, points, here)
+            v = v_next
+    return v
+
+
+@njit(cache=True, error_model="numpy")
+def solutions_on_branch(
+    side: float,
+    target: float,
+    v: float,
+    end: float,
+    film: Packed,
+    settings: Settings,
+    memory: Array,
+    roots: Array,
+) -> tuple[int, int]:
+    """All temperatures from v to `end` on one branch where the output is `target`: (how many, evaluations)."""
+    work = workspace(film)
+    evaluate(HERE, side, side * v, film, memory, work)
+    found, count = search(
+        side,
+        side * target,
+        side * end,
+        film,
+        settings[1],
+        settings[0][LEAST_SLOPE],
+        memory,
+        work,
+        settings[0][BOUND],
+        roots,
+    )
+    for k in range(found):
+        roots[k] *= side
+    return found, count + 1
+
+
+@njit(cache=True, error_model="numpy")
+def output_range(
+    side: float, v: float, end: float, film: Packed, settings: Settings, memory: Array
+) -> tuple[float, float]:
+    """Least and largest output on one branch from v (its limit there) to `end`."""
+    work = workspace(film)
+    extremes = np.empty(2)
+    for k in range(2):
+        sign = 1.0 - 2.0 * k
+        evaluate(HERE, side, side * v, film, memory, work)
+        extremes[k] = side * largest(sign, side, side * end, film, settings[1], memory, work, 0.1 * settings[0][BOUND])
+    return extremes.min(), extremes.max()

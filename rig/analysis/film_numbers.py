@@ -1,0 +1,99 @@
+"""The transition and the reversal curves of a record, as `identify` and `calibrate` tell them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compensator.characterization.forc import Forc, forc
+from compensator.characterization.transition import Transition, transition
+from compensator.hysteresis.functions import Array
+from compensator.identification.temperature_smoother import temperature_path
+from rig.analysis.score import Rows
+from rig.analysis.transition_words import document, lines, notes
+from rig.files.film_output import in_decades, sign_of, unit_of
+from rig.files.record import Record
+
+MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has more to say
+
+
+@dataclass(frozen=True, eq=False)
+class FilmNumbers:
+    """What a record tells of its film without a model. output: its name; lag_s: the thermometer's lag behind the plate
+    that was taken out of the temperatures, None where none is known."""
+
+    source: str
+    output: str
+    transition: Transition
+    forc: Forc
+    lag_s: float | None = None
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        return lines(self.transition, self.forc, self.unit, self.lag_s)
+
+    def notes(self) -> list[str]:
+        """What to know of the numbers."""
+        return notes(self.transition, self.lag_s)
+
+    def document(self) -> dict[str, Any]:
+        """For the JSON."""
+        return document(self.source, self.transition, self.forc, self.lag_s)
+
+    @property
+    def unit(self) -> str:
+        """Of the output, where it is no resistance."""
+        return unit_of(self.output)
+
+
+def film_numbers(
+    time_s: Array, degC: Array, output: Array, name: str, source: str, lag_s: float | None = None
+) -> FilmNumbers:
+    """Of arrays of shape (rows,): s, degC, and the output of that name, nan where there is no reading."""
+    step = -(-time_s.size // MOST_READINGS)
+    thin = slice(None, None, step)
+    decades = in_decades(name)
+    sign = -sign_of(name) if decades else sign_of(name)  # -log10 R, or the column as the record has it
+    columns = time_s[thin], degC[thin], sign * output[thin]
+    found = transition(*columns, in_decades=decades)
+    return FilmNumbers(source, name, found, forc(*columns, in_decades=decades), lag_s)
+
+
+def numbers_of_record(record: Record, output: str) -> FilmNumbers:
+    """Of a record, each reading at the temperature of its own time."""
+    time, degC = record["time_s"], record["temperature_degC"]
+    values = record.output(output)
+    if record.has("resistance_time_s"):
+        own = record["resistance_time_s"]
+        values = at_own_times(time, values, own)
+    return film_numbers(time, degC, values, output, record.source)
+
+
+def at_own_times(time_s: Array, values: Array, read_s: Array) -> Array:
+    """What the values were at the rows' times, by straight lines between the times that they were read at."""
+    read = np.where(np.isfinite(read_s), read_s, time_s)
+    good = np.isfinite(values)
+    if int(np.sum(good)) < 2 or not np.all(np.diff(read[good]) > 0.0):
+        return values
+    return np.where(good, np.interp(time_s, read[good], values[good]), np.nan)
+
+
+def plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:
+    """The plate's temperature (degC) behind a thermometer that lags: T + lag dT/dt, on the smoothed course."""
+    if lag_s == 0.0:
+        return temperature_degC
+    path = temperature_path(time_s, temperature_degC).temperature_degC
+    course: Array = path + lag_s * np.gradient(path, time_s)
+    return course
+
+
+def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:
+    """Of a run's rows; lag_s: of the thermometer behind the plate, which is taken out of the temperatures."""
+    time, resistance = run.column("time_s"), run.column("resistance_ohm")
+    good = np.isfinite(resistance) & (resistance > 0.0)
+    values = np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan)
+    values = at_own_times(time, values, run.column("resistance_time_s"))
+    plate_degC = plate_course(time, run.column("temperature_degC"), lag_s)
+    return film_numbers(time, plate_degC, values, "minus_log10_ohm", source, lag_s)

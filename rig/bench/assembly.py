@@ -1,0 +1,213 @@
+"""The bench put together: the only place that chooses between real and simulated instruments."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from rig.bench.serial_numbers import strangers
+from rig.bench.simulation import simulated_world
+from rig.core.clock import Clock, RealClock, VirtualClock
+from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
+from rig.core.faults import Faults, fault
+from rig.core.outcome import NotConfirmedOff
+from rig.drivers.controller import TemperatureController
+from rig.drivers.identity import Identity
+from rig.drivers.meter import ResistanceMeter
+from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
+from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
+from rig.guard.line import UNGUARDED, Guard
+from rig.ports.registry import register, unregister
+from rig.ports.silence import nobody_answers
+from rig.safety.switching_off import off_confirmed, switch_off
+from sim.instruments.instrument import Instrument
+from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
+from sim.plant import SimulatedPlant
+
+T = TypeVar("T")
+_numbers = itertools.count(1)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A controller, a meter where there is one, and the clock that both live by.
+
+    watched_after: somebody goes on reading the instruments when a run on it has ended.
+    """
+
+    controller: TemperatureController
+    meter: ResistanceMeter | None
+    clock: Clock
+    virtual: bool
+    identities: dict[str, Identity]
+    guard: Guard = UNGUARDED
+    watched_after: bool = False
+
+
+@contextmanager
+def open_bench(
+    file: ConfigurationFile, guard: Guard = UNGUARDED, *, whatever_serial_number: bool = False
+) -> Iterator[Bench]:
+    """Open the ports, identify the instruments, set their limits; the output is commanded off first.
+
+    whatever_serial_number: take another instrument of the kind as well; otherwise it is a Fault.
+    guard: told what is held before it is opened, and that it was let go of when the output is off and confirmed.
+    Raises RigError (PortHeld, TimedOut, Refused, ...), Faults, and NotConfirmedOff where the output cannot be
+    switched off. At the end the output is commanded off once more, and the ports are closed.
+    """
+    c = file.content
+    clock: Clock = VirtualClock() if c.virtual_time else RealClock()
+    with ExitStack() as stack:
+        ports = [c.bench.controller.port, c.bench.meter.port if c.bench.meter else ""]
+        if c.simulated:
+            ports = _simulated(file, clock, stack)
+        controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
+        stack.callback(controller.close)
+        stack.enter_context(_output_off(controller, c.bench.controller, guard))
+        with _told_where(controller, "controller", c.bench.controller):
+            identities = {"controller": controller.identify()}
+        _require_ours(file, identities, whatever_serial_number)
+        try:
+            with _told_where(controller, "controller", c.bench.controller):
+                controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
+        except ValueError as error:
+            raise fault(file.path, "limits, bench.controller", str(error)) from None
+        meter = None
+        if c.bench.meter is not None:
+            meter = _opened(open_meter, file, "meter", c.bench.meter, ports[1], clock, guard)
+            stack.callback(meter.close)
+            with _told_where(meter, "meter", c.bench.meter):
+                identities["meter"] = meter.identify()
+            _require_ours(file, identities, whatever_serial_number)
+            try:
+                with _told_where(meter, "meter", c.bench.meter):
+                    meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
+            except ValueError as error:
+                raise fault(file.path, "bench.meter, limits.meter_current_A", str(error)) from None
+        yield Bench(controller, meter, clock, c.virtual_time, identities, guard)
+
+
+@contextmanager
+def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable) -> Iterator[None]:
+    """What an instrument does not do at the start is told with its port."""
+    try:
+        yield
+    except Refused as error:
+        raise Refused(error.code, f"{table.port} ({role}): {error.meaning}") from error
+    except (TimedOut, Corrupt, OutOfStep) as error:
+        silent = nobody_answers(instrument, table.port, role, table.driver, "who it is")
+        raise type(error)(silent or f"{table.port} ({role}): {error}") from error
+
+
+@contextmanager
+def _output_off(controller: TemperatureController, table: ControllerTable, guard: Guard) -> Iterator[None]:
+    """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
+
+    The guard stops answering for the output only where it is off, or where everything has been tried and that is told.
+    Raises NotConfirmedOff, which outranks all others; after it nothing is sent any more, which would only feed the
+    controller's dead man.
+    """
+    _see_it_off(controller, table, guard, None)
+    try:
+        yield
+    except NotConfirmedOff:
+        guard.given_up()
+        raise
+    except BaseException as error:
+        _see_it_off(controller, table, guard, error)
+        guard.let_go()
+        error.add_note(off_confirmed(controller))
+        raise
+    _see_it_off(controller, table, guard, None)
+    guard.let_go()
+
+
+def _see_it_off(
+    controller: TemperatureController, table: ControllerTable, guard: Guard, error: BaseException | None
+) -> None:
+    """Switch off. Raises NotConfirmedOff."""
+    verdict = switch_off(controller, alive=guard.alive)
+    if not verdict.confirmed:
+        guard.given_up()
+        reason = f" (after: {error})" if error is not None else ""
+        silent = nobody_answers(controller, table.port, "controller", table.driver, "to switch its output off")
+        raise NotConfirmedOff(silent or f"{table.port}: {verdict.text}{reason}") from error
+    if verdict.text and error is not None:
+        error.add_note(verdict.text)
+
+
+def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:
+    lines = [] if whatever_serial_number else strangers(file, identities)
+    if lines:
+        raise Faults(lines)
+
+
+def _opened(
+    opener: Callable[..., T],
+    file: ConfigurationFile,
+    role: str,
+    table: ControllerTable | MeterTable,
+    port: str,
+    clock: Clock,
+    guard: Guard,
+) -> T:
+    """The instrument with the configuration's options. Raises Faults for an option that its driver does not have."""
+    options: dict[str, Any] = dict(table.options)
+    if table.baud is not None:
+        options["baud"] = table.baud
+    dead_man_s = getattr(table, "dead_man_s", 0.0)  # a meter has none
+    guard.holds(role, table.driver, port, options, dead_man_s)
+    try:
+        return opener(table.driver, port, clock, **options)
+    except ValueError as error:
+        _not_ours(role, guard)
+        raise fault(file.path, f"bench.{role}.options", str(error)) from None
+    except BaseException:
+        _not_ours(role, guard)
+        raise
+
+
+def _not_ours(role: str, guard: Guard) -> None:
+    """The controller's port was never open here: its output is somebody else's business."""
+    if role == "controller":
+        guard.let_go()
+
+
+def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[str, str, Instrument]]:
+    """(role, driver's name, emulator) of the configured instruments; they share one plant. Raises Faults."""
+    c = file.content
+    roles: list[tuple[str, ControllerTable | MeterTable]] = [("controller", c.bench.controller)]
+    if c.bench.meter is not None:
+        roles.append(("meter", c.bench.meter))
+    for role, table in roles:
+        known = CONTROLLERS if role == "controller" else METERS
+        if table.driver not in known:
+            expected = f"{table.driver!r} has no emulator; there are {', '.join(known)}"
+            raise fault(file.path, f"bench.{role}.driver", expected)
+        driver = controller_class(table.driver) if role == "controller" else meter_class(table.driver)
+        try:
+            check_options(role, table.driver, driver, table.options)
+        except ValueError as error:
+            raise fault(file.path, f"bench.{role}.options", str(error)) from None
+    plant = SimulatedPlant(simulated_world(file), start_s)
+    make = {"controller": emulated_controller, "meter": emulated_meter}
+    return [(role, t.driver, make[role](t.driver, plant, start_s, **_shared(role, t))) for role, t in roles]
+
+
+def _shared(role: str, table: ControllerTable | MeterTable) -> dict[str, Any]:
+    """The driver's options that its emulator has too, such as a model or an address."""
+    known = emulator_options(role, table.driver)
+    return {name: value for name, value in table.options.items() if name in known}
+
+
+def _simulated(file: ConfigurationFile, clock: Clock, stack: ExitStack) -> list[str]:
+    """The emulated instruments registered with the clock: their addresses."""
+    addresses = []
+    for role, _, instrument in emulated_instruments(file, clock.now_s()):
+        name = f"{role}-{next(_numbers)}"
+        addresses.append(register(name, instrument, clock))
+        stack.callback(unregister, name)
+    return [*addresses, ""]

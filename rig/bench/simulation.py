@@ -1,0 +1,74 @@
+"""From the [simulation] table to the world that the simulated instruments share.
+
+Effects are those of [[simulation.effects]], of [simulation.heat_sink_warmup], and of the model that is the film.
+"""
+
+from __future__ import annotations
+
+from rig.core.faults import fault
+from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
+from rig.files.effect_tables import switched_effects
+from rig.files.film_output import RISING_RESISTANCE
+from rig.files.model_file import read_model
+from sim.chain import World
+from sim.detector import Detector
+from sim.effects.effect import Switched, switched
+from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
+from sim.film_side import Film
+from sim.films.preisach import PreisachFilm
+from sim.films.rising import RisingFilm
+from sim.links import links_of
+
+
+def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
+    """The true film, and the memory that it starts with."""
+    table = file.content.simulation.film
+    if isinstance(table, ModelFilmTable):
+        model = read_model(file.beside(table.model), needs=("film",)).film
+        assert model is not None
+        return RisingFilm(model) if model.output == RISING_RESISTANCE else model, model.initial
+    assert isinstance(table, RelayFilmTable)
+    film = PreisachFilm.bell_shaped(
+        table.seed,
+        table.relays,
+        table.mean_degC,
+        table.spread_K,
+        table.halfwidth_K,
+        table.halfwidth_sigma,
+        table.decades,
+        table.memoryless.memoryless(),
+    )
+    return film, "cooled"
+
+
+def simulated_effects(file: ConfigurationFile) -> tuple[Switched, ...]:
+    """What is switched on. Raises Faults, as for an effect that two places switch on."""
+    table = file.content.simulation
+    effects, _ = switched_effects(table.effects, "simulation.effects", complete=False)
+    if table.heat_sink_warmup is not None:
+        effects += (switched(HEAT_SINK_WARMUP, table.heat_sink_warmup.model_dump()),)
+    if isinstance(table.film, ModelFilmTable):
+        effects += read_model(file.beside(table.film.model)).switched()
+    return effects
+
+
+def simulated_world(file: ConfigurationFile) -> World:
+    """What is true of the simulated rig. Raises Faults where a model file is wrong."""
+    table = file.content.simulation
+    film, initial = simulated_film(file)
+    effects = simulated_effects(file)
+    try:
+        links_of(effects)
+    except ValueError as error:
+        raise fault(file.path, "simulation.effects", f"{error}, with those of simulation.film's model") from None
+    return World(
+        plate=table.plate.model(),
+        film=film,
+        first_degC=table.first_degC,
+        film_initial=initial,
+        thermometer_noise_K=table.thermometer_noise_K,
+        ohmmeter_noise_dec=table.ohmmeter_noise_dec,
+        seed=table.seed,
+        effects=effects,
+        detector=Detector(**table.detector.model_dump()) if table.detector is not None else None,
+    )

@@ -1,0 +1,1 @@
+"""The loop of fixed period, and what decides the current in it."""

@@ -1,0 +1,406 @@
+"""The fixed-period loop: readings -> policy -> interlock -> controller -> one row a tick.
+
+A tick triggers the meter and collects its reading, reads the temperature, asks the policy, and sends the command; the
+row's time is that of the temperature's reading, a few milliseconds before its current acts. Ticks lie on a fixed grid
+of the bench's clock; one that is missed is counted and not made up for.
+
+A reading that is frozen, jumps or is missing is none (`rig.safety.credible`): the policy is given nan, and goes on
+without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
+
+Nothing is computed with the output on: what takes longer than a tick is done before the first phase, or inside
+`resting`, with the output off and the guard idle. A program that is late all the same says so, and counts it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from rig.bench.assembly import Bench
+from rig.core.errors import Disconnected, InstrumentError, RigError
+from rig.core.outcome import NotConfirmedOff, Tripped
+from rig.core.reading import Quality, Reading, missing
+from rig.drivers.meter import LOG_RESISTANCE, film_output
+from rig.files.run_folder import RunFolder
+from rig.safety.after_off import Courses
+from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
+from rig.safety.first_plate import KnownPlate
+from rig.safety.interlock import Limits, check_test_current
+from rig.safety.switching_off import switch_off
+
+GAP_S = 0.5  # without a reading while a current flows: that is counted and told
+MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
+TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
+
+COLUMNS = [
+    "time_s",
+    "temperature_degC",
+    "resistance_ohm",
+    "current_A",
+    "meter_current_A",
+    "resistance_time_s",
+    "setpoint_degC",
+    "reference_degC",
+    "target_ohm",
+    "predicted_ohm",
+    "acts_after_s",
+    "tick",
+    "phase",
+]
+
+
+def columns_of(bench: Bench) -> list[str]:
+    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does."""
+    output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
+    return COLUMNS if output == LOG_RESISTANCE else [*COLUMNS, output]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
+
+    setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
+    that the plate can follow.
+
+    done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
+    """
+
+    current_A: float = math.nan
+    setpoint_degC: float = math.nan
+    use_setpoint: bool = False
+    reference_degC: float = math.nan
+    target_ohm: float = math.nan
+    predicted_ohm: float = math.nan
+    done: bool = False
+    wait: bool = False
+
+
+@dataclass(frozen=True)
+class ReadAt:
+    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
+
+    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick.
+    """
+
+    after_s: float = 0.0
+    output_age_s: float = 0.0
+    acts_after_s: float = 0.0
+
+
+AT_THE_TICK = ReadAt()
+
+
+def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float) -> ReadAt:
+    """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
+
+    tick_s: of the tick, from the beginning of the phase.
+    """
+    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s, acts_after_s)
+
+
+class Policy(Protocol):
+    """What decides. time_s, of the tick, runs from the start of its phase; output is -log10(R / 1 ohm), nan where
+    unknown."""
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision: ...
+
+
+@dataclass
+class Ticks:
+    """How punctual the loop was: ticks done, ticks missed, largest lateness (s).
+
+    gaps: times without a reading for more than `GAP_S` with a current on; unwatched_s: the longest time without a
+    reading with a current on.
+    """
+
+    done: int = 0
+    missed: int = 0
+    latest_s: float = 0.0
+    gaps: int = 0
+    unwatched_s: float = 0.0
+
+
+Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
+
+
+@dataclass(frozen=True)
+class Tick:
+    """One tick as it was: time of the run (s), readings with quality, what was sent (nan: nothing of it), the watch."""
+
+    time_s: float
+    phase: str
+    temperature: Reading
+    resistance: Reading | None
+    current_A: float
+    decision: Decision
+    watch: BenchWatch
+
+
+class Loop:
+    """One bench, one run folder, phase after phase.
+
+    on_tick: called with every tick when its row is written. tripped: what this loop has tripped on, and why it runs no
+    further phase. rejected: readings of each instrument that were none.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        limits: Limits,
+        folder: RunFolder,
+        progress: Progress | None = None,
+        on_tick: Callable[[Tick], None] | None = None,
+    ) -> None:
+        self.bench = bench
+        self.limits = limits
+        self.folder = folder
+        self.ticks = Ticks()
+        self.tripped: Tripped | None = None
+        self.status_at_trip = ""
+        self.rejected = {"thermometer": 0, "ohmmeter": 0}
+        self._progress = progress
+        self._acts_after_s = 0.0
+        self._on_tick = on_tick
+        self._start_s = bench.clock.now_s()
+        self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
+        self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)
+        self.sent = OFF
+        self._measured_s = -math.inf
+        self._read_s: float | None = None  # the last reading with a current on
+        self._told_s = -math.inf
+
+    def after_off(self) -> Courses | None:
+        """What the thermometer would show if the output went off now; None where no reading could choose."""
+        return self.watch.after_off(self.sent.current_A)
+
+    def elapsed_s(self) -> float:
+        """Time of the run, s."""
+        return self.bench.clock.now_s() - self._start_s
+
+    def know_plate(self, known: KnownPlate) -> None:
+        """From now on readings are judged by what this plate does."""
+        self.watch.know(known)
+
+    def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
+        """Run a policy for a time, or until it says that it is done. Raises what ends an experiment.
+
+        What it sent last stays on: the next phase follows at once, or `resting` does.
+        """
+        if self.tripped is not None:
+            raise self.tripped
+        try:
+            self._phase(name, policy, duration_s, period_s)
+        except Tripped as trip:
+            self.tripped = trip
+            self._note_status()
+            raise
+
+    @contextmanager
+    def resting(self, why: str) -> Iterator[None]:
+        """The output is off and the guard idle while something is computed; the next phase arms it anew.
+
+        Raises NotConfirmedOff.
+        """
+        self.bench.guard.alive()
+        if self.sent.armed:
+            if not math.isnan(self.sent.current_A):
+                self.bench.controller.set_current_A(0.0)
+            verdict = switch_off(self.bench.controller, alive=self.bench.guard.alive)
+            if not verdict.confirmed:
+                raise NotConfirmedOff(verdict.text)
+        self.sent, self._read_s = OFF, None
+        self.watch.rests()
+        self.bench.guard.idle()
+        begin_s = self.elapsed_s()
+        yield
+        self.folder.event(begin_s, "rest", why, duration_s=self.elapsed_s() - begin_s)
+
+    def _phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
+        clock = self.bench.clock
+        begin = clock.now_s()
+        if not self.sent.heats_or_cools and self.watch.unwatched_s(begin) > 0.5 * self.limits.stale_s:
+            self._begin_anew(begin)
+        self.folder.event(begin - self._start_s, "phase", name, duration_s=duration_s, period_s=period_s)
+        count = max(1, math.ceil(duration_s / period_s - 1e-9))
+        k = 0
+        while k < count:
+            due = begin + k * period_s
+            clock.sleep_until_s(due)
+            late = clock.now_s() - due
+            self.ticks.latest_s = max(self.ticks.latest_s, late)
+            if late > period_s:
+                missed = int(late / period_s)
+                self.ticks.missed += missed
+                k += missed
+                due = begin + k * period_s
+            if self._tick(name, policy, begin - self._start_s, k, period_s):
+                break
+            if self._progress is not None and k % 16 == 0:
+                self._progress(name, k * period_s, duration_s)
+            k += 1
+        clock.sleep_until_s(begin + min(k, count) * period_s)
+        if self._progress is not None:
+            self._progress(name, duration_s, duration_s)
+
+    def _begin_anew(self, now: float) -> None:
+        """Nothing flowed, and nobody looked for a while: the output is armed anew, because the controller's own dead
+        man may have switched it off."""
+        self.watch.begin_anew(now)
+        self.sent, self._read_s = OFF, None
+
+    def _tick(self, name: str, policy: Policy, begin_s: float, k: int, period_s: float) -> bool:
+        asked = self.bench.clock.now_s()
+        resistance = self._read_resistance()
+        temperature = self._read_temperature()
+        now = self.bench.clock.now_s()
+        self._count_gap(now)
+        sent = self._measured(now)
+        temperature, resistance, reasons = self.watch.judge(asked, now, sent, temperature, resistance)
+        self._note_rejected(now, reasons, temperature, resistance)
+        known = temperature.is_number
+        degC = temperature.value if known else math.nan
+        output = film_output(self._output, resistance)
+        good = resistance is not None and not math.isnan(output)
+        value = resistance.value if resistance is not None and (good or is_reading(resistance)) else math.nan
+        row_s = (temperature.time_s if known else now) - self._start_s
+        output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
+        acts_after_s = self._acts_after_s
+        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s)
+        decision = policy.decide(k * period_s, degC, output, read)
+        if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
+            acts_s = self._apply(decision, now, degC)
+            self._acts_after_s = min(max(acts_s - self._start_s - row_s, 0.0), period_s)
+        self.watch.look_at_status(now, self.sent, self.bench.controller)
+        meter = self.bench.meter
+        self.folder.row(
+            (
+                row_s,
+                degC,
+                value if self._output == LOG_RESISTANCE else math.nan,
+                self.sent.current_A,
+                meter.test_current_A if meter is not None else math.nan,
+                output_s,
+                decision.setpoint_degC,
+                decision.reference_degC,
+                decision.target_ohm,
+                decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                acts_after_s,
+                k,
+                name,
+                *([] if self._output == LOG_RESISTANCE else [value]),
+            )
+        )
+        if not self.bench.virtual:
+            self.folder.flush()
+        self.ticks.done += 1
+        self._tell_guard(now)
+        if self._on_tick is not None:
+            current_A = self.sent.current_A
+            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
+        return decision.done
+
+    def _tell_guard(self, now: float) -> None:
+        """That the loop lives, and what would follow if it did not."""
+        guard = self.bench.guard
+        guard.alive()
+        if guard.guarding and now - self._told_s >= TOLD_EVERY_S:
+            self._told_s = now
+            guard.expects(self.after_off())
+
+    def _count_gap(self, now: float) -> None:
+        """How long nobody read with a current on: from one reading to the next."""
+        if self._read_s is not None and self.sent.heats_or_cools:
+            unwatched_s = now - self._read_s
+            self.ticks.unwatched_s = max(self.ticks.unwatched_s, unwatched_s)
+            if unwatched_s > GAP_S:
+                self.ticks.gaps += 1
+                self.folder.event(now - self._start_s, "gap", f"no reading for {unwatched_s:.2f} s with a current on")
+        self._read_s = now
+
+    def _measured(self, now: float) -> Sent:
+        """What is on; under the controller's own regulation the current that it says flows, where it can tell."""
+        controller = self.bench.controller
+        if math.isnan(self.sent.setpoint_degC) or not controller.commands_current:
+            return self.sent
+        if now - self._measured_s >= MEASURED_EVERY_S:
+            self._measured_s = now
+            with suppress(InstrumentError):
+                reading = controller.read_current()
+                self.sent = replace(self.sent, current_A=reading.value if reading.is_number else math.nan)
+        return self.sent
+
+    def _note_rejected(
+        self, now: float, reasons: dict[str, str], temperature: Reading, resistance: Reading | None
+    ) -> None:
+        for name, reading in (("thermometer", temperature), ("ohmmeter", resistance)):
+            if name in reasons and reading is not None and reading.quality is not Quality.OVERRANGE:
+                self.rejected[name] += 1
+                if reading.quality is not Quality.MISSING:  # that was told when it was asked for
+                    self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
+
+    def _apply(self, decision: Decision, now: float, degC: float) -> float:
+        """Send it; about when it acts, on the bench's clock."""
+        controller, clock = self.bench.controller, self.bench.clock
+        if decision.use_setpoint:
+            if math.isnan(self.sent.setpoint_degC):
+                self.bench.guard.busy()
+                controller.arm_setpoint()
+                self.watch.armed(now)
+            before_s = clock.now_s()
+            controller.set_setpoint_degC(decision.setpoint_degC)
+            self.sent = Sent(self.sent.current_A if self._measures else math.nan, decision.setpoint_degC, True)
+            return 0.5 * (before_s + clock.now_s())
+        self.watch.allow(now, degC, decision.current_A)
+        if not self.sent.armed or not math.isnan(self.sent.setpoint_degC):
+            self.bench.guard.busy()
+            controller.arm_current()
+            self.watch.armed(now)
+        before_s = clock.now_s()
+        controller.set_current_A(decision.current_A)
+        self.sent = Sent(decision.current_A, armed=True)
+        return 0.5 * (before_s + clock.now_s())
+
+    @property
+    def _measures(self) -> bool:
+        """Whether the current of now was read from the controller."""
+        return not math.isnan(self.sent.setpoint_degC) and self.bench.controller.commands_current
+
+    def _note_status(self) -> None:
+        """What the controller says about itself, at a trip."""
+        try:
+            status = status_of(self.bench.controller)
+        except Disconnected as error:
+            self.status_at_trip = f"the controller is gone: {error}"
+        else:
+            self.status_at_trip = "the controller does not answer" if status is None else status_in_words(status)
+        self.folder.event(self.elapsed_s(), "status", f"controller: {self.status_at_trip}")
+
+    def _read_temperature(self) -> Reading:
+        try:
+            return self.bench.controller.read_temperature()
+        except Disconnected:
+            raise
+        except InstrumentError as error:
+            return self._no_reading("thermometer", error)
+
+    def _read_resistance(self) -> Reading | None:
+        meter = self.bench.meter
+        if meter is None:
+            return None
+        try:
+            meter.start_reading()
+            reading = meter.finish_reading()
+        except Disconnected:
+            raise
+        except InstrumentError as error:
+            return self._no_reading("ohmmeter", error)
+        check_test_current(self.limits, self.bench.clock.now_s(), meter.test_current_A)
+        return reading
+
+    def _no_reading(self, name: str, error: RigError) -> Reading:
+        now = self.bench.clock.now_s()
+        self.folder.event(now - self._start_s, "no_reading", f"{name}: {error}")
+        return missing(now)

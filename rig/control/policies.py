@@ -1,0 +1,123 @@
+"""Policies: what decides the current at each tick of the loop."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.control.law import Law, LawState
+from compensator.hysteresis.film import Memory
+from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.resistance import ohm
+from rig.files.film_output import RISING_RESISTANCE
+from rig.files.target import Target
+
+
+class CurrentProfile:
+    """A current over time; ends early where the temperature leaves a range."""
+
+    def __init__(self, target: Target, low_degC: float = -math.inf, high_degC: float = math.inf) -> None:
+        self._target = target
+        self._low, self._high = low_degC, high_degC
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
+        if temperature_degC < self._low or temperature_degC > self._high:
+            return Decision(0.0, done=True)
+        return Decision(float(self._target.at(time_s)))
+
+
+class Follow:
+    """A law following a target; holds the law's state between ticks, and gives it to the next phase.
+
+    The target's quantity says what it is: a temperature for the law "temperature", else a resistance. setpoints: the
+    reference goes to the controller's own PID instead of a current to its output.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        target: Target,
+        memory: Memory | None = None,
+        state: LawState | None = None,
+        setpoints: bool = False,
+    ) -> None:
+        self.law = law
+        self.target = target
+        self.state = state
+        self.setpoints = setpoints
+        self._memory = memory
+        # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
+        self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
+        self._ahead = law.preview_times_s()
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
+        law = self.law
+        if self.state is None:
+            if math.isnan(temperature_degC):
+                return Decision(0.0, wait=True)  # nothing is known yet
+            self.state = law.start(temperature_degC, self._memory)
+        resistance = self.target.quantity == "resistance"
+        sign = self._sign if resistance else 1.0
+        at_s = time_s + read.after_s
+        now = float(self.target.at(at_s))
+        coming = sign * np.asarray(self.target.at(at_s + read.acts_after_s + self._ahead), dtype=np.float64)
+        ages = read.output_age_s, read.acts_after_s
+        command, self.state = law.step(self.state, temperature_degC, self._sign * output, sign * now, coming, *ages)
+        predicted = self._sign * command.output_model
+        return Decision(
+            current_A=command.current_A,
+            setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
+            use_setpoint=self.setpoints,
+            reference_degC=command.reference_degC,
+            target_ohm=ohm(now) if resistance else math.nan,
+            predicted_ohm=ohm(predicted) if math.isfinite(predicted) else math.nan,
+        )
+
+
+class Setpoints:
+    """A temperature over time as setpoints for the controller's own PID: it needs no model."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
+        return Decision(setpoint_degC=float(self._target.at(time_s)), use_setpoint=True)
+
+
+class Look:
+    """Nothing is sent: to see where the temperature is."""
+
+    def __init__(self) -> None:
+        self.temperature_degC = math.nan
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
+        self.temperature_degC = temperature_degC
+        return Decision(wait=True, done=not math.isnan(temperature_degC))
+
+
+def temperature_now(loop: Loop, name: str, period_s: float) -> float:
+    """The next credible temperature (degC), as a short phase. Raises Tripped where there is none for too long."""
+    look = Look()
+    loop.phase(name, look, 2.0 * loop.limits.stale_s + period_s, period_s)
+    return look.temperature_degC
+
+
+def handed_over(state: LawState, law: Law) -> LawState:
+    """The state of one law as the start of another: the estimates stay, the correction begins anew."""
+    fresh = law.start(state.temperature_degC, state.memory, state.current_A)
+    known = state.estimate._replace(toward=0.0, moved=0.0)
+    if law.settings.name == "feedforward":  # its own prediction is all that it goes by
+        return replace(fresh, estimate=known._replace(drift_K_per_s=0.0))
+    return replace(fresh, disturbance=state.disturbance, estimate=known)
+
+
+def warmed_up(law: Law) -> Law:
+    """The law, after some steps of a copy: what has to be compiled is, before a loop waits for it."""
+    trial = deepcopy(law)
+    state = trial.start(25.0, None)
+    for _ in range(3):
+        _, state = trial.step(state, 25.0, math.nan, 25.0, np.full(law.settings.preview, 25.0))
+    return law

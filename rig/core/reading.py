@@ -1,0 +1,52 @@
+"""What an instrument read: a value, when it was so, and how far to believe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from math import nan
+
+from rig.core.errors import Corrupt, Overrange, TimedOut
+
+
+class Quality(StrEnum):
+    """How far to believe a reading. Overrange is an outcome of measuring, not an error."""
+
+    OK = "ok"
+    SETTLING = "settling"  # a true value, the first after a change of range or test current
+    OVERRANGE = "overrange"  # beyond the instrument's range: the value is inf, the sign is known
+    INVALID = "invalid"  # the instrument answered what cannot be: nan, a negative resistance
+    STALE = "stale"  # older than it may be
+    MISSING = "missing"  # no answer in time
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A value in the unit of the method that returned it.
+
+    time_s: when it was sampled, on the bench's clock, as well as the host can know.
+    """
+
+    value: float
+    time_s: float
+    quality: Quality = Quality.OK
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the value can be computed with."""
+        return self.quality is Quality.OK or self.quality is Quality.SETTLING
+
+    def number(self) -> float:
+        """The value, where it can be computed with. Overrange; TimedOut where it is missing or stale; Corrupt."""
+        if self.is_number:
+            return self.value
+        if self.quality is Quality.OVERRANGE:
+            raise Overrange(f"beyond the instrument's range ({self.value:+g})")
+        if self.quality in (Quality.MISSING, Quality.STALE):
+            raise TimedOut(f"the reading is {self.quality}")
+        raise Corrupt(f"{self.value!r} cannot be a reading")
+
+
+def missing(time_s: float) -> Reading:
+    """There was no answer."""
+    return Reading(nan, time_s, Quality.MISSING)

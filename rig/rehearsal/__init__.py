@@ -1,0 +1,1 @@
+"""Experiments without hardware: simulated, swept, replayed."""

@@ -1,0 +1,183 @@
+"""The law again over a recorded run: the same readings in, its commands compared with those that were sent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+
+from rig.control.loop import Loop, Policy, read_at
+from rig.control.policies import Follow
+from rig.core.faults import fault
+from rig.experiment.extended_model import known_plate, plate_extension
+from rig.experiment.session import QUANTITY
+from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
+from rig.files.configuration import ConfigurationFile, configuration_of
+from rig.files.json_text import parsed_json
+from rig.files.model_file import plate_table, read_model
+from rig.files.record_file import Record, read_record
+from rig.files.target import read_target
+from rig.files.toml_text import read_text, read_toml, shown
+from rig.rehearsal.simulated import simulated_configuration, table_in
+from rig.safety.plate_watch import watchable_rate_K_per_s
+
+LAWS = ("full", "pid", "feedforward")
+FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
+
+
+@dataclass
+class Replay:
+    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints)."""
+
+    compared: int = 0
+    different: int = 0
+    largest: float = 0.0
+    first_different_s: float | None = None
+
+
+@dataclass
+class RecordedLoop:
+    """What a law's experiment sees of a loop, out of a record: each phase gives the policy its rows once more."""
+
+    record: Record
+    phases: list[dict[str, Any]]
+    replay: Replay = field(default_factory=Replay)
+
+    def __post_init__(self) -> None:
+        self._meter = SimpleNamespace(test_current_A=math.nan)
+        self.bench = SimpleNamespace(meter=self._meter)
+        self.folder = self
+        self.limits = SimpleNamespace(stale_s=math.inf)
+
+    def column(self, name: str) -> Any:
+        """A column of the record, as of a run folder."""
+        return np.array(self.record.text_columns[name]) if name in self.record.text_columns else self.record[name]
+
+    def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
+        """The rows of the next phase of this name; those that were not recorded any more are left out."""
+        while self.phases and self.phases[0]["text"] != name:
+            self.phases.pop(0)
+        if not self.phases:
+            return
+        begin = self.phases.pop(0)["time_s"]
+        end = self.phases[0]["time_s"] if self.phases else math.inf
+        time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
+        for row in np.flatnonzero((time >= begin) & (time < end)):
+            tick = self._tick(int(row), float(time[row] - begin), period_s)
+            degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
+            self._meter.test_current_A = float(self.record["meter_current_A"][row])
+            output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
+            output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
+            acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
+            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s)
+            decision = policy.decide(tick * period_s, degC, output, read)
+            if decision.done or decision.wait:
+                continue
+            sent = "setpoint_degC" if decision.use_setpoint else "current_A"
+            self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+
+    def _tick(self, row: int, time_s: float, period_s: float) -> int:
+        """Which tick of its phase a row is; records from before that was written are on their grid."""
+        if self.record.has("tick"):
+            return int(self.record["tick"][row])
+        return math.floor(time_s / period_s)
+
+    def _compare(self, now: float, then: float, time_s: float) -> None:
+        replay = self.replay
+        replay.compared += 1
+        if now != then and not (math.isnan(now) and math.isnan(then)):
+            replay.different += 1
+            replay.largest = max(replay.largest, abs(now - then))
+            if replay.first_different_s is None:
+                replay.first_different_s = time_s
+
+
+def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
+    """The commands of a run's law against its record. Raises Faults where the folder is not of such a run."""
+    for name in FILES:
+        if not (folder / name).is_file():
+            raise fault(folder / name, "", "no such file; expected the folder of a run with a target and a model")
+    file = _configuration(folder)
+    e = file.content.experiment
+    model = read_model(folder / "model.toml", needs=("plate",))
+    assert model.plate is not None
+    target = read_target(folder / "target.csv", QUANTITY[e.kind])
+    loop = RecordedLoop(_record(folder / "record.csv"), _phases(folder / "events.jsonl"))
+    stand_in = cast(Loop, loop)
+    fastest = watchable_rate_K_per_s(known_plate(model.plate, model.switched()))
+    if e.kind == "track_resistance":
+        if model.film is None:
+            raise fault(folder / "model.toml", "film", "missing")
+        plan = plan_tracking(stand_in.bench, file.content, target, model, _law(folder / "run.json"), fastest)
+        track(stand_in, file.content, plan)
+    elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
+        extension = plate_extension(model.switched(), model.plate, e.period_s)
+        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension, fastest)
+        policy = Follow(law, target)
+        start = to_temperature(stand_in, law, None, float(target.values[0]), e.settle_s, "approach", False)
+        policy.state = start.state
+        loop.phase("profile", policy, target.duration_s, e.period_s)
+    else:
+        raise fault(folder / "config.toml", "experiment.kind", f"{e.kind!r} with this law has no command of ours")
+    return loop.replay, file
+
+
+def _record(path: Path) -> Record:
+    """The run's rows. Raises Faults where a column is missing that the law saw or set."""
+    needs = ("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
+    record = read_record(path, needs=needs, flags=False)
+    if "phase" not in record.text_columns:
+        raise fault(path, "phase", "missing; expected the column of a run's record")
+    return record
+
+
+def _phases(path: Path) -> list[dict[str, Any]]:
+    """When each phase began and what it was, in order. Raises Faults."""
+    found = []
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        try:
+            event = parsed_json(line)
+            if event["event"] == "phase":
+                found.append({"time_s": float(event["time_s"]), "text": str(event["text"])})
+        except (ValueError, TypeError, KeyError, IndexError, OverflowError):
+            raise fault(path, f"line {number}", "expected an event: JSON with time_s, event and text") from None
+    return found
+
+
+def _law(path: Path) -> Any:
+    """Which law ran. Raises Faults."""
+    try:
+        what = str(parsed_json(read_text(path))["start"]["what"])
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise fault(path, "start.what", f"expected the law that ran, as in 'law full' ({error})") from None
+    law = what.removeprefix("law ")
+    if law not in LAWS:
+        raise fault(path, "start.what", f"{shown(what)}: expected 'law' and one of {', '.join(LAWS)}")
+    return law
+
+
+def _configuration(folder: Path) -> ConfigurationFile:
+    """The run's configuration; the files beside it may be gone, what matters of them is in the folder."""
+    path = folder / "config.toml"
+    raw = read_toml(path)
+    table_in(raw, "experiment").update(model="model.toml", target="target.csv")
+    raw.pop("simulation", None)
+    return configuration_of(path, read_text(path), raw)
+
+
+def twin_configuration(folder: Path, other: Path) -> ConfigurationFile:
+    """Another configuration on the twin that a run's model makes of its film and plate. Raises Faults."""
+    where = (folder / "model.toml").resolve()
+    model = read_model(where, needs=("film", "plate"))
+    assert model.plate is not None
+    raw = read_toml(other)
+    table_in(raw, "experiment").setdefault("model", str(where))
+    simulation = table_in(raw, "simulation")
+    simulation |= {"film": {"kind": "model", "model": str(where)}, "plate": plate_table(model.plate)}
+    simulation.pop("heat_sink_warmup", None)
+    simulation.pop("effects", None)
+    return simulated_configuration(other, raw, [], None)

@@ -1,0 +1,170 @@
+"""A configured experiment on the simulated rig, whatever its ports say, and the record that comes out of it."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.score import PROFILE, TRACK, error_dec, largest, rms
+from rig.bench.simulation import simulated_world
+from rig.core.faults import Faults, fault
+from rig.core.outcome import Tripped
+from rig.experiment.expected import Onlooker
+from rig.experiment.session import run, target_of
+from rig.files.configuration import ConfigurationFile, configuration_of
+from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
+from rig.files.record_file import read_record
+from rig.files.run_folder import part_of
+from rig.files.toml_text import read_text, read_toml
+from sim.effects.effect import Switched
+from sim.open_loop import simulate_record
+from sim.plant import stamp_s
+
+TEST_CURRENT_A = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """The record's columns, and what was switched on. ended: the trip that ended the experiment, if one did."""
+
+    columns: dict[str, Array | list[str]]
+    effects: tuple[Switched, ...]
+    ended: Tripped | None = None
+
+    @property
+    def rows(self) -> int:
+        return len(self.columns["time_s"])
+
+
+def read_simulation(path: Path, effects: list[str], effect_files: list[Path], seed: int | None) -> ConfigurationFile:
+    """A configuration with simulated ports on virtual time, and with further effects in words. Raises Faults."""
+    add_effect_files(effect_files)
+    tables, lines = [], []
+    for text in effects:
+        try:
+            table = effect_in_words(text)
+        except Faults as faults:
+            lines += faults.lines
+            continue
+        tables.append(table)
+        lines += [line.replace("[0]", "", 1) for line in switched_effects([table], "--effect", complete=False)[1]]
+    if lines:
+        raise Faults(lines)
+    return simulated_configuration(path, read_toml(path), tables, seed)
+
+
+def simulated_configuration(
+    path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None
+) -> ConfigurationFile:
+    """The same from what TOML made of a file at `path`. Raises Faults."""
+    bench = table_in(raw, "bench")
+    bench.pop("time", None)
+    for role in ("controller", "meter"):
+        if role in bench:
+            table_in(bench, role)["port"] = "sim://"
+    table_in(raw, "experiment")["compare"] = []
+    simulation = table_in(raw, "simulation")
+    there = simulation.get("effects", [])
+    if effects and isinstance(there, list):
+        simulation["effects"] = [*there, *effects]
+    if seed is not None:
+        if seed < 0:
+            raise fault("--seed", repr(seed), "expected a number >= 0")
+        simulation["seed"] = seed
+    return configuration_of(path, read_text(path), raw)
+
+
+def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
+    """A table inside another; what is no table is left for the schema to refuse."""
+    inner = table.setdefault(name, {})
+    return inner if isinstance(inner, dict) else {}
+
+
+def simulate(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
+    """The record of the experiment. Raises Faults, RigError, Outcome."""
+    if file.content.experiment.kind == "current_profile":
+        return _open_loop(file)
+    return _closed_loop(file, say, onlooker)
+
+
+def _open_loop(file: ConfigurationFile) -> Simulated:
+    """A current over time: the signal chain itself, without instruments in between."""
+    c = file.content
+    target, world = target_of(file), simulated_world(file)
+    if world.detector is not None:
+        world = replace(world, ohmmeter_noise_dec=0.0)
+    count = max(1, math.ceil(target.duration_s / c.experiment.period_s - 1e-9))
+    time = np.asarray(np.arange(count) * c.experiment.period_s, dtype=np.float64)
+    current = target.at(time)
+    too_large = np.flatnonzero(np.abs(current) > c.limits.current_A)
+    if too_large.size:
+        k = int(too_large[0])
+        text = f"at {time[k]:g} s {current[k]:g} A; expected within limits.current_A = {c.limits.current_A:g} A"
+        raise fault(file.path, "experiment.target", text)
+    test = _test_current(file, time)
+    readings = simulate_record(world, time, current, meter_current_A=test)
+    columns: dict[str, Array | list[str]] = {
+        "time_s": time,
+        "temperature_degC": readings.temperature_degC,
+        "current_A": current,
+    }
+    if world.detector is not None:
+        noise = np.random.default_rng(world.seed).standard_normal(count) * world.detector.noise_V
+        columns[getattr(world.film, "output", "output")] = readings.output + noise / world.detector.volts_per_unit
+    elif c.bench.meter is not None:
+        columns |= {"resistance_ohm": readings.resistance_ohm, "meter_current_A": test}
+    return Simulated(columns, world.effects)
+
+
+def _test_current(file: ConfigurationFile, time: Array) -> Array:
+    """Of each row: the target's column meter_current_A, if it has one; else one for all rows."""
+    c = file.content
+    if c.bench.meter is None:
+        return np.zeros(time.size)
+    if isinstance(c.experiment.target, str):
+        record = read_record(file.beside(c.experiment.target))
+        if record.has("meter_current_A"):
+            since = np.searchsorted(record["time_s"] - record["time_s"][0], time, side="right") - 1
+            return np.nan_to_num(record["meter_current_A"])[since]
+    chosen = c.simulation.meter_current_A
+    return np.full(time.size, min(TEST_CURRENT_A, c.limits.meter_current_A) if chosen is None else chosen)
+
+
+def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: Onlooker | None) -> Simulated:
+    """Through the simulated instruments, byte for byte, as `peltier run` does it."""
+    world, ended = simulated_world(file), None
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "run"
+        try:
+            run(file, folder, say, onlooker)
+        except Tripped as trip:
+            folder, ended = part_of(folder), trip
+            if not (folder / "record.csv").is_file():
+                raise
+        record = read_record(folder / "record.csv")
+    columns: dict[str, Array | list[str]] = {**record.columns, **record.text_columns}
+    if record.has("resistance_time_s"):
+        columns["resistance_time_s"] = stamp_s(world, record["resistance_time_s"])
+    kept = {name: c for name, c in columns.items() if isinstance(c, list) or np.any(np.isfinite(c))}
+    return Simulated(kept, world.effects, ended)
+
+
+def target_error(simulated: Simulated) -> dict[str, float]:
+    """RMS and largest error over the whole target (`rig.analysis.score`): rms_dec, or rms_K."""
+    columns = simulated.columns
+    phase = np.array(columns.get("phase", [""] * simulated.rows))
+    inside = (phase == TRACK) | (phase == PROFILE)
+    for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
+        if wanted in columns and shown in columns:
+            a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
+            error = error_dec(a, b) if unit == "dec" else a - b
+            if np.any(np.isfinite(error)):
+                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
+    return {}
