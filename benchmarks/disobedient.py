@@ -3,8 +3,9 @@
     ./peltier benchmark disobedient [--driver meerstetter] [--fault deaf] [--way stopped] [--json FILE]
 
 Each case is a real `peltier run` under its guard on pseudo-terminals, by a real clock; when its output has been on for
-40 s the controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the process
-that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds it.
+40 s the controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the
+process that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds
+it.
 
 Asked: exit status 11, or a confirmation that is true (withdrawn where it is not), every time; where there is a dead
 man, the current is gone within its time and 1 s of the first "off". A controller without a dead man that is deaf stays

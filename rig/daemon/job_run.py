@@ -66,7 +66,7 @@ class JobRun(Watcher):
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
         desk, job = self._desk, self._job
-        job.state, job.started_s = "running", desk.label_s()
+        job.state, job.started_s, job.folder = "running", desk.label_s(), part_of(job.out)
         desk.job_changed(job)
         desk.model = model_of(job.file) or desk.model
         self._conclude(self._end())
@@ -126,8 +126,8 @@ class JobRun(Watcher):
             write_missing_reports(part_of(job.out))
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
-        if job.folder is None and part_of(job.out).is_dir():
-            job.folder = part_of(job.out)
+        if end.state != "done":
+            job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()

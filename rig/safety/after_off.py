@@ -87,11 +87,16 @@ class AfterOff:
         """Whether it has chosen."""
         return self.agrees is not None
 
+    @property
+    def ends_s(self) -> float:
+        """From when on no reading can tell any more."""
+        return self._off_s + self._courses.lasts_s
+
     def take(self, now_s: float, temperature_degC: float) -> None:
         """A reading; nan: none."""
-        after_s = now_s - self._off_s
-        if self.over or math.isnan(temperature_degC) or after_s > self._courses.lasts_s:
+        if self.over or math.isnan(temperature_degC) or now_s > self.ends_s:
             return
+        after_s = now_s - self._off_s
         without_degC, going_on_degC = self._courses.at(after_s)
         if math.isnan(self._more_K):
             self._more_K = temperature_degC - without_degC
@@ -124,7 +129,7 @@ def looked_at(
     look = AfterOff(courses, off_s)
     silent_s = dead_man_s + MARGIN_S if 0.0 < dead_man_s < SILENT_SHARE * courses.lasts_s else 0.0
     wait_s = 0.0
-    while not look.over and clock.now_s() - off_s < courses.lasts_s:
+    while not look.over and clock.now_s() < look.ends_s:
         clock.sleep_until_s(clock.now_s() + wait_s)
         wait_s, silent_s = max(silent_s, EVERY_S), 0.0
         try:

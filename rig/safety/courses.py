@@ -39,7 +39,7 @@ def of_a_plate(watch: PlateWatch, current_A: float, within_s: float | None = Non
     times = [EVERY_S * k for k in range(math.ceil(seconds / EVERY_S) + 1)]
     without = tuple(off.run_on(looked_s + t, current_A if t <= late_s else 0.0) for t in times)
     going_on = tuple(on.run_on(looked_s + t, current_A) for t in times)
-    apart_K = APART_K + STEPS * watch.step_K + watch.late_K
+    apart_K = APART_K + STEPS * watch.step_K + watch.late_K + watch.off_K
     courses = Courses(EVERY_S, without, going_on, apart_K, f"the last one ({current_A:+.3g} A)")
     return courses if courses.tell else None
 

@@ -148,6 +148,11 @@ class PlateWatch:
         return self._seen.shown_degC
 
     @property
+    def off_K(self) -> float:
+        """By how much the last reading was elsewhere than it should have been."""
+        return abs(self._seen.reading_degC - self._seen.shown_degC) if self._seen is not None else 0.0
+
+    @property
     def late_K(self) -> float:
         """By how much the plate may be elsewhere for that, after its rate has changed as it did of late."""
         return self.late_s * self._seen.bend_K_per_s if self._seen is not None else 0.0
