@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
@@ -24,6 +25,7 @@ LOSSES_PER_S: Final = (0.003, 0.08)  # 60 J/K with 0.2 W/K, to 10 J/K with 0.8 W
 SLOW_S = 10.0  # a thermometer's lag; one that is slower shows less than this says, and is not believed to be held
 HELD_LOOK_S, HELD_S, HELD_K, HELD_APART_K = 20.0, 5.0, 1.0, 0.5
 REST_S, FEWEST = 1.5, 5  # of readings
+COARSE_K = 0.1  # the step of a thermometer that was not seen to make one
 
 
 def of_a_plate(watch: PlateWatch, current_A: float, within_s: float | None = None) -> Courses | None:
@@ -95,7 +97,9 @@ class HeldSetpoint:
         time_s, value_degC = sum(times) / len(times), sum(values) / len(values)
         weights = [t - time_s for t in times]
         drift = sum(w * v for w, v in zip(weights, values, strict=True)) / sum(w * w for w in weights)
-        unsure = 2.0 * _scatter_K(weights, values, drift, value_degC) / (times[-1] - times[0])
+        off_K = max(abs(v - value_degC - drift * w) for w, v in zip(weights, values, strict=True))
+        step_K = _step_K(values, [degC for _, degC in self._held])
+        unsure = 2.0 * max(off_K, step_K) / (times[-1] - times[0])
         rates = [drift - loss * (degC - value_degC) for loss in LOSSES_PER_S]
         if rates[0] * rates[1] <= 0.0:
             return 0.0
@@ -103,8 +107,7 @@ class HeldSetpoint:
         return math.copysign(max(abs(least) - unsure, 0.0), least)
 
 
-def _scatter_K(weights: list[float], values: tuple[float, ...], drift: float, value_degC: float) -> float:
-    """How far the readings at rest are from their line, at most; a step of the thermometer at least."""
-    off_K = max(abs(v - value_degC - drift * w) for w, v in zip(weights, values, strict=True))
-    steps = [abs(b - a) for a, b in pairwise(values) if a != b]
-    return max(off_K, min(steps, default=0.0))
+def _step_K(*runs: Sequence[float]) -> float:
+    """The smallest step between two readings in sequence."""
+    steps = [abs(b - a) for values in runs for a, b in pairwise(values) if a != b]
+    return min(steps, default=COARSE_K)
