@@ -19,7 +19,7 @@ from rig.safety.after_off import Courses
 from rig.safety.plate_watch import PlateWatch
 
 EVERY_S: Final = 0.25
-LOOK_S, LATEST_S = 8.0, 8.0  # LATEST_S: more, where a current may end late
+LOOK_S, LATEST_S = 12.0, 8.0  # 1 A moves a plate of 30 J/K by 3 K in 8 s; LATEST_S: more, where a current may end late
 APART_K, STEPS = 2.5, 3.0  # that the courses have to be, at least, before the reading can choose
 LOSSES_PER_S: Final = (0.003, 0.08)  # 60 J/K with 0.2 W/K, to 10 J/K with 0.8 W/K
 SLOW_S = 10.0  # a thermometer's lag; one that is slower shows less than this says, and is not believed to be held
