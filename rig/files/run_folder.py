@@ -7,7 +7,7 @@
     events.jsonl    what happened, a line each
     report.html, figures/
 
-A run.json without "stop" is of a run that crashed.
+A run.json without "stop" is of a run that crashed and had no guard; with one, the guard has written it.
 """
 
 from __future__ import annotations
