@@ -365,6 +365,10 @@ class Desk:
             "cycle_age_s": now_s - self.last_cycle_s,
         }
 
+    def is_idle(self) -> bool:
+        """Whether nothing runs, and nothing is about to."""
+        return self.queue.running is None and (len(self.queue) == 0 or bool(self.no_job_because()))
+
     def no_job_because(self) -> list[str]:
         """What keeps the next job from starting; nothing where it may."""
         held, told, trouble = self.latching.held, self.latching.told, self.latching.trouble()

@@ -257,6 +257,7 @@ class ServeTable(Table):
     loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
     /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
     port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
+    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
@@ -273,6 +274,8 @@ class ServeTable(Table):
     minute_days: Days = 400.0
     hour_days: Days = 4000.0
     webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    diagnose: Literal["never", "nightly"] = "never"
+    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
 class Configuration(Table):
