@@ -26,6 +26,7 @@ VERBS = {
     "replay": "the law again over a recorded run, or another configuration on its twin",
     "report": "the report of a run folder, one that ended early too",
     "tune": "PID gains from the plate model, with margins",
+    "precompile": "compile ahead what would be compiled at the first use",
     "ports": "what is attached",
     "check": "does it answer, and is it what the configuration says",
     "emulate": "simulated instruments on pseudo-terminals",

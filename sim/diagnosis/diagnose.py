@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Mask, Record, read_columns
 from sim.diagnosis.judge.false_alarm import false_alarm
 from sim.diagnosis.judge.verdict import (
@@ -28,7 +29,7 @@ from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
-from sim.diagnosis.validate.gain import gain, rmse
+from sim.diagnosis.validate.gain import Gain, gain, rmse
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.diagnosis.validate.residuals import residuals, rounded
 from sim.effects import memoryless_term
@@ -61,6 +62,7 @@ def diagnose(
     columns: Mapping[str, ArrayLike],
     *,
     base: str | None = None,
+    output: str = FALLING_OHM,
     holdout: Mapping[str, ArrayLike] | None = None,
     as_predicted: bool = False,
     effects: dict[str, Effect] | None = None,
@@ -69,21 +71,24 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file: names with units).
 
-    base: "generalized_pi" restricts the film to no D(T). holdout: another record of the same rig, on which the gain is
-    measured; without it every fourth block of rows is held out. as_predicted: what belongs to the other record (room,
-    first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to all of
-    them, so that what remains is the model's fault. Raises ValueError, a line a fault, where nothing can be said.
+    base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
+    a resistance rises, else a column, or "minus_" and a column. holdout: another record of the same rig, on which the
+    gain is measured; without it every fourth block of rows is held out. as_predicted: what belongs to the other record
+    (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
+    all of them, so that what remains is the model's fault. Raises ValueError, a line a fault, where nothing can be
+    said.
     """
     with threadpool_limits(limits=1):
-        record = read_columns(columns, held_out=holdout is None)
-        known = dict(effects if effects is not None else catalogue())
+        quantity = quantity_of(output, columns)
+        record = read_columns(columns, held_out=holdout is None, quantity=quantity)
+        known = quantity.effects(effects if effects is not None else catalogue())
         record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
         chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)
             chain.record = chain.first.channel.record
         elif record.output is None:
-            raise ValueError("record: neither current_A nor resistance_ohm; expected at least one of them")
+            raise ValueError(f"record: neither current_A nor {quantity.column}; expected at least one of them")
         names = select(chain, say)
         say("evidence")
         judged = judge(chain, names)
@@ -92,14 +97,37 @@ def diagnose(
             judged = judge(chain, frozenset(judged.names) - {weakest})
         other = None
         if holdout is not None:
-            other = read_columns(holdout, held_out=False).commanded_in_sight(known.values())
+            other = read_columns(holdout, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             if bends := bends_elsewhere(chain, frozenset(judged.names), other):
                 judged = judge(chain, frozenset(judged.names) - bends)
         unseen = UnseenRows(other, told_rows(other) if as_predicted and other is not None else None)
         found = _diagnosis(chain, judged, unseen, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, unseen)
+        return _in_its_unit(found)
+
+
+def _in_its_unit(found: Diagnosis) -> Diagnosis:
+    """What was fitted in decades and is another quantity of the film, by its own name and in its own unit."""
+    quantity = found.record.quantity
+    if quantity.is_resistance:
         return found
+    key, size = quantity.channel, quantity.size
+
+    def gains(finding: Finding) -> dict[str, Gain]:
+        g = dict(finding.gain)
+        if (own := g.pop("resistance_dec", None)) is not None:
+            g[key] = replace(own, rmse_before=size * own.rmse_before, rmse_after=size * own.rmse_after)
+        return g
+
+    channels, own = dict(found.channels), found.channels["resistance_dec"]
+    if own is not None:
+        noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
+        own = Channel(noise, before, after, own.samples_holdout)
+    channels |= {"resistance_dec": None, key: own}
+    unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
+    findings = [replace(f, gain=gains(f)) for f in found.findings]
+    return replace(found, channels=channels, unexplained=unexplained, findings=findings)
 
 
 def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
@@ -117,10 +145,11 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     curve = chain.facts.basis.curve
     path = chain.film_channel(names).path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
-    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
+    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
+    span_name = f"span_{chain.record.quantity.unit}"
     before, after = (unseen.residuals(c, names)["resistance_dec"] for c in (bare, chain))
     gains = {"resistance_dec": gain(before, after, unseen.rows(chain))}
-    term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
+    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
@@ -206,7 +235,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
             rivals,
             left,
             record.current_A is not None,
-            record.test_current_A is not None or record.output is None,
+            record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
         ),
         record,
         chain,

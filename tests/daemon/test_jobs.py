@@ -61,6 +61,19 @@ def test_jobs_run_one_after_another_and_leave_run_folders(bench: RunningBench) -
     until(lambda: bench.state()["state"] == "idle")
 
 
+def test_a_job_tells_how_long_all_of_it_will_take(bench: RunningBench) -> None:
+    number = submit(bench, '["start 0 A", "hold 300 s"]', "long")
+    until(lambda: (bench.state()["job"] or {}).get("phase") == "polarity", "the pulse before the profile")
+    job = bench.state()["job"]
+    assert job["to_go_s"] > 300.0 > job["total_s"]  # the profile is yet to come
+    until(lambda: (bench.state()["job"] or {}).get("phase") == "profile", "the profile")
+    job = bench.state()["job"]
+    assert job["total_s"] == pytest.approx(300.0)
+    assert job["to_go_s"] == pytest.approx(job["total_s"] - job["done_s"])
+    assert job["elapsed_s"] > job["done_s"]
+    bench.desk.cancel(number, "the test")
+
+
 def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench: RunningBench) -> None:
     running_job, waiting = submit(bench, '["start 0.5 A", "hold 60 s"]', "long"), submit(bench, SHORT, "next")
     bench.until_phase("profile")

@@ -48,7 +48,7 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     path.write_text(path.read_text().replace("tau_s=1", "tau_s=2"))
     status, _, err = peltier(*words)
     assert status == 2
-    assert "is of another sweep" in err
+    assert "is of other cases" in err
 
 
 def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> None:

@@ -95,7 +95,8 @@ class ResistanceChannel:
         effects, late = self.split(p, x)
         test, power, links = self.record.test_current_A, None, links_of(effects)
         if test is not None and links.heated:
-            power = MeterPower(self.record.time_s, test, self._at_rows_s(links, self._film_output(p)))
+            own = self._at_rows_s(links, self._film_output(p))
+            power = MeterPower(self.record.time_s, test, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
     def _film_output(self, p: FilmParameters) -> Array:
