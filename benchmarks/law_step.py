@@ -19,7 +19,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.forward import best_ns, film, ours, smooth_path
-from compensator.control.law import NAMES, Law, LawName, LawSettings
+from compensator.control.law import NAMES, Inputs, Law, LawName, LawSettings
 from compensator.control.pid import PidGains
 from compensator.thermal.plate import PlateModel
 
@@ -42,7 +42,7 @@ def median_us(name: LawName) -> float:
         targets = 60.0 + 8.0 * np.sin(0.3 * t) if name == "temperature" else -3.0 + 0.7 * np.sin(0.25 * t)
         readings = temperature + 0.01 * rng.normal(), output + 0.002 * rng.normal()
         start = time.perf_counter()
-        command, state = law.step(state, *readings, float(targets[0]), targets)
+        command, state = law.step(state, Inputs(*readings, float(targets[0]), targets))
         times.append(time.perf_counter() - start)
         current = command.current_A
     return float(np.median(times)) * 1e6
