@@ -111,7 +111,7 @@ def corrected_temperature(
 ) -> tuple[float, float, Estimate]:
     """(thermometer, plate, both in degC, the estimate) after a reading.
 
-    shown_degC, plate_degC: as predicted, with the drift. period_s: since the last prediction. lag_s: of the thermometer.
+    shown_degC, plate_degC: as predicted, with the drift. lag_s: of the thermometer behind the plate.
     """
     noise = learned_noise(estimate.degC, reading_degC)
     c = passed(estimate.covariance, period_s, lag_s)
@@ -119,7 +119,12 @@ def corrected_temperature(
     on_s, on_p, on_d = c.ss / whole, c.sp / whole, c.sd / whole
     innovation = reading_degC - shown_degC
     after = Covariance(
-        c.ss - on_s * c.ss, c.sp - on_s * c.sp, c.sd - on_s * c.sd, c.pp - on_p * c.sp, c.pd - on_p * c.sd, c.dd - on_d * c.sd
+        c.ss - on_s * c.ss,
+        c.sp - on_s * c.sp,
+        c.sd - on_s * c.sd,
+        c.pp - on_p * c.sp,
+        c.pd - on_p * c.sd,
+        c.dd - on_d * c.sd,
     )
     e = estimate
     drift = e.drift_K_per_s + on_d * innovation

@@ -20,18 +20,18 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from compensator import play
-from compensator.branch import workspace
-from compensator.film import Packed
-from compensator.functions import Array, memoryless_value
-from compensator.solve import HIGH, LOW, Settings, arrive, solve
+from compensator.hysteresis import play
+from compensator.hysteresis.film import Packed
+from compensator.hysteresis.functions import Array, memoryless_value
+from compensator.inverse.branch import workspace
+from compensator.inverse.solve import HIGH, LOW, Settings, arrive, solve
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 SLOWED_S: Final = 2.0  # a film that lags by this much leaves for a jump as if the plate had half of its rates
 
 
 class FilmNow(NamedTuple):
-    """A film and what it remembers: temperature (degC), play operators, shape (operators,); model and inverse settings."""
+    """A film's temperature (degC) and play operators, shape (operators,); its model, and its inverse's settings."""
 
     degC: float
     plays: Array
@@ -49,8 +49,8 @@ class Turn(NamedTuple):
 class Reach(NamedTuple):
     """What the plate can do, and when the targets are wanted.
 
-    They lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s); the film lags the
-    plate by lag_s.
+    They lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s); lag_s: of the
+    film behind the plate.
     """
 
     spacing_s: float
@@ -112,12 +112,6 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
         v = v_next
         temperatures[i] = v
     return first_reached
-
-
-@njit(cache=True)
-def limited(value: float, low: float, high: float) -> float:
-    """The value held within [low, high]."""
-    return min(max(value, low), high)
 
 
 @njit(cache=True)

@@ -1,24 +1,23 @@
 """The chosen temperature from a memory, in compiled loops: the nearer of the rising and the falling branch's solution.
 
-What the choice means, and what is kept, tells `compensator.inverse`. One *evaluation* is D and the envelopes at one
-trial temperature, the present one included.
+What the choice means, and what is kept, tells `compensator.inverse.inverse`. One *evaluation* is D and the envelopes at
+one trial temperature, the present one included.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from compensator import play
-from compensator.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
-from compensator.branch import E1, E2, GAMMA, SLOPE, D, F, Work, Z, evaluate, place_common, workspace
-from compensator.film import Packed
-from compensator.functions import Array, envelope, lean, memoryless
-from compensator.search import largest, search
+from compensator.hysteresis import play
+from compensator.hysteresis.film import Packed
+from compensator.hysteresis.functions import Array, envelope, lean, memoryless
+from compensator.inverse.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
+from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Work, Z, evaluate, place_common, workspace
+from compensator.inverse.search import largest, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
 Settings = tuple[Array, Array]
@@ -148,7 +147,19 @@ def solve(
     if limits[LEAST_SLOPE] >= 0.0 and film[0].shape[0] == 1:
         envelopes, radii, weights, code, par = film
         return solve_monotone(
-            target, v, envelopes, radii, weights, code, par, limits, memory, work.points, work.held, work.parts, work.here
+            target,
+            v,
+            envelopes,
+            radii,
+            weights,
+            code,
+            par,
+            limits,
+            memory,
+            work.points,
+            work.held,
+            work.parts,
+            work.here,
         )
     return solve_any(target, v, film, settings, memory, work)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from compensator.control.law import Law, LawState
+from compensator.control.law import Inputs, Law, LawState
 from compensator.hysteresis.film import Memory
 from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
 from rig.control.resistance import ohm
@@ -64,8 +64,10 @@ class Follow:
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
         coming = sign * np.asarray(self.target.at(at_s + read.acts_after_s + self._ahead), dtype=np.float64)
-        ages = read.output_age_s, read.acts_after_s
-        command, self.state = law.step(self.state, temperature_degC, self._sign * output, sign * now, coming, *ages)
+        read_so = read.output_age_s, read.acts_after_s, read.test_current_A
+        command, self.state = law.step(
+            self.state, Inputs(temperature_degC, self._sign * output, sign * now, coming, *read_so)
+        )
         predicted = self._sign * command.output_model
         return Decision(
             current_A=command.current_A,
