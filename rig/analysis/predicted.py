@@ -15,9 +15,9 @@ from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
 from rig.files.model_file import Model
 from rig.files.record_file import Record
-from sim.chain import World
 from sim.effects.effect import Switched, Warming
-from sim.open_loop import film_readings, simulate_record
+from sim.world.open_loop import film_readings, simulate_record
+from sim.world.world import World
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 

@@ -27,12 +27,13 @@ from compensator.control.pid import PidState, integral_of, output_of
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from rig.experiment.extension import Extension, own_output_table
+from rig.experiment.extension import Extension
 from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target
 from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
-from sim.links import links_of
+from sim.model.links import links_of
+from sim.model.own_output import own_output_table
 
 COMPENSATED: tuple[LawName, ...] = ("full", "feedforward", "temperature")
 

@@ -16,10 +16,11 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
-from sim.effects.effect import Filter, Reading, Switched, Warming
-from sim.film_side import FilmSide, FilmState
-from sim.links import Effects, Links, links_of
-from sim.plate_balance import heat_flows, run
+from sim.effects.effect import Filter, Switched, Warming
+from sim.model.film_side import FilmSide, FilmState
+from sim.model.links import Effects, Links, followed, links_of, warmed
+from sim.model.own_output import own_output_table
+from sim.model.plate_balance import heat_flows, run
 
 LAG_PARAMETER = "tau_s"
 OBSERVER_GAIN = 0.3  # share of a reading's innovation taken into the temperature; less behind a slow thermometer
@@ -89,11 +90,8 @@ class Extension:
         time, plate = np.array([self._time_s - self.period_s, self._time_s]), np.array([before, self.plate_degC])
         self._lose(time, plate)
         shown = plate
-        for e, state in zip(self.links.thermometer, self._thermometer, strict=True):
-            assert isinstance(e.effect.form, Filter)
-            out = np.empty(2)
-            e.effect.form.run(e.par, time, shown, state, out)
-            shown = out
+        for k, e in enumerate(self.links.thermometer):
+            shown, self._thermometer[k] = followed(e, time, shown, self._thermometer[k])
         if math.isfinite(reading_degC):
             self.plate_degC += self._gain * (reading_degC - float(shown[-1]))
         self.film_degC = self.plate_degC
@@ -109,7 +107,7 @@ class Extension:
         plate = np.array([self.plate_degC, *(degC for _, degC, _ in course)])
         if self._film is None or self._film_state is None:
             return float(plate[-1]), float(plate[-1])
-        film, _, _ = self._film.advance(self._film_state, time, plate, np.full(time.size, self._test()))
+        film, _, _, _ = self._film.advance(self._film_state, time, plate, np.full(time.size, self._test()))
         return float(film[-1]), float(plate[-1])
 
     def shown_own(self) -> float:
@@ -149,7 +147,7 @@ class Extension:
         if self._film_state is None:
             self._film_state = film.start(self._film_model.initial_memory(float(plate[-1])))
         test = self._test()
-        degC, output, self._film_state = film.advance(self._film_state, time, plate, np.full(2, test))
+        degC, _, output, self._film_state = film.advance(self._film_state, time, plate, np.full(2, test))
         self._past.append((float(time[-1]), float(output[-1])))
         shown = output[-1:]
         if self.links.reading_times:
@@ -158,28 +156,10 @@ class Extension:
         self._shown_own = float(self.own(-np.log10(self.links.shown_ohm(10.0**-shown)))[0])
         self.film_degC = float(degC[-1])
         power = np.array([test**2 * 10.0**-self._shown_own])
-        forms = [(e.effect.form, e.par) for e in self.links.film_temperature]
-        self.warming_K = sum(float(f.add(par, time[-1:], power)[0]) for f, par in forms if isinstance(f, Warming))
+        warming = [e for e in self.links.film_temperature if isinstance(e.effect.form, Warming)]
+        self.warming_K = sum(float(warmed(e, time[-1:], np.zeros(1), power)[0]) for e in warming)
 
 
 def _lag_s(effects: Effects) -> float:
     """Sum of the lags' time constants."""
     return sum(e.values().get(LAG_PARAMETER, 0.0) for e in effects if isinstance(e.effect.form, Filter))
-
-
-def own_output_table(links: Links, film: FilmModel | None) -> tuple[Array, Array] | None:
-    """(what the ohmmeter shows, the film's own output), increasing; None where they are the same."""
-    forms = [(e.effect.form, e.par) for e in (*links.ohmmeter, *links.readings)]
-    readings = [(form, par) for form, par in forms if isinstance(form, Reading)]
-    if film is None or not readings:
-        return None
-    reach = np.concatenate([film.simulate(v, film.initial_memory(float(v[0])))[0] for v in (_sweep(), _sweep()[::-1])])
-    own = np.linspace(float(reach.min()) - 1.0, float(reach.max()) + 1.0, 8001)
-    resistance = 10.0**-own
-    for form, par in readings:
-        resistance = form.read(par, resistance)
-    return np.maximum.accumulate(-np.log10(resistance)), own
-
-
-def _sweep() -> Array:
-    return np.linspace(-50.0, 200.0, 2001)

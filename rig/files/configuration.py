@@ -160,7 +160,7 @@ class CalibrationTable(Table):
 
 
 class RelayFilmTable(Table):
-    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.films.preisach."""
+    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
     relays: Count = 4000
@@ -188,7 +188,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.detector."""
+    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0

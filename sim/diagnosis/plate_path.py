@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.record import Mask, Record, Rows
 from sim.effects.effect import Command, Filter, Switched, filters
-from sim.plate_balance import heat_flows, run
+from sim.model.plate_balance import heat_flows, run
 
 LONGEST_S = 0.5
 MOST_NODES = 400_000

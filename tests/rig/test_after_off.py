@@ -13,7 +13,7 @@ from compensator.thermal.plate import PlateModel
 from rig.safety.after_off import after_off
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import PlateWatch
-from sim.plant import SimulatedPlant
+from sim.world.plant import SimulatedPlant
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]

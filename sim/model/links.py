@@ -1,10 +1,13 @@
 """The links of the signal chain with the effects that are switched on, in the order in which the signal meets them.
 
-driver          commands
-plate           heat flows
-thermometer     filters, then noise, then readings
-film            filters and warmings of its temperature, then filters of its hysteretic part
-ohmmeter        before its filters' end, at any time; after it, when a reading is taken
+    driver          commands
+    plate           heat flows
+    thermometer     filters, then noise, then readings
+    film            filters and warmings of its temperature, then filters of its hysteretic part
+    ohmmeter        series resistance, shunt, filter, skew, range: readings up to the last filter as R changes, those
+                    after it when a value is taken
+
+Whatever order effects are given in, `links_of` puts them into this one: link by link, on a link by `Effect.order`.
 """
 
 from __future__ import annotations
@@ -18,7 +21,6 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Command, Filter, HeatFlow, Reading, ReadingTime, Switched, Warming
 
-LONGEST_NODE_S = 0.02  # between nodes: what a lag makes of a plate's curved course is right to 1e-6 K
 Effects = tuple[Switched, ...]
 
 
@@ -75,6 +77,44 @@ class Links:
     def own_number(self, name: str) -> int | None:
         """Which of the effects on the plate has this name."""
         return next((k for k, e in enumerate(self.plate) if e.name == name), None)
+
+
+def followed(effect: Switched, time_s: Array, values: Array, state: Array) -> tuple[Array, Array]:
+    """(what a filter makes of values at the nodes, (nodes,), where it is at the last one); state: where it is at the
+    first node, (1,), nan: as if values had been constant before."""
+    form, after, out = effect.effect.form, state.copy(), np.empty(values.size)
+    assert isinstance(form, Filter)
+    form.run(effect.par, time_s, np.ascontiguousarray(values), after, out)
+    return out, after
+
+
+def columns_followed(effect: Switched, time_s: Array, columns: Array) -> Array:
+    """Each of (nodes, columns) through a filter that was at rest before the first node."""
+    form = effect.effect.form
+    assert isinstance(form, Filter)
+    out = np.empty_like(columns.T)
+    for k, column in enumerate(np.ascontiguousarray(columns.T)):
+        form.run(effect.par, time_s, column, np.array([column[0]]), out[k])
+    return np.ascontiguousarray(out.T)
+
+
+def behind(effect: Switched, time_s: Array) -> Array:
+    """What a filter adds to its signal when it is 1 behind at the first node, (nodes, 1)."""
+    return followed(effect, time_s, np.zeros(time_s.size), np.array([-1.0]))[0][:, None]
+
+
+def warmed(effect: Switched, time_s: Array, film_degC: Array, power_W: Array) -> Array:
+    """The film's temperature with what an effect adds to it. power_W: of the ohmmeter in the film."""
+    form = effect.effect.form
+    assert isinstance(form, Warming)
+    return np.asarray(film_degC + form.add(effect.par, time_s, power_W), dtype=np.float64)
+
+
+def shown_output(effect: Switched, output: Array) -> Array:
+    """-log10 of the resistance that an effect of the ohmmeter shows for -log10 of another."""
+    form = effect.effect.form
+    assert isinstance(form, Reading)
+    return np.asarray(-np.log10(form.read(effect.par, 10.0**-output)), dtype=np.float64)
 
 
 def _shown(effects: Effects, values: Array) -> Array:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
-from sim.chain import Chain, Stretch, World
-from sim.links import LONGEST_NODE_S
+from sim.model.chain import LONGEST_NODE_S, Chain, ChainState, Stretch
+from sim.world.world import World
 
 MOST_NODES = 3_000_000
 BLOCK = 4096  # nodes that are solved together
@@ -52,15 +52,17 @@ def simulate_record(
     """
     origin = float(time_s[0]) if origin_s is None else origin_s
     rows = np.asarray(time_s, dtype=np.float64) - origin
-    chain = Chain(world, memory)
+    chain = Chain(world.model)
+    state = chain.start(world.first_degC, memory, world.film_initial)
     acts, amounts = chain.links.sent(rows, np.clip(current_A, -world.current_limit_A, world.current_limit_A))
-    stamped, taken = _taken(chain, rows, resistance_time_s, origin)
+    taken = _taken(chain, rows, resistance_time_s, origin)
     test = np.broadcast_to(np.asarray(meter_current_A, dtype=np.float64), rows.shape)
     starts = [0] if restart_degC is None else [0, *(np.flatnonzero(np.isfinite(restart_degC[1:])) + 1)]
     temperature, output = np.empty(rows.size), np.empty(rows.size)
     for begin, end in zip(starts, [*starts[1:], rows.size], strict=True):
         if restart_degC is not None and np.isfinite(restart_degC[begin]):
-            chain.restart(float(restart_degC[begin]))
+            assert state.film is not None
+            state = replace(chain.start(float(restart_degC[begin]), state.film.memory), own_degC=state.own_degC)
         inside = slice(begin, end)
         last = float(np.nanmax(np.append(taken[inside], rows[end - 1]))) if end == rows.size else rows[end - 1]
         here = (acts >= rows[begin]) & (acts <= last)
@@ -68,10 +70,10 @@ def simulate_record(
         time = _nodes(chain, np.concatenate((rows[inside], acts[here], needed, [last])), rows, test)
         place = np.searchsorted(acts, time, side="right") - 1
         current = np.where(place >= 0, amounts[np.maximum(place, 0)], 0.0)
-        course = _advanced(chain, time, current, _test_at(rows, test, time))
+        course, state = _advanced(chain, state, time, current, _test_at(rows, test, time))
         temperature[inside] = np.interp(rows[inside], course.time_s, course.thermometer_degC)
         output[inside] = _at(taken[inside], course)
-    return _read(chain, temperature, output, stamped)
+    return _read(world, chain, state, temperature, output)
 
 
 def film_readings(
@@ -87,20 +89,21 @@ def film_readings(
     rows = np.asarray(time_s, dtype=np.float64) - float(time_s[0])
     known = np.isfinite(temperature_degC)
     first = float(np.asarray(temperature_degC)[known][0])
-    chain = Chain(replace(world, first_degC=first), memory)
-    stamped, taken = _taken(chain, rows, resistance_time_s, float(time_s[0]))
+    chain = Chain(world.model)
+    state = chain.start(first, memory, world.film_initial)
+    taken = _taken(chain, rows, resistance_time_s, float(time_s[0]))
     test = np.broadcast_to(np.asarray(meter_current_A, dtype=np.float64), rows.shape)
     inside = taken[(taken > rows[0]) & (taken < rows[-1])]
     time = _nodes(chain, np.concatenate((rows, inside)), rows, test)
     plate = np.interp(time, rows[known], np.asarray(temperature_degC, dtype=np.float64)[known])
-    course = _measured(chain, time, plate, _test_at(rows, test, time))
-    return _read(chain, np.interp(rows, time, plate), _at(taken, course), stamped)
+    course, state = _measured(chain, state, time, plate, _test_at(rows, test, time))
+    return _read(world, chain, state, np.interp(rows, time, plate), _at(taken, course))
 
 
-def _taken(chain: Chain, rows: Array, stamps: Array | None, origin: float) -> tuple[Array, Array]:
-    """(stamps, when the resistance was taken), from the origin on."""
+def _taken(chain: Chain, rows: Array, stamps: Array | None, origin: float) -> Array:
+    """When the resistance was taken, from the origin on."""
     stamped = rows if stamps is None else np.where(np.isfinite(stamps), stamps - origin, rows)
-    return stamped, chain.links.taken(stamped)
+    return chain.links.taken(stamped)
 
 
 def _nodes(chain: Chain, needed: Array, rows: Array, test: Array) -> Array:
@@ -134,21 +137,23 @@ def _at(when: Array, course: Stretch) -> Array:
     return np.where(course.time_s[place] == when, course.output[place], between)
 
 
-def _advanced(chain: Chain, time: Array, current: Array, test: Array) -> Stretch:
+def _advanced(chain: Chain, state: ChainState, time: Array, current: Array, test: Array) -> tuple[Stretch, ChainState]:
     """The chain over all nodes, block by block; a block begins with the last node of the one before."""
     parts = []
     for begin in range(0, max(time.size - 1, 1), BLOCK):
         part = slice(begin, min(begin + BLOCK + 1, time.size))
-        parts.append((begin, chain.advance(time[part], current[part], test[part])))
-    return _joined(parts)
+        stretch, state = chain.advance(state, time[part], current[part], test[part])
+        parts.append((begin, stretch))
+    return _joined(parts), state
 
 
-def _measured(chain: Chain, time: Array, plate: Array, test: Array) -> Stretch:
+def _measured(chain: Chain, state: ChainState, time: Array, plate: Array, test: Array) -> tuple[Stretch, ChainState]:
     parts = []
     for begin in range(0, max(time.size - 1, 1), BLOCK):
         part = slice(begin, min(begin + BLOCK + 1, time.size))
-        parts.append((begin, chain.measure(time[part], plate[part], test[part])))
-    return _joined(parts)
+        stretch, state = chain.measure(state, time[part], plate[part], test[part])
+        parts.append((begin, stretch))
+    return _joined(parts), state
 
 
 def _joined(parts: list[tuple[int, Stretch]]) -> Stretch:
@@ -158,12 +163,13 @@ def _joined(parts: list[tuple[int, Stretch]]) -> Stretch:
     return Stretch(*columns)
 
 
-def _read(chain: Chain, temperature: Array, output: Array, stamped: Array) -> Readings:
+def _read(world: World, chain: Chain, state: ChainState, temperature: Array, output: Array) -> Readings:
     """Noise and what the instruments make of the values. The noise is that of `SimulatedPlant`'s seed."""
-    world, links = chain.world, chain.links
+    links = chain.links
     thermometer, ohmmeter = np.random.default_rng(world.seed).spawn(2)
     degC = links.shown_degC(temperature + world.thermometer_noise_K * thermometer.standard_normal(temperature.size))
     if links.readings:
         output = -np.log10(links.shown_ohm(10.0**-output))
     output = output - world.ohmmeter_noise_dec * ohmmeter.standard_normal(output.size)
-    return Readings(degC, 10.0**-output, output, chain.film_memory)
+    assert state.film is not None
+    return Readings(degC, 10.0**-output, output, state.film.memory)

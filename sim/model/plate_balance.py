@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.effects.effect import HeatFlow, Switched
-from sim.effects.heat_term import ARGUMENTS, SIGNATURE
+from sim.effects.heat_term import ARGUMENTS, SIGNATURE, heat_term
 
 LONGEST_STEP_S = 0.5
 
@@ -134,6 +134,19 @@ class HeatFlows:
     def count(self) -> int:
         return int(self.terms.shape[0])
 
+    def also(self, heating_K_per_s: float) -> HeatFlows:
+        """The same with a constant heating of the plate besides, last of them."""
+        terms = np.vstack((self.terms, np.array([[_constant.address, 0, 0]], dtype=np.int64)))
+        return HeatFlows(terms, np.vstack((self.values, np.array([[heating_K_per_s, 0.0]]))))
+
+
+@heat_term
+def _constant(
+    heating: float, unused: float, s: float, r: float, g: float, ambient: float, time: float, plate: float, own: float,
+    current: float,
+) -> float:  # fmt: skip
+    return heating
+
 
 def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
     """The effects of form `HeatFlow` among those given."""
@@ -147,3 +160,10 @@ def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
         for place, term in enumerate((form.plate_rate, form.own_rate, form.ambient)):
             terms[k, place] = 0 if term is None else term.address
     return HeatFlows(terms, values)
+
+
+def rate_K_per_s(
+    par: Array, heat: HeatFlows, time_s: float, plate_degC: float, own_degC: Array, current: float
+) -> float:
+    """dT_p/dt with the effects at one moment; par: (s, r, g, q, T_a)."""
+    return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, np.empty(heat.count)))

@@ -17,9 +17,10 @@ from collections.abc import Callable
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.chain import Chain, World, noises
-from sim.film_side import Film
-from sim.links import links_of
+from sim.model.chain import Chain, ChainState
+from sim.model.film_side import Film
+from sim.model.links import links_of
+from sim.world.world import World, noises
 
 __all__ = ["Film", "SimulatedPlant", "World"]
 KEPT_S = 1.0  # of the past, beyond what a reading reaches back
@@ -37,7 +38,8 @@ class SimulatedPlant:
         self.current_A = 0.0
         self.test_current_A = 0.0
         self._start_s = start_s
-        self._chain = Chain(world)
+        self._chain = Chain(world.model)
+        self._state: ChainState = self._chain.start(world.first_degC, None, world.film_initial)
         self._links = self._chain.links
         self._sink = self._links.own_number("heat_sink_warmup")
         self._plate_current_A = 0.0
@@ -52,7 +54,7 @@ class SimulatedPlant:
     def temperature_degC(self) -> float:
         """The plate's true temperature now."""
         self._solve()
-        return self._chain.plate_degC
+        return self._state.plate_degC
 
     def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
         """Call `callback(time_s)` when the plant has reached that time (at once, if it has)."""
@@ -103,7 +105,7 @@ class SimulatedPlant:
         if self._sink is None:
             return self.world.plate.ambient_degC
         self._solve()
-        return float(self._chain.own_degC[self._sink])
+        return float(self._state.own_degC[self._sink])
 
     def read_voltage_V(self) -> float:
         """The detector's voltage at a voltmeter now; 0 where there is none."""
@@ -141,7 +143,7 @@ class SimulatedPlant:
         current, test_current = np.empty(time.size), np.empty(time.size)
         current.fill(self._plate_current_A)
         test_current.fill(self.test_current_A)
-        stretch = self._chain.advance(time, current, test_current)
+        stretch, self._state = self._chain.advance(self._state, time, current, test_current)
         self._thermometer_degC = float(stretch.thermometer_degC[-1])
         self._solved_s = now
         if self._links.reading_times:

@@ -21,8 +21,8 @@ from numba import njit
 
 from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import Array, memoryless_value
-from sim.effects.effect import Filter, Reading, Switched, Warming
-from sim.links import Links
+from sim.effects.effect import Filter, Switched
+from sim.model.links import Links, followed, shown_output, warmed
 
 CLOSE_K = 1e-9
 PASSES = 30
@@ -76,8 +76,9 @@ class FilmSide:
 
     def advance(
         self, state: FilmState, time_s: Array, plate_degC: Array, test_current_A: Array
-    ) -> tuple[Array, Array, FilmState]:
-        """(film's temperature in degC, -log10 R at the ohmmeter, state at the last node), arrays of shape (nodes,).
+    ) -> tuple[Array, Array, Array, FilmState]:
+        """(film's temperature in degC, -log10 of its own R, the same at the ohmmeter, state at the last node); arrays
+        of shape (nodes,).
 
         time_s counts from the record's first row; test_current_A: up to each node.
         """
@@ -88,7 +89,7 @@ class FilmSide:
             _, temperature_filters = self._warmed(state, time_s, plate_degC, power)
         output, memory, output_filters = self._respond(state, time_s, film_degC)
         shown, ohmmeter_filters = self._ohmmeter(state, time_s, output)
-        return film_degC, shown, FilmState(memory, temperature_filters, output_filters, ohmmeter_filters)
+        return film_degC, output, shown, FilmState(memory, temperature_filters, output_filters, ohmmeter_filters)
 
     def _warmed(
         self, state: FilmState, time_s: Array, plate_degC: Array, power_W: Array
@@ -97,9 +98,9 @@ class FilmSide:
         for e, before in zip(self._links.film_temperature, state.temperature_filters, strict=True):
             after = before
             if isinstance(e.effect.form, Filter):
-                values, after = _filtered(e, time_s, values, before)
-            elif isinstance(e.effect.form, Warming):
-                values = values + e.effect.form.add(e.par, time_s, power_W)
+                values, after = followed(e, time_s, values, before)
+            else:
+                values = warmed(e, time_s, values, power_W)
             filters.append(after)
         return values, tuple(filters)
 
@@ -110,7 +111,7 @@ class FilmSide:
         memoryless = _memoryless(self._code, self._par, film_degC)
         part, filters = output - memoryless, []
         for e, before in zip(self._links.hysteretic_part, state.output_filters, strict=True):
-            part, after = _filtered(e, time_s, part, before)
+            part, after = followed(e, time_s, part, before)
             filters.append(after)
         return memoryless + part, memory, tuple(filters)
 
@@ -119,10 +120,10 @@ class FilmSide:
         for e, before in zip(self._links.ohmmeter, state.ohmmeter_filters, strict=True):
             after = before
             if isinstance(e.effect.form, Filter):
-                log_R, after = _filtered(e, time_s, -output, before)
+                log_R, after = followed(e, time_s, -output, before)
                 output = -log_R
-            elif isinstance(e.effect.form, Reading):
-                output = -np.log10(e.effect.form.read(e.par, 10.0**-output))
+            else:
+                output = shown_output(e, output)
             filters.append(after)
         return output, tuple(filters)
 
@@ -185,10 +186,3 @@ class FilmSide:
 
 def _unset(effects: Sequence[Switched]) -> tuple[Array, ...]:
     return tuple(np.full(1, np.nan) for _ in effects)
-
-
-def _filtered(effect: Switched, time_s: Array, values: Array, before: Array) -> tuple[Array, Array]:
-    form, after, out = effect.effect.form, before.copy(), np.empty(values.size)
-    assert isinstance(form, Filter)
-    form.run(effect.par, time_s, np.ascontiguousarray(values), after, out)
-    return out, after

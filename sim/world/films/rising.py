@@ -10,7 +10,7 @@ from compensator.hysteresis.film import FilmModel, Memoryless
 
 @dataclass(frozen=True, eq=False)
 class RisingFilm:
-    """The film of a model whose output is "log10_ohm", as `sim.film_side.Film` asks for it."""
+    """The film of a model whose output is "log10_ohm", as `sim.model.film_side.Film` asks for it."""
 
     model: FilmModel
 
