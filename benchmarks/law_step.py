@@ -19,7 +19,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.forward import best_ns, film, ours, smooth_path
-from compensator.control.law import NAMES, Inputs, Law, LawName, LawSettings
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import NAMES, Inputs, LawName
 from compensator.control.pid import PidGains
 from compensator.thermal.plate import PlateModel
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.control.law import Inputs, Law, LawSettings
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse

@@ -13,7 +13,7 @@ import numpy as np
 from rig.control.loop import Loop, Policy, read_at
 from rig.control.policies import Follow
 from rig.core.faults import fault
-from rig.experiment.extended_model import known_plate, plate_extension
+from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.session import QUANTITY
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.files.configuration import ConfigurationFile, configuration_of
@@ -48,8 +48,6 @@ class RecordedLoop:
     replay: Replay = field(default_factory=Replay)
 
     def __post_init__(self) -> None:
-        self._meter = SimpleNamespace(test_current_A=math.nan)
-        self.bench = SimpleNamespace(meter=self._meter)
         self.folder = self
         self.limits = SimpleNamespace(stale_s=math.inf)
 
@@ -69,11 +67,11 @@ class RecordedLoop:
         for row in np.flatnonzero((time >= begin) & (time < end)):
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
-            self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
             output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
             acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
-            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s)
+            test_A = float(self.record["meter_current_A"][row])
+            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s, test_A)
             decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
                 continue
@@ -112,11 +110,11 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     if e.kind == "track_resistance":
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
-        plan = plan_tracking(stand_in.bench, file.content, target, model, _law(folder / "run.json"), fastest)
+        plan = plan_tracking(file.content, target, model, _law(folder / "run.json"), fastest)
         track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
-        extension = plate_extension(model.switched(), model.plate, e.period_s)
-        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension, fastest)
+        observer = plate_observer(model.switched(), model.plate, e.period_s)
+        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, observer, fastest)
         policy = Follow(law, target)
         start = to_temperature(stand_in, law, None, float(target.values[0]), e.settle_s, "approach", False)
         policy.state = start.state

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from compensator.control.estimate import UNSTEADY_K_PER_S2, Estimate, corrected_disturbance, corrected_temperature
-from compensator.control.law import Inputs, Law, LawSettings
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from compensator.control.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
-from compensator.control.law import NAMES, Inputs, Law, LawName, LawSettings, LawState
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
 from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
