@@ -188,8 +188,12 @@ def planned(
 def driven(
     rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, pid: PidState
 ) -> tuple[float, PidState]:
-    """(current, the PID's state) that takes the plate from where it should be now to where it should be next."""
-    wanted, feedback = (next_degC - now_degC) / rule.period_s, rule.name in (FULL, TEMPERATURE)
+    """(current, the PID's state) that takes the plate from where it should be now to where it should be next.
+
+    Without feedback it goes from where the model says that it is.
+    """
+    feedback = rule.name in (FULL, TEMPERATURE)
+    wanted = (next_degC - (now_degC if feedback else plate_degC)) / rule.period_s
     if feedback:
         correction, pid = pid_output(rule.gains, pid, now_degC, plate_degC, rule.period_s)
         wanted += correction

@@ -20,23 +20,29 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
+from rig.files.run_folder import versions
 from rig.files.target import read_target
 from rig.files.toml_text import read_text, read_toml, shown
 from rig.rehearsal.simulated import simulated_configuration, table_in
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
-LAWS = ("full", "pid", "feedforward")
+LAWS = ("full", "pid", "feedforward", "instrument_pid")
+MADE_BY = ("peltier-rig", "sources", "python", "numpy", "numba")  # what a command's bits depend on
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
 
 
 @dataclass
 class Replay:
-    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints)."""
+    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints).
+
+    other_versions: what made the run and is of another version here, (then, now) by name; the bits may differ then.
+    """
 
     compared: int = 0
     different: int = 0
     largest: float = 0.0
     first_different_s: float | None = None
+    other_versions: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -48,6 +54,7 @@ class RecordedLoop:
     replay: Replay = field(default_factory=Replay)
 
     def __post_init__(self) -> None:
+        self._row = 0
         self.folder = self
         self.limits = SimpleNamespace(stale_s=math.inf)
 
@@ -61,10 +68,10 @@ class RecordedLoop:
             self.phases.pop(0)
         if not self.phases:
             return
+        rows = self._rows_of_next()
         begin = self.phases.pop(0)["time_s"]
-        end = self.phases[0]["time_s"] if self.phases else math.inf
         time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
-        for row in np.flatnonzero((time >= begin) & (time < end)):
+        for row in rows:
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
@@ -77,6 +84,25 @@ class RecordedLoop:
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"
             self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+
+    def _rows_of_next(self) -> Any:
+        """The rows of the next phase: from its beginning on those of its name, as long as their ticks go on.
+
+        Of a record without ticks, those until the phase after begins.
+        """
+        time, begin = self.record["time_s"], self.phases[0]["time_s"]
+        end = self.phases[1]["time_s"] if len(self.phases) > 1 else math.inf
+        if not self.record.has("tick"):
+            return np.flatnonzero((time >= begin) & (time < end))
+        names, ticks = self.record.text_columns["phase"], self.record["tick"]
+        first = self._row
+        while first < time.size and (names[first] != self.phases[0]["text"] or time[first] < begin):
+            first += 1
+        last = first
+        while last < time.size and names[last] == names[first] and (last == first or ticks[last] > ticks[last - 1]):
+            last += 1
+        self._row = last
+        return np.arange(first, last)
 
     def _tick(self, row: int, time_s: float, period_s: float) -> int:
         """Which tick of its phase a row is; records from before that was written are on their grid."""
@@ -121,7 +147,18 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
         loop.phase("profile", policy, target.duration_s, e.period_s)
     else:
         raise fault(folder / "config.toml", "experiment.kind", f"{e.kind!r} with this law has no command of ours")
+    loop.replay.other_versions = _other_versions(folder / "run.json")
     return loop.replay, file
+
+
+def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
+    """What made the run and is of another version here: (then, now) by name. Raises Faults."""
+    try:
+        then = dict(parsed_json(read_text(path))["start"]["versions"])
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise fault(path, "start.versions", f"expected the versions that made the run ({error})") from None
+    now, unknown = versions(), "not recorded"
+    return {name: (str(then.get(name, unknown)), now[name]) for name in MADE_BY if then.get(name) != now[name]}
 
 
 def _record(path: Path) -> Record:

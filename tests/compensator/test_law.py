@@ -114,7 +114,7 @@ def plain_step(
         if following != before and known.moved != 0.0:
             known.toward = math.copysign(1.0, known.moved)
     following = min(max(following, s.low_degC), s.high_degC)
-    rate = (following - before) / s.period_s
+    rate = (following - (before if s.name in ("full", "temperature") else here)) / s.period_s
     if s.name in ("full", "temperature"):
         correction, pid = pid_output(s.gains, pid, before, here, s.period_s)
         rate += correction
