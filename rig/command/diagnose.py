@@ -26,8 +26,8 @@ from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Diagnosis
     from sim.diagnosis.extended_model import ExtendedModel
+    from sim.diagnosis.result import Diagnosis
 
 
 RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
@@ -188,9 +188,9 @@ def _told(
     several: bool,
 ) -> dict[str, Any]:
     """Files and lines; returns the JSON."""
-    from rig.files.model_file import Model, write_model
+    from rig.files.model_file import Drive, Model, write_model
     from rig.report.diagnosis_words import lines
-    from sim.diagnosis.diagnose import with_model
+    from sim.diagnosis.result import with_model
 
     if several:
         voice.say(f"{record.source}:")
@@ -199,7 +199,8 @@ def _told(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     paths = [path for path in (out, folder / "model.toml" if folder is not None else None) if path is not None]
-    model = Model(extended.film, extended.plate, tuple(extended.effects))
+    drive: Drive | None = "current" if extended.plate is not None else None
+    model = Model(extended.film, extended.plate, tuple(extended.effects), drive)
     for path in paths:
         write_model(path, model, f"extended model of the diagnosis of {Path(record.source).name}")
     if paths:

@@ -9,10 +9,9 @@ alone, from the temperature as it was read.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,14 +25,31 @@ from rig.command.record_arguments import (
 from rig.command.say import Voice
 from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of
-from rig.files.record_file import Record, unit_of, write_columns
+from rig.files.record_file import unit_of, write_columns
+
+if TYPE_CHECKING:
+    from rig.analysis.predicted import Prediction
+    from rig.files.model_file import Model
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL.toml")
     parser.add_argument("record", type=Path, metavar="RECORD")
     add_record_arguments(parser)
-    parser.add_argument("--initial", choices=["cooled", "heated", "fitted"], help="default: the model's own")
+    parser.add_argument(
+        "--initial",
+        choices=["cooled", "heated", "fitted"],
+        help="the film's memory; default: the model's own. fitted: what belongs to the record (room, first "
+        "temperatures, memory) is fitted to its first rows, which are not scored",
+    )
+    parser.add_argument(
+        "--first", type=float, metavar="SECONDS", help="of first rows that are fitted (30 s or 20 rows, the longer)"
+    )
+    parser.add_argument(
+        "--drive",
+        choices=["current", "temperature"],
+        help="what the film follows: the simulated plate or the thermometer; default: as the model says",
+    )
     parser.add_argument(
         "--effect-file",
         action="append",
@@ -48,7 +64,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.analysis.predicted import needs_test_current, plate_temperatures, with_effects
+    from rig.analysis.predicted import needs_test_current, predicted
     from rig.experiment.feasible import order_warning
     from rig.files.model_file import read_model
 
@@ -67,34 +83,36 @@ def main(options: argparse.Namespace) -> int:
         raise fault(options.model, "film", "missing; expected a [film], or a [plate] and a record with current_A")
     columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
-    simulated, channels = None, {}
+    channels = {}
     if model.film is not None:
         warning = order_warning(model.film, options.model)
         if warning is not None:
             print(warning, file=sys.stderr)
-        if model.effects:
-            if needs_test_current(model.switched()) and not record.has("meter_current_A"):
-                print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
-            memory = _memory(model.film, record, options.initial, options.record)
-            predicted, simulated, result["film_driven_by"] = with_effects(model, record, memory, options.model)
-        else:
-            predicted = _film(model.film, record, options.initial, options.record)
-        name = model.film.output
+        if needs_test_current(model.switched()) and not record.has("meter_current_A"):
+            print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
+    found = predicted(
+        model, record, options.record, initial=options.initial, drive=options.drive, first_s=options.first
+    )
+    if found.driven_by is not None:
+        result["film_driven_by"] = found.driven_by
+    if found.own is not None:
+        result["fitted"] = _fitted(model, found, voice)
+    scored = ~found.told
+    if model.film is not None and found.output is not None:
+        name, output = model.film.output, found.output
         if in_decades(name):
-            columns["predicted_ohm"] = 10.0 ** (sign_of(name) * predicted)
+            columns["predicted_ohm"] = 10.0 ** (sign_of(name) * output)
         else:
             shown = "ohm" if column_of(name) == "resistance_ohm" else column_of(name)
-            columns[f"predicted_{shown}"] = sign_of(name) * predicted
+            columns[f"predicted_{shown}"] = sign_of(name) * output
         if record.has_output(name):
             what = "log R" if in_decades(name) else column_of(name)
-            _report(result, predicted - record.output(name), unit_of(name), what, voice)
-            channels[name] = record.output(name), predicted
-    if model.plate is not None and record.has("current_A"):
-        if simulated is None:
-            simulated = plate_temperatures(model, record)
-        columns["predicted_degC"] = simulated
-        _report(result, simulated - record["temperature_degC"], "K", "temperature", voice)
-        channels["temperature_degC"] = record["temperature_degC"], simulated
+            _report(result, (output - record.output(name))[scored], unit_of(name), what, voice)
+            channels[name] = record.output(name), output
+    if found.temperature_degC is not None:
+        columns["predicted_degC"] = found.temperature_degC
+        _report(result, (found.temperature_degC - record["temperature_degC"])[scored], "K", "temperature", voice)
+        channels["temperature_degC"] = record["temperature_degC"], found.temperature_degC
     if not any(key.startswith("rmse") for key in result):
         voice.say(f"{record.source}: nothing to compare: neither readings of the film nor temperature with current")
     if options.out is not None:
@@ -110,6 +128,25 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
+def _fitted(model: Model, found: Prediction, voice: Voice) -> dict[str, Any]:
+    """What belongs to the record, as it was fitted."""
+    assert found.own is not None
+    film = found.own.film
+    fitted: dict[str, Any] = {"rows": int(np.sum(found.told))}
+    if model.plate is not None and found.temperature_degC is not None:
+        fitted["ambient_degC"] = found.own.ambient_degC
+        fitted["first_degC"] = float(found.own.plate_degC[0])
+    if model.film is not None:
+        fitted |= {"memory": film.initial, "turned_at_degC": film.previous_degC}
+    said = ", ".join(f"{name} {_short(value)}" for name, value in fitted.items() if name != "rows")
+    voice.say(f"fitted to the first {fitted['rows']} rows: {said}")
+    return fitted
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else "none" if value is None else str(value)
+
+
 def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voice: Voice) -> None:
     error = error[np.isfinite(error)]
     if error.size == 0:
@@ -117,40 +154,3 @@ def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voi
     rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
     result |= {f"rmse_{unit}": rmse, f"max_abs_{unit}": largest, f"rows_{unit}": int(error.size)}
     voice.say(f"{what}: RMSE {rmse:.4f} {unit}, largest {largest:.4f} {unit}, {error.size} rows")
-
-
-def _film(film: Any, record: Record, initial: str | None, path: Path) -> np.ndarray:
-    """The film's output at every row; rows without a temperature get nan, and the film rests there."""
-    temperature = record["temperature_degC"]
-    known = np.isfinite(temperature)
-    outputs, _ = film.simulate(temperature[known], _memory(film, record, initial, path))
-    predicted = np.full(temperature.size, math.nan)
-    predicted[known] = outputs
-    return predicted
-
-
-def _memory(film: Any, record: Record, initial: str | None, path: Path) -> Any:
-    """The film's memory at the first row with a temperature."""
-    temperature = record["temperature_degC"]
-    known = np.isfinite(temperature)
-    if not np.any(known):
-        raise fault(path, "temperature_degC", "no finite number")
-    if initial != "fitted":
-        return film.initial_memory(float(temperature[known][0]), initial)
-    output = record.output(film.output)[known] if record.has_output(film.output) else None
-    return _fitted_memory(film, temperature[known], output, path)
-
-
-def _fitted_memory(film: Any, inputs: np.ndarray, output: np.ndarray | None, path: Path) -> Any:
-    """The memory at the first row, of those after one earlier turning point, that suits the readings best."""
-    if output is None:
-        raise fault(path, film.output, "missing; --initial fitted needs readings to fit to")
-    low, high = float(inputs.min()) - 40.0, float(inputs.max()) + 40.0
-    candidates = []
-    for initial, far in (("cooled", low), ("heated", high)):
-        for turn in np.linspace(float(inputs[0]), far, 81):
-            start = film.initial_memory(float(turn), initial)
-            _, memory = film.simulate(np.array([inputs[0]]), start)
-            error = film.simulate(inputs, memory)[0] - output
-            candidates.append((float(np.nanmean(error**2)), memory))
-    return min(candidates, key=lambda pair: pair[0])[1]

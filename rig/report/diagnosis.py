@@ -11,7 +11,7 @@ from rig.report.diagnosis_words import CHANNELS, judged_channels, left_over, lis
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Diagnosis
+    from sim.diagnosis.result import Diagnosis
 
 RUNNERS_UP = 6
 

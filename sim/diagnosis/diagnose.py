@@ -3,118 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.adequacy import describe
-from sim.diagnosis.advice import next_experiments
-from sim.diagnosis.chain import Chain, temperature_search
-from sim.diagnosis.false_alarm import false_alarm
-from sim.diagnosis.gain import Gain, gain, rmse
-from sim.diagnosis.intervals import intervals, vague_effects
-from sim.diagnosis.other_record import residuals_on
-from sim.diagnosis.record import Mask, Record, read_columns
-from sim.diagnosis.residuals import residuals, rounded
-from sim.diagnosis.rivals import rivals_of
-from sim.diagnosis.selection import ABSORBS, select
-from sim.diagnosis.verdict import UNSEEN, Verdict, bends_elsewhere, judge, resistance_residual, temperature_residual
-from sim.diagnosis.warnings import Warning, warnings_of
+from sim.diagnosis.data.record import Mask, Record, read_columns
+from sim.diagnosis.judge.false_alarm import false_alarm
+from sim.diagnosis.judge.verdict import (
+    UNSEEN,
+    Verdict,
+    bends_elsewhere,
+    judge,
+    resistance_residual,
+    temperature_residual,
+)
+from sim.diagnosis.report.confounders import rivals_of
+from sim.diagnosis.report.intervals import intervals, vague_effects
+from sim.diagnosis.report.next_experiment import next_experiments
+from sim.diagnosis.report.warnings import warnings_of
+from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
+from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.stepwise import ABSORBS, select
+from sim.diagnosis.validate.adequacy import describe
+from sim.diagnosis.validate.gain import gain, rmse
+from sim.diagnosis.validate.held_out import residuals_on
+from sim.diagnosis.validate.residuals import residuals, rounded
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
+from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One named effect: parameters by name with their 95 % intervals, evidence, what it cannot be told from, gain by
-    channel."""
-
-    name: str
-    parameters: dict[str, tuple[float, tuple[float, float] | None]]
-    evidence: float
-    false_alarm: float
-    indistinguishable_from: list[str]
-    gain: dict[str, Gain]
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One channel: its noise, the held-out RMSE of the base and of the extended model, and how many rows were held."""
-
-    noise: float
-    rmse_base: float
-    rmse_extended: float
-    samples_holdout: int
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next; record and chain: for figures and for the extended model."""
-
-    verdict: str
-    findings: list[Finding]
-    channels: dict[str, Channel | None]
-    unexplained: dict[str, str | None]
-    film: dict[str, Any] | None
-    warnings: list[Warning]
-    next_experiment: list[str]
-    record: Record
-    chain: Chain
-    judged: Verdict
-    model: str | None = None
-
-    def document(self) -> dict[str, Any]:
-        """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
-        return {
-            "format": "peltier-diagnosis/1",
-            "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": f.name,
-                    "parameters": {
-                        name: {"value": value, "ci95": list(ci) if ci is not None else None}
-                        for name, (value, ci) in f.parameters.items()
-                    },
-                    "evidence": f.evidence,
-                    "false_alarm": f.false_alarm,
-                    "indistinguishable_from": f.indistinguishable_from,
-                    "gain": {
-                        channel: {
-                            "rmse_before": g.rmse_before,
-                            "rmse_after": g.rmse_after,
-                            "reduction_ci95": list(g.reduction_ci95),
-                        }
-                        for channel, g in f.gain.items()
-                    },
-                }
-                for f in self.findings
-            ],
-            "channels": {
-                name: None
-                if c is None
-                else {
-                    "noise": c.noise,
-                    "rmse_base": c.rmse_base,
-                    "rmse_extended": c.rmse_extended,
-                    "samples_holdout": c.samples_holdout,
-                }
-                for name, c in self.channels.items()
-            },
-            "unexplained": self.unexplained,
-            "film": self.film,
-            "warnings": [w.document() for w in self.warnings],
-            "next_experiment": self.next_experiment,
-            "model": self.model,
-        }
 
 
 def diagnose(
@@ -188,8 +111,8 @@ def _unseen_rows(chain: Chain, holdout: Record | None) -> Mask:
 
 
 def _unrounded(chain: Chain, names: frozenset[str], holdout: Record | None) -> dict[str, Array]:
-    """Residuals in the record's rows, or another's, as if no reading were rounded."""
-    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout)
+    """Residuals in the record's rows, or in another's behind its first ones, as if no reading were rounded."""
+    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout, told_rows(holdout))
 
 
 def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
@@ -241,9 +164,12 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         unexplained["resistance_dec"] = describe(
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
+    left_over = {name: channel.rmse_extended for name, channel in channels.items() if channel is not None}
+    if holdout is not None:  # what first rows leave open of another record's own is no fault of the model
+        left_over = _left_over(chain, names, holdout, sigma_K if on_lattice else None)
     for name, channel in channels.items():
-        if channel is not None and unexplained[name] is None and channel.rmse_extended > UNSEEN * channel.noise:
-            times = channel.rmse_extended / channel.noise
+        if channel is not None and unexplained[name] is None and left_over[name] > UNSEEN * channel.noise:
+            times = left_over[name] / channel.noise
             unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
     left = [text for text in unexplained.values() if text is not None]
     verdict = verdict_of(findings, unexplained)
@@ -275,12 +201,14 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     )
 
 
-def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:
-    """clean, explained, partly_unexplained or unexplained."""
-    left = any(text is not None for text in unexplained.values())
-    if findings:
-        return "partly_unexplained" if left else "explained"
-    return "unexplained" if left else "clean"
+def _left_over(chain: Chain, names: frozenset[str], other: Record, lattice_noise_K: float | None) -> dict[str, float]:
+    """RMSE on another record, what belongs to it fitted to all of its rows. lattice_noise_K: of a thermometer whose
+    readings are rounded."""
+    left = residuals_on(chain, names, other)
+    if lattice_noise_K is not None and "temperature_K" in left:
+        step_K = chain.record.step_K
+        left["temperature_K"] = rounded(other.temperature_degC, left["temperature_K"], lattice_noise_K, step_K)[0]
+    return {name: rmse(values[np.isfinite(values)]) for name, values in left.items()}
 
 
 def _lattice(record: Record, noise_K: float) -> Finding | None:
@@ -296,8 +224,3 @@ def _lattice(record: Record, noise_K: float) -> Finding | None:
     spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
     ci = (step - spread, step + spread)
     return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, false_alarm(evidence), [], {})
-
-
-def with_model(diagnosis: Diagnosis, path: str) -> Diagnosis:
-    """The same, with the path of the extended model's file."""
-    return replace(diagnosis, model=path)

@@ -12,8 +12,8 @@ remembered.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -45,12 +45,14 @@ class Film(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FilmState:
-    """What film and ohmmeter remember: play operators or relays, and where each filter is."""
+    """What film and ohmmeter remember: play operators or relays, and where each filter is (nan: not begun yet; then it
+    begins `late` behind, by effect: K of the film's temperature, decades of -log10 R; nothing: at rest)."""
 
     memory: Any
     temperature_filters: tuple[Array, ...]
     output_filters: tuple[Array, ...]
     ohmmeter_filters: tuple[Array, ...]
+    late: Mapping[str, float] = field(default_factory=dict)
 
 
 @njit(cache=True)
@@ -69,10 +71,12 @@ class FilmSide:
         self._links = links
         self._code, self._par = film.memoryless.code, film.memoryless.array()
 
-    def start(self, memory: Any) -> FilmState:
-        """The state with the given memory, as if all had been constant before."""
+    def start(self, memory: Any, late: Mapping[str, float] | None = None) -> FilmState:
+        """The state with the given memory, each filter behind by `late`, what is not named as if all had been constant
+        before."""
         links = self._links
-        return FilmState(memory, _unset(links.film_temperature), _unset(links.hysteretic_part), _unset(links.ohmmeter))
+        filters = _unset(links.film_temperature), _unset(links.hysteretic_part), _unset(links.ohmmeter)
+        return FilmState(memory, *filters, late or {})
 
     def advance(
         self, state: FilmState, time_s: Array, plate_degC: Array, test_current_A: Array
@@ -98,7 +102,7 @@ class FilmSide:
         for e, before in zip(self._links.film_temperature, state.temperature_filters, strict=True):
             after = before
             if isinstance(e.effect.form, Filter):
-                values, after = followed(e, time_s, values, before)
+                values, after = followed(e, time_s, values, before, state.late.get(e.name, 0.0))
             else:
                 values = warmed(e, time_s, values, power_W)
             filters.append(after)
@@ -111,7 +115,7 @@ class FilmSide:
         memoryless = _memoryless(self._code, self._par, film_degC)
         part, filters = output - memoryless, []
         for e, before in zip(self._links.hysteretic_part, state.output_filters, strict=True):
-            part, after = followed(e, time_s, part, before)
+            part, after = followed(e, time_s, part, before, state.late.get(e.name, 0.0))
             filters.append(after)
         return memoryless + part, memory, tuple(filters)
 
@@ -120,7 +124,7 @@ class FilmSide:
         for e, before in zip(self._links.ohmmeter, state.ohmmeter_filters, strict=True):
             after = before
             if isinstance(e.effect.form, Filter):
-                log_R, after = followed(e, time_s, -output, before)
+                log_R, after = followed(e, time_s, -output, before, -state.late.get(e.name, 0.0))
                 output = -log_R
             else:
                 output = shown_output(e, output)
@@ -180,7 +184,7 @@ class FilmSide:
             power = self._power(state, t, x, i)
             _, filters = self._warmed(state, t, p, power)
             _, memory, output_filters = self._respond(state, t, x)
-            state = FilmState(memory, filters, output_filters, state.ohmmeter_filters)
+            state = FilmState(memory, filters, output_filters, state.ohmmeter_filters, state.late)
         return found
 
 

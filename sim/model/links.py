@@ -7,7 +7,8 @@
     ohmmeter        series resistance, shunt, filter, skew, range: readings up to the last filter as R changes, those
                     after it when a value is taken
 
-Whatever order effects are given in, `links_of` puts them into this one: link by link, on a link by `Effect.order`.
+Whatever order effects are given in, `links_of` puts them into this one: link by link, on a link by `Effect.order`,
+then by name.
 """
 
 from __future__ import annotations
@@ -19,7 +20,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.effects.effect import Command, Filter, HeatFlow, Reading, ReadingTime, Switched, Warming
+from sim.effects.effect import (
+    Command,
+    Effect,
+    Filter,
+    HeatFlow,
+    Reading,
+    ReadingTime,
+    Switched,
+    Warming,
+    at_the_terminals,
+)
 
 Effects = tuple[Switched, ...]
 
@@ -28,7 +39,7 @@ Effects = tuple[Switched, ...]
 class Links:
     """Effects by link. ohmmeter: on R as it changes; reading_times, readings: when a reading is taken.
 
-    fine: whether the course between two changes of the current matters, so that nodes lie `LONGEST_NODE_S` apart.
+    fine: whether the course between two changes of the current matters, so that nodes lie close.
     """
 
     commands: Effects = ()
@@ -50,6 +61,21 @@ class Links:
     def heated(self) -> bool:
         """Whether the ohmmeter's power in the film matters."""
         return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in self.film_temperature)
+
+    @property
+    def film_lags(self) -> Effects:
+        """The filters of the film's temperature."""
+        return tuple(e for e in self.film_temperature if isinstance(e.effect.form, Filter))
+
+    @property
+    def meter_lags(self) -> Effects:
+        """The filters of log R."""
+        return tuple(e for e in self.ohmmeter if isinstance(e.effect.form, Filter))
+
+    @property
+    def bends(self) -> bool:
+        """Whether what is shown is a curved function of the resistance: leads or a shunt."""
+        return any(at_the_terminals(e.effect) for e in (*self.ohmmeter, *self.readings))
 
     def sent(self, time_s: Array, current_A: Array) -> tuple[Array, Array]:
         """When commands act, and what acts; in the order of time."""
@@ -79,11 +105,12 @@ class Links:
         return next((k for k, e in enumerate(self.plate) if e.name == name), None)
 
 
-def followed(effect: Switched, time_s: Array, values: Array, state: Array) -> tuple[Array, Array]:
+def followed(effect: Switched, time_s: Array, values: Array, state: Array, late: float = 0.0) -> tuple[Array, Array]:
     """(what a filter makes of values at the nodes, (nodes,), where it is at the last one); state: where it is at the
-    first node, (1,), nan: as if values had been constant before."""
-    form, after, out = effect.effect.form, state.copy(), np.empty(values.size)
+    first node, (1,), nan: `late` behind the first value."""
+    form, out = effect.effect.form, np.empty(values.size)
     assert isinstance(form, Filter)
+    after = state.copy() if late == 0.0 or not math.isnan(state[0]) else values[:1] - late
     form.run(effect.par, time_s, np.ascontiguousarray(values), after, out)
     return out, after
 
@@ -110,6 +137,20 @@ def warmed(effect: Switched, time_s: Array, film_degC: Array, power_W: Array) ->
     return np.asarray(film_degC + form.add(effect.par, time_s, power_W), dtype=np.float64)
 
 
+def delays_s(effect: Effect, par: Array, time_s: Array, current_A: Array) -> Array:
+    """How much later than commanded each current acts; 0 for an effect that moves no command."""
+    if not isinstance(effect.form, Command):
+        return np.zeros(1)
+    return np.asarray(effect.form.send(par, time_s, current_A)[0] - time_s, dtype=np.float64)
+
+
+def stamps_off_s(effect: Effect, par: Array, time_s: Array) -> Array:
+    """How much later than stamped each value was taken; 0 for an effect that moves no stamp."""
+    if not isinstance(effect.form, ReadingTime):
+        return np.zeros(1)
+    return np.asarray(effect.form.taken(par, time_s) - time_s, dtype=np.float64)
+
+
 def shown_output(effect: Switched, output: Array) -> Array:
     """-log10 of the resistance that an effect of the ohmmeter shows for -log10 of another."""
     form = effect.effect.form
@@ -130,7 +171,7 @@ def links_of(effects: Sequence[Switched]) -> Links:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name}: switched on twice")
-    ordered = sorted(effects, key=lambda e: e.effect.order)
+    ordered = sorted(effects, key=lambda e: (e.effect.order, e.name))
     found: dict[str, list[Switched]] = {name: [] for name in Links.__dataclass_fields__}
     last_filter = max((e.effect.order for e in ordered if _target(e) == "log_resistance"), default=-math.inf)
     for e in ordered:

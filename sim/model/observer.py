@@ -82,13 +82,14 @@ class Observer:
         self.delay_s = float(self.links.sent(np.zeros(1), np.ones(1))[0][0]) if self.links.commands else 0.0
         self._table = own_output_table(self.links, model.film)
 
-    def start(self, plate_degC: float, memory: Any = None) -> ObserverState:
-        """As if all had been constant before, no current flowing. memory: the film's; None: its default there."""
+    def start(self, plate_degC: float, memory: Any = None, test_current_A: float = 0.0) -> ObserverState:
+        """As if all had been constant before, no current flowing in the plate, and the ohmmeter's in the film. memory:
+        the film's; None: its default there."""
         at = self._chain.start(plate_degC, memory)
         state = ObserverState(
             0.0, plate_degC, plate_degC, plate_degC, math.nan, math.nan, 0.0, 0.0, (), at, (), ((0.0, plate_degC),)
         )
-        return self.followed(state, plate_degC, plate_degC)
+        return self.followed(state, plate_degC, plate_degC, test_current_A)
 
     def sent(self, state: ObserverState, current_A: float) -> ObserverState:
         """A current is commanded at the state's time."""
