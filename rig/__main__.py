@@ -22,6 +22,7 @@ VERBS = {
     "invert": "temperatures for a desired resistance",
     "simulate": "the experiment on the simulated rig, with effects switched on",
     "sweep": "many simulated experiments, a table of what came out",
+    "trend": "which effects, how large, since when, over the runs in a folder",
     "replay": "the law again over a recorded run, or another configuration on its twin",
     "report": "the report of a run folder, one that ended early too",
     "tune": "PID gains from the plate model, with margins",

@@ -106,14 +106,16 @@ class Law:
             inverse.settings(),
         )
 
-    def start(self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0) -> LawState:
-        """State at the first reading; memory None: as after cooling down from the hot end."""
+    def start(
+        self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0
+    ) -> LawState:
+        """State at the first reading; memory None: the film's default there. test_current_A: of the ohmmeter."""
         observer, t = None, temperature_degC
         now = Reference(t, t)
         if memory is None and self.film is not None:
             memory = self.film.initial_memory(t)
         if self.observer is not None:
-            observer = self.observer.start(t, memory)
+            observer = self.observer.start(t, memory, test_current_A)
             now = Reference(observer.film_degC, observer.plate_degC + observer.warming_K)
         memory = memory if memory is not None else Memory(t, np.zeros(1))
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)

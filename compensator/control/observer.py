@@ -78,7 +78,7 @@ class Observer(Protocol):
     lead_s: float
     delay_s: float
 
-    def start(self, plate_degC: float, memory: Memory | None = None) -> Any:
+    def start(self, plate_degC: float, memory: Memory | None = None, test_current_A: float = 0.0) -> Any:
         """As if all had been constant before."""
         ...
 

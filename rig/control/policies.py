@@ -58,7 +58,7 @@ class Follow:
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
-            self.state = law.start(temperature_degC, self._memory)
+            self.state = law.start(temperature_degC, self._memory, test_current_A=read.test_current_A)
         resistance = self.target.quantity == "resistance"
         sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, SecretStr, model_validator
 from rig.core.faults import Faults
 from rig.files.model_file import MemorylessTable, PlateTable
 from rig.files.secret_keys import without_secrets
+from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
 
@@ -226,18 +227,6 @@ class SimulationTable(Table):
         if isinstance(data, dict) and isinstance(data.get("film"), dict):
             return {**data, "film": {"kind": "preisach", **data["film"]}}
         return data
-
-
-class SweepTable(Table):
-    """[sweep]: what `peltier sweep` varies, every value with every other.
-
-    seeds: of the noise, a list or how many. effects: alternatives, each a list of effects as `simulate --effect` names
-    them. parameters: lists of values for keys of this file, as in "control.ms" = [1.2, 1.4].
-    """
-
-    seeds: Annotated[int, Field(ge=0, le=1_000_000)] | list[int] = Field(default=1)
-    effects: list[list[str]] = [[]]
-    parameters: dict[str, list[Any]] = {}
 
 
 def _reachable_name(text: str) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.io import netcdf_file
 
 from rig.control.loop import Loop
 from rig.version import __version__, source_digest
@@ -32,18 +33,23 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     words = ("sweep", path, "--out", tmp_path / "s", "--workers", 1, "--records")
     status, out, err = peltier(*words)
     assert status == 0, err
-    assert "4 experiments, 0 of them" in out
-    assert err.count("\n") == 4
-    table = tmp_path / "s" / "sweep.csv"
-    whole = table.read_text()
+    assert "4 cases, 0 of them" in out
+    table, journal = tmp_path / "s" / "sweep.csv", tmp_path / "s" / "cases.jsonl"
+    assert "4 of 4 cases" in err
+    whole, lines = table.read_text(), journal.read_text().splitlines(keepends=True)
     rows = list(csv.DictReader(whole.splitlines()))
     assert [row["effects"] for row in rows] == ["", "", "film_lag:tau_s=1", "film_lag:tau_s=1"]
     assert len(list((tmp_path / "s").glob("record_*.csv"))) == 4
-    table.write_text("".join(whole.splitlines(keepends=True)[:3]))
+    journal.write_text("".join(lines[:2]) + lines[2][:30])  # killed in the middle of a line
+    table.unlink()
     status, _, err = peltier(*words)
     assert status == 0
-    assert err.count("\n") == 2
-    assert sorted(table.read_text().splitlines()) == sorted(whole.splitlines())
+    assert table.read_text() == whole
+    assert journal.read_text().startswith("".join(lines[:2]))
+    assert len(journal.read_text().splitlines()) == 4
+    with netcdf_file(tmp_path / "s" / "sweep.nc", mmap=False) as file:
+        assert list(file.variables["number"][:]) == [0.0, 1.0, 2.0, 3.0]
+        assert [b"".join(text).rstrip(b"\0") for text in file.variables["effects"][:]][-1] == b"film_lag:tau_s=1"
     path.write_text(path.read_text().replace("tau_s=1", "tau_s=2"))
     status, _, err = peltier(*words)
     assert status == 2

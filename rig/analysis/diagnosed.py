@@ -1,0 +1,72 @@
+"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from rig.analysis.telling import telling_columns
+from rig.core.faults import Faults, fault
+from rig.files.record_file import Record
+from sim.diagnosis.diagnose import Diagnosis, diagnose
+from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
+
+RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
+
+
+def diagnosed(
+    record: Record,
+    base: str | None = None,
+    holdout: Record | None = None,
+    plate: str | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> tuple[Diagnosis, ExtendedModel]:
+    """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
+    record = _falling(record, say)
+    columns, notes = telling_columns(record)
+    for note in notes:
+        say(note)
+    try:
+        diagnosis = diagnose(
+            columns,
+            base=base,
+            holdout=holdout.columns if holdout is not None else None,
+            kinds=_kinds(record, plate),
+            say=say,
+        )
+        extended = extended_model(diagnosis)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
+        text = f"no fit could be made of this record ({type(error).__name__}: {error})"
+        raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
+    except ValueError as error:
+        raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
+    return with_film(diagnosis, extended), extended
+
+
+def _falling(record: Record, say: Callable[[str], None]) -> Record:
+    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
+    falls. Raises Faults where nothing else is left."""
+    if not record.has("resistance_ohm"):
+        return record
+    output, degC = record.output(), record["temperature_degC"]
+    good = np.isfinite(output) & np.isfinite(degC)
+    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
+        return record
+    text = "rises with temperature; a diagnosis knows films whose resistance falls"
+    if not record.has("current_A"):
+        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
+    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
+    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
+
+
+def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
+    """The kinds of plate to try: a drive that never cools may be a heater's."""
+    if plate is not None:
+        return (plate,)
+    if record.drive == "pwm255":  # a switched heater's drive is its power
+        return ("heater",)
+    if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
+        return ("peltier", "heater")
+    return ("peltier",)
