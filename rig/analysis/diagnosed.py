@@ -10,8 +10,9 @@ import numpy as np
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
-from sim.diagnosis.diagnose import Diagnosis, diagnose
+from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
+from sim.diagnosis.result import Diagnosis
 
 RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
 
