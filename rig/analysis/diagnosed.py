@@ -1,4 +1,8 @@
-"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused."""
+"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
+
+With another record held out, the extended model's error there is that of the very model that is handed over, run as
+`predict --initial fitted` runs it.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from compensator.hysteresis.functions import Array
+from rig.analysis.predicted import predicted
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
+from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
+from sim.diagnosis.extended_model import extended_model, with_film
 from sim.diagnosis.result import Diagnosis
 
 RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
@@ -23,8 +30,8 @@ def diagnosed(
     holdout: Record | None = None,
     plate: str | None = None,
     say: Callable[[str], None] = lambda text: None,
-) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
+) -> tuple[Diagnosis, Model]:
+    """(the diagnosis of one record, its extended model). Raises Faults where nothing can be said."""
     record = _falling(record, say)
     columns, notes = telling_columns(record)
     for note in notes:
@@ -34,6 +41,7 @@ def diagnosed(
             columns,
             base=base,
             holdout=holdout.columns if holdout is not None else None,
+            as_predicted=True,
             kinds=_kinds(record, plate),
             say=say,
         )
@@ -43,7 +51,27 @@ def diagnosed(
         raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    return with_film(diagnosis, extended), extended
+    drive: Drive | None = "current" if extended.plate is not None else None
+    model = Model(extended.film, extended.plate, tuple(extended.effects), drive)
+    diagnosis = with_film(diagnosis, extended)
+    return diagnosis if holdout is None else with_prediction(diagnosis, model, holdout), model
+
+
+def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Record) -> Diagnosis:
+    """The diagnosis with the extended model's errors on another record as `predict --initial fitted` measures them."""
+    found = predicted(model, holdout, holdout.source, initial="fitted")
+    errors: dict[str, Array] = {}
+    if found.temperature_degC is not None:
+        errors["temperature_K"] = found.temperature_degC - holdout["temperature_degC"]
+    if found.output is not None and model.film is not None:
+        errors["resistance_dec"] = found.output - holdout.output(model.film.output)
+    channels = dict(diagnosis.channels)
+    for name, error in errors.items():
+        channel, scored = channels[name], error[~found.told & np.isfinite(error)]
+        if channel is not None and scored.size:
+            rmse = float(np.sqrt(np.mean(scored**2)))
+            channels[name] = replace(channel, rmse_extended=rmse, samples_holdout=int(scored.size))
+    return replace(diagnosis, channels=channels)
 
 
 def _falling(record: Record, say: Callable[[str], None]) -> Record:

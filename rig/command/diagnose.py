@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +25,8 @@ from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
 
 if TYPE_CHECKING:
-    from sim.diagnosis.extended_model import ExtendedModel
+    from rig.files.model_file import Model
     from sim.diagnosis.result import Diagnosis
-
-
-RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,16 +77,19 @@ def main(options: argparse.Namespace) -> int:
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)
     holdout = read_records([options.holdout], options)[0] if options.holdout is not None else None
+    from rig.analysis.diagnosed import diagnosed
+
     documents: list[dict[str, Any]] = []
     faults: list[str] = []
     for path, record in zip(options.records, records, strict=True):
         try:
-            diagnosis, extended = _diagnosed(record, base, holdout, options.plate)
+            say = partial(_say, record.source)
+            diagnosis, model = diagnosed(record, base, holdout, options.plate, say)
         except Faults as found:
             faults += found.lines
             continue
         folder = options.report / path.stem if options.report is not None and several else options.report
-        documents.append(_told(diagnosis, extended, record, folder, options.out, voice, several))
+        documents.append(_told(diagnosis, model, record, folder, options.out, voice, several))
     if faults and documents:
         for line in faults:
             print(line, file=sys.stderr)
@@ -98,6 +97,10 @@ def main(options: argparse.Namespace) -> int:
         raise Faults(faults)
     voice.report(documents if several else documents[0])
     return 0
+
+
+def _say(source: str, text: str) -> None:
+    print(f"{source}: {text}", file=sys.stderr, flush=True)
 
 
 def _base(options: argparse.Namespace) -> str | None:
@@ -115,72 +118,9 @@ def _base(options: argparse.Namespace) -> str | None:
     return "generalized_pi"
 
 
-def _diagnosed(
-    record: Record, base: str | None, holdout: Record | None, plate: str | None
-) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
-    import numpy as np
-
-    from rig.analysis.telling import telling_columns
-    from sim.diagnosis.diagnose import diagnose
-    from sim.diagnosis.extended_model import extended_model, with_film
-
-    def say(text: str) -> None:
-        print(f"{record.source}: {text}", file=sys.stderr, flush=True)
-
-    record = _falling(record, say)
-    columns, notes = telling_columns(record)
-    for note in notes:
-        say(note)
-    try:
-        diagnosis = diagnose(
-            columns,
-            base=base,
-            holdout=holdout.columns if holdout is not None else None,
-            kinds=_kinds(record, plate),
-            say=say,
-        )
-        extended = extended_model(diagnosis)
-    except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
-        text = f"no fit could be made of this record ({type(error).__name__}: {error})"
-        raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
-    except ValueError as error:
-        raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    return with_film(diagnosis, extended), extended
-
-
-def _falling(record: Record, say: Callable[[str], None]) -> Record:
-    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
-    falls. Raises Faults where nothing else is left."""
-    import numpy as np
-
-    if not record.has("resistance_ohm"):
-        return record
-    output, degC = record.output(), record["temperature_degC"]
-    good = np.isfinite(output) & np.isfinite(degC)
-    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
-        return record
-    text = "rises with temperature; a diagnosis knows films whose resistance falls"
-    if not record.has("current_A"):
-        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
-    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
-    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
-
-
-def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
-    """The kinds of plate to try: a drive that never cools may be a heater's."""
-    if plate is not None:
-        return (plate,)
-    if record.drive == "pwm255":  # a switched heater's drive is its power
-        return ("heater",)
-    if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
-        return ("peltier", "heater")
-    return ("peltier",)
-
-
 def _told(
     diagnosis: Diagnosis,
-    extended: ExtendedModel,
+    model: Model,
     record: Record,
     folder: Path | None,
     out: Path | None,
@@ -188,7 +128,7 @@ def _told(
     several: bool,
 ) -> dict[str, Any]:
     """Files and lines; returns the JSON."""
-    from rig.files.model_file import Drive, Model, write_model
+    from rig.files.model_file import write_model
     from rig.report.diagnosis_words import lines
     from sim.diagnosis.result import with_model
 
@@ -199,8 +139,6 @@ def _told(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     paths = [path for path in (out, folder / "model.toml" if folder is not None else None) if path is not None]
-    drive: Drive | None = "current" if extended.plate is not None else None
-    model = Model(extended.film, extended.plate, tuple(extended.effects), drive)
     for path in paths:
         write_model(path, model, f"extended model of the diagnosis of {Path(record.source).name}")
     if paths:
