@@ -82,23 +82,28 @@ class Decision:
 class ReadAt:
     """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
 
-    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick.
+    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick. test_current_A: of
+    the ohmmeter, while it read; 0 where there is none.
     """
 
     after_s: float = 0.0
     output_age_s: float = 0.0
     acts_after_s: float = 0.0
+    test_current_A: float = 0.0
 
 
 AT_THE_TICK = ReadAt()
 
 
-def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float) -> ReadAt:
+def read_at(
+    begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float, test_current_A: float
+) -> ReadAt:
     """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
 
-    tick_s: of the tick, from the beginning of the phase.
+    tick_s: of the tick, from the beginning of the phase. test_current_A: nan where there is none.
     """
-    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s, acts_after_s)
+    age_s = 0.0 if math.isnan(output_s) else row_s - output_s
+    return ReadAt(row_s - begin_s - tick_s, age_s, acts_after_s, 0.0 if math.isnan(test_current_A) else test_current_A)
 
 
 class Policy(Protocol):
@@ -268,20 +273,21 @@ class Loop:
         row_s = (temperature.time_s if known else now) - self._start_s
         output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
         acts_after_s = self._acts_after_s
-        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s)
+        meter = self.bench.meter
+        test_current_A = meter.test_current_A if meter is not None else math.nan
+        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s, test_current_A)
         decision = policy.decide(k * period_s, degC, output, read)
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             acts_s = self._apply(decision, now, degC)
             self._acts_after_s = min(max(acts_s - self._start_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
-        meter = self.bench.meter
         self.folder.row(
             (
                 row_s,
                 degC,
                 value if self._output == LOG_RESISTANCE else math.nan,
                 self.sent.current_A,
-                meter.test_current_A if meter is not None else math.nan,
+                test_current_A,
                 output_s,
                 decision.setpoint_degC,
                 decision.reference_degC,
