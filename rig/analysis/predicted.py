@@ -18,7 +18,7 @@ from rig.files.model_file import Model
 from rig.files.record_file import Record
 from sim.chain import World
 from sim.effects.effect import Switched, Warming, of_resistances
-from sim.films.rising import RisingFilm
+from sim.films.rising import film_of_world
 from sim.open_loop import film_readings, simulate_record
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
@@ -62,16 +62,11 @@ def with_effects(model: Model, record: Record, memory: Any, where: object) -> tu
         output = np.where(known, sense * readings.output, math.nan)
         return output, np.where(known, readings.temperature_degC, math.nan), "current"
     effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
-    film = _film_of_world(model.film)
+    film = film_of_world(model.film)
     world = World(NO_PLATE, film, thermometer_noise_K=0.0, ohmmeter_noise_dec=0.0, effects=effects)
     temperature = record["temperature_degC"]
     readings = film_readings(world, record["time_s"], temperature, memory=memory, **_meter(record))
     return np.where(np.isfinite(temperature), sense * readings.output, math.nan), None, "temperature"
-
-
-def _film_of_world(film: FilmModel) -> FilmModel | RisingFilm:
-    """The film whose output a simulated ohmmeter reads: -log10 of a resistance, or any other quantity as it is."""
-    return RisingFilm(film) if film.output == RISING_RESISTANCE else film
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -89,7 +84,7 @@ def _from_current(model: Model, record: Record, effects: Any, memory: Any) -> An
     begin = int(np.flatnonzero(np.isfinite(restart))[0])
     world = World(
         model.plate,
-        _film_of_world(model.film),
+        film_of_world(model.film),
         first_degC=float(temperature[begin]),
         thermometer_noise_K=0.0,
         ohmmeter_noise_dec=0.0,
