@@ -121,8 +121,8 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
 
 def _noise(branch: MajorBranch, half: float, seed: int) -> tuple[Array, Array]:
     """Noise of which the fit leaves residuals like those that it left, shape (DRAWS, rows); and the same with what a
-    thermometer's rounding does so slowly that the fit takes it with it, and leaves none. Values are told with the second
-    alone: places of a slope, which are known far less closely, have intervals that hold it.
+    thermometer's rounding does so slowly that the fit takes it with it, and leaves none. Values are told with the
+    second alone: places of a slope, which are known far less closely, have intervals that hold it.
 
     Towards the ends a fit follows the readings more closely and leaves less of their noise; its local size is taken
     over what the fit leaves of white noise there.
