@@ -94,7 +94,7 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
     peak = float(places[np.argmax(sign * slope)])
     reach = np.sort(np.abs(x - peak))[min(FEWEST_IN_WINDOW, x.size - 1)]
     window = max(WINDOW_WIDTHS * width, float(reach))
-    noise = _noise(branch, RESIDUAL_SHARE * window, seed)
+    noise, of_values = _noise(branch, RESIDUAL_SHARE * window, seed)
     fit = local_fit(x, places, window, DEGREE)
     near = np.linspace(max(low, peak - NEAR_WIDTHS * width), min(high, peak + NEAR_WIDTHS * width), PLACES)
     by_readings = sign * local_fit(x, near, window, DEGREE).slope
@@ -114,14 +114,15 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
         steepest,
         _width(near, around, around + drawn) if steepest.value is not None else untold(steepest.reason),
         draws,
-        noise,
+        of_values,
         sign,
     )
 
 
-def _noise(branch: MajorBranch, half: float, seed: int) -> Array:
-    """Noise of which the fit leaves residuals like those that it left, shape (DRAWS, rows); and what a thermometer's
-    rounding does so slowly that the fit takes it with it, and leaves none.
+def _noise(branch: MajorBranch, half: float, seed: int) -> tuple[Array, Array]:
+    """Noise of which the fit leaves residuals like those that it left, shape (DRAWS, rows); and the same with what a
+    thermometer's rounding does so slowly that the fit takes it with it, and leaves none. Values are told with the
+    second alone: places of a slope, which are known far less closely, have intervals that hold it.
 
     Towards the ends a fit follows the readings more closely and leaves less of their noise; its local size is taken
     over what the fit leaves of white noise there.
@@ -141,9 +142,9 @@ def _noise(branch: MajorBranch, half: float, seed: int) -> Array:
     noise = draw_noise(residual, scale, left_over, DRAWS, seed)
     rounding = branch.rounding_K
     if not rounding.shape[0]:
-        return noise
+        return noise, noise
     slow = (rounding * (both.slope @ y)) @ fit.T
-    return noise + slow[np.random.default_rng(seed).integers(0, rounding.shape[0], DRAWS)]
+    return noise, noise + slow[np.random.default_rng(seed).integers(0, rounding.shape[0], DRAWS)]
 
 
 def _width_about(x: Array, slope: Array, else_K: float) -> float:

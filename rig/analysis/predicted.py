@@ -25,7 +25,7 @@ from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told, first_readin
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
-from sim.world.films.rising import RisingFilm
+from sim.world.films.rising import RisingFilm, film_of_world
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
@@ -73,7 +73,8 @@ def predicted(
     readings = _readings(rows, record, model.film)
     if fitted and model.film is not None and readings.output is None:
         raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
-    film, sense = _film_of_world(model.film)
+    film = film_of_world(model.film) if model.film is not None else None
+    sense = -1.0 if isinstance(film, RisingFilm) else 1.0  # an ohmmeter reads -log10 of a film that rises, too
     chain = RecordRun(ChainModel(model.plate or NO_PLATE, film, effects))
     start = _start(model.film, initial, readings)
     own, path, shown = None, None, None
@@ -106,14 +107,6 @@ def predicted(
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
     """Whether the ohmmeter's power in the film matters."""
     return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in effects)
-
-
-def _film_of_world(film: FilmModel | None) -> tuple[FilmModel | RisingFilm | None, float]:
-    """(the film whose output an ohmmeter reads, -log10 of a resistance or any other quantity as it is; its output's
-    sign in the model's)."""
-    if film is not None and film.output == RISING_RESISTANCE:
-        return RisingFilm(film), -1.0
-    return film, 1.0
 
 
 def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:

@@ -59,8 +59,12 @@ class RecordedLoop:
         self.limits = SimpleNamespace(stale_s=math.inf)
 
     def column(self, name: str) -> Any:
-        """A column of the record, as of a run folder."""
-        return np.array(self.record.text_columns[name]) if name in self.record.text_columns else self.record[name]
+        """A column of the record, as of a run folder. Raises Faults where it is missing."""
+        if name in self.record.text_columns:
+            return np.array(self.record.text_columns[name])
+        if name not in self.record.columns:
+            raise fault(self.record.source, name, "missing; expected the column of a run's record")
+        return self.record[name]
 
     def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         """The rows of the next phase of this name; those that were not recorded any more are left out."""
