@@ -36,11 +36,10 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
     first = np.loadtxt(folders[0] / "learned.csv", delimiter=",", skiprows=1)
     assert np.array_equal(used, first)
     assert learned.shape == used.shape
-    wanted = [
-        np.genfromtxt(folder / "record.csv", delimiter=",", names=True, dtype=None, encoding=None) for folder in folders
-    ]
-    last = [rows["target_ohm"][rows["phase"] == "track"][-1] for rows in wanted]
-    assert np.allclose(last, 8e3, rtol=1e-3)  # what is recorded is what was wanted, not what the law was asked for
+    for folder in folders:  # what is recorded is what was wanted, not what the law was asked for
+        rows = list(csv.DictReader((folder / "record.csv").read_text().splitlines()))
+        last = [float(row["target_ohm"]) for row in rows if row["phase"] == "track"][-1]
+        assert abs(last - 8e3) < 1.0
 
     path.write_text(path.read_text().replace("repeat = 3", f'repeat = 1\nlearned = "{run}"'))
     assert peltier("run", path, "--out", tmp_path / "again")[0] == 0
