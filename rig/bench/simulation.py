@@ -10,14 +10,14 @@ from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilm
 from rig.files.effect_tables import switched_effects
 from rig.files.film_output import in_decades
 from rig.files.model_file import read_model
-from sim.chain import World
-from sim.detector import Detector
 from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
-from sim.film_side import Film
-from sim.films.preisach import PreisachFilm
-from sim.films.rising import film_of_world
-from sim.links import links_of
+from sim.model.film_side import Film
+from sim.model.links import links_of
+from sim.world.detector import Detector
+from sim.world.films.preisach import PreisachFilm
+from sim.world.films.rising import film_of_world
+from sim.world.world import World
 
 
 def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:

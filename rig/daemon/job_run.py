@@ -25,8 +25,8 @@ from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, still_to_come
 from rig.experiment.summaries import calibration_summary, summary
 from rig.files.run_folder import part_of
-from rig.safety.after_off import NO_VOICE, after_off
-from rig.safety.plate_watch import PlateWatch
+from rig.safety.after_off import NO_VOICE, AfterOff
+from rig.safety.bench_watch import BenchWatch
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
 LOOK_S = 30.0  # that the temperature is looked at after a job
@@ -63,12 +63,12 @@ class JobRun(Watcher):
         )
         self._conditioning = False
         self._coming: Phases = []
-        self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
+        self._last: tuple[BenchWatch, float] | None = None  # of the last tick: what watches, and the current
 
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
         desk, job = self._desk, self._job
-        job.state, job.started_s = "running", desk.label_s()
+        job.state, job.started_s, job.folder = "running", desk.label_s(), part_of(job.out)
         desk.job_began_s, desk.coming_s = desk.clock.now_s(), 0.0
         desk.job_changed(job)
         desk.model = model_of(job.file) or desk.model
@@ -129,8 +129,8 @@ class JobRun(Watcher):
             write_missing_reports(part_of(job.out))
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
-        if job.folder is None and part_of(job.out).is_dir():
-            job.folder = part_of(job.out)
+        if end.state != "done":
+            job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()
@@ -176,7 +176,7 @@ class JobRun(Watcher):
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
         desk, decision, resistance = self._desk, tick.decision, tick.resistance
-        self._last = (tick.watch.plate, tick.current_A)
+        self._last = (tick.watch, tick.current_A)
         known = tick.temperature.is_number
         seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
         meter = self._bench.meter
@@ -203,7 +203,9 @@ class JobRun(Watcher):
         desk = self._desk
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         if confirmed and self._last is not None:
-            desk.after_off = after_off(*self._last, self._bench.clock.now_s(), LOOK_S)
+            watch, current_A = self._last
+            courses = watch.after_off(current_A, LOOK_S)
+            desk.after_off = AfterOff(courses, self._bench.clock.now_s()) if courses is not None else None
         desk.ticks.missed += int(ticks.get("missed", 0))
         desk.ticks.unwatched_s = max(desk.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
         desk.in_loop, desk.phase = False, None

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, SecretStr, model_validator
 from rig.core.faults import Faults
 from rig.files.model_file import MemorylessTable, PlateTable
 from rig.files.secret_keys import without_secrets
+from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
 
@@ -168,7 +169,7 @@ class CalibrationTable(Table):
 
 
 class RelayFilmTable(Table):
-    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.films.preisach."""
+    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
     relays: Count = 4000
@@ -196,7 +197,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.detector."""
+    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0
@@ -236,18 +237,6 @@ class SimulationTable(Table):
         return data
 
 
-class SweepTable(Table):
-    """[sweep]: what `peltier sweep` varies, every value with every other.
-
-    seeds: of the noise, a list or how many. effects: alternatives, each a list of effects as `simulate --effect` names
-    them. parameters: lists of values for keys of this file, as in "control.ms" = [1.2, 1.4].
-    """
-
-    seeds: Annotated[int, Field(ge=0, le=1_000_000)] | list[int] = Field(default=1)
-    effects: list[list[str]] = [[]]
-    parameters: dict[str, list[Any]] = {}
-
-
 def _reachable_name(text: str) -> str:
     if not re.fullmatch(r"(https?://)?([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", text):
         raise ValueError("expected a name, as in bench.lab.example, or an origin, as in https://bench.lab.example")
@@ -268,6 +257,7 @@ class ServeTable(Table):
     loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
     /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
     port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
+    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
@@ -284,6 +274,8 @@ class ServeTable(Table):
     minute_days: Days = 400.0
     hour_days: Days = 4000.0
     webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    diagnose: Literal["never", "nightly"] = "never"
+    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
 class Configuration(Table):

@@ -7,7 +7,7 @@
     events.jsonl    what happened, a line each
     report.html, figures/
 
-A run.json without "stop" is of a run that crashed.
+A run.json without "stop" is of a run that crashed and had no guard; with one, the guard has written it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ import numpy as np
 
 from rig.core.faults import fault
 from rig.files.written import naming, write_text
-from rig.version import __version__
+from rig.version import __version__, source_digest
 
 PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
 
@@ -82,7 +82,7 @@ def prepared_folder(path: Path) -> Iterator[None]:
 
 def versions() -> dict[str, str]:
     """Versions of what computed the run."""
-    found = {"peltier-rig": __version__, "python": platform.python_version()}
+    found = {"peltier-rig": __version__, "sources": source_digest(), "python": platform.python_version()}
     for name in ("numpy", "scipy", "numba", "control", "pyserial"):
         try:
             found[name] = metadata.version(name)

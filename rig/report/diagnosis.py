@@ -12,7 +12,7 @@ from rig.report.diagnosis_words import channels_of, judged_channels, left_over, 
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Diagnosis
+    from sim.diagnosis.result import Diagnosis
 
 RUNNERS_UP = 6
 

@@ -16,7 +16,7 @@ from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Diagnosis
+    from sim.diagnosis.result import Diagnosis
 
 BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
 MOST_DOTS = 4000

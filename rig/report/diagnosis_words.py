@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sim.diagnosis.diagnose import Channel, Diagnosis, Finding
+    from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 SHORTFALL = "does not carry over to rows that no fit has seen; the record says too little of the film or the plate"

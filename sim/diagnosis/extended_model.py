@@ -21,11 +21,11 @@ from compensator.identification.mixed_envelopes import RESOLUTIONS, dictionary, 
 from compensator.identification.model_selection import FEWER_WORTH, WORTH, rms
 from compensator.identification.operator_outputs import Integers
 from compensator.thermal.plate import PlateModel
-from sim.diagnosis.diagnose import Diagnosis
-from sim.diagnosis.film_refit import FilmRefit, Refit
-from sim.diagnosis.film_start import thinned_path
-from sim.diagnosis.record import held_out_rows
-from sim.diagnosis.temperature_channel import PlateParameters
+from sim.diagnosis.data.record import held_out_rows
+from sim.diagnosis.fit.film_refit import FilmRefit, Refit
+from sim.diagnosis.fit.film_start import thinned_path
+from sim.diagnosis.fit.temperature_channel import PlateParameters
+from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 
 FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # simplest first

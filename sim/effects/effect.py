@@ -15,7 +15,7 @@ An effect of a user's own is one file with an `EFFECT` in it (`docs/own_effect.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -160,11 +160,6 @@ class Switched:
     def values(self) -> dict[str, float]:
         """Parameters by name."""
         return {p.name: float(v) for p, v in zip(self.effect.parameters, self.par, strict=True)}
-
-
-def filters(effects: Iterable[Switched], *targets: str) -> list[Switched]:
-    """Those that filter one of these signals, in their order."""
-    return [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in targets]
 
 
 def jumps(effect: Effect) -> bool:

@@ -12,8 +12,8 @@ import pytest
 
 from rig.files.model_file import read_model
 from rig.files.record_file import write_columns
+from sim.diagnosis.data.quantity import Quantity, of_conductance, quantity_of
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.quantity import Quantity, of_conductance, quantity_of
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import Case, case
 from tests.diagnosis.truth.readings import at_the_terminals
