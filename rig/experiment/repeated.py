@@ -18,6 +18,7 @@ import numpy as np
 from compensator.control.learning import learned
 from compensator.hysteresis.functions import Array
 from rig.analysis.score import Rows, rms, tracking_error
+from rig.core.faults import fault
 from rig.files.record_file import read_record, write_columns
 from rig.files.target import Target
 
@@ -28,7 +29,9 @@ WORSE: Final = 1.05  # of the smallest error: two runs with the same correction 
 
 def read_correction(path: Path) -> Target:
     """Raises Faults."""
-    record = read_record(path, needs=(COLUMN,), flags=False)
+    record = read_record(path, needs=(), flags=False)
+    if not record.has(COLUMN):
+        raise fault(path, COLUMN, "missing; expected what a run has learned")
     return Target("correction", record["time_s"], np.clip(np.nan_to_num(record[COLUMN]), -LARGEST_DEC, LARGEST_DEC))
 
 

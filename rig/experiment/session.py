@@ -259,8 +259,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
             if name == e.law:
                 folders[name] = _one_law(session, path, result, name, learning.next)
                 learning.take(folders[name], target, learning.next, e.period_s)
-                if learning.next is not None:
-                    write_correction(folders[name].part / LEARNED, learning.next)
+                _keep_learned(folders[name], learning)
             else:
                 folders[name] = _one_law(session, inner / name, result, name)
     except BaseException:
@@ -284,12 +283,19 @@ def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
         used = learning.next
         folder = _one_law(session, inner / f"repeat_{k}", result, e.law, used)
         learning.take(folder, target, used, e.period_s)
+        _keep_learned(folder, learning)
         session.report(folder)
         folder.finish()
         result.repeated.append(result.scores.pop())
         if learning.over:
             session.say(f"repeat {k}: not better than {learning.best_rms_dec:.4f} dec: that correction is kept")
     return learning
+
+
+def _keep_learned(folder: RunFolder, learning: Learning) -> None:
+    """What a next repetition would add to its target, beside the rows."""
+    if learning.next is not None:
+        write_correction(folder.part / LEARNED, learning.next)
 
 
 def _one_law(

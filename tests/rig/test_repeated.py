@@ -27,7 +27,8 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
     for folder in folders:
         assert (folder / "report.html").is_file()
         assert json.loads((folder / "run.json").read_text())["stop"]["reason"] == "done"
-        status, out, _ = peltier("replay", folder, "--json", "-")
+        status, out, err = peltier("replay", folder, "--json", "-")
+        assert status == 0, err
         assert json.loads(out)["different"] == 0, folder
         assert json.loads(out)["compared"] > 100
     used, learned = (
