@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, SecretStr, model_validator
 from rig.core.faults import Faults
 from rig.files.epics_table import EpicsTable
 from rig.files.model_file import MemorylessTable, PlateTable
+from rig.files.reachable_name import ReachableName
 from rig.files.secret_keys import without_secrets
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
@@ -239,15 +240,6 @@ class SweepTable(Table):
     seeds: Annotated[int, Field(ge=0, le=1_000_000)] | list[int] = Field(default=1)
     effects: list[list[str]] = [[]]
     parameters: dict[str, list[Any]] = {}
-
-
-def _reachable_name(text: str) -> str:
-    if not re.fullmatch(r"(https?://)?([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", text):
-        raise ValueError("expected a name, as in bench.lab.example, or an origin, as in https://bench.lab.example")
-    return text
-
-
-ReachableName = Annotated[str, AfterValidator(_reachable_name)]
 
 
 def _web_address(secret: SecretStr) -> SecretStr:

@@ -13,8 +13,8 @@ from typing import Any
 from rig.overview.configuration import BenchTable
 from rig.overview.exchange import Unanswered, exchange, first_success, place_of
 
-# A bench that falls silent right after an answer is asked again a second later, and shown as silent when that has had no
-# answer for as long as stands here: 2.5 s in all.
+# A bench that falls silent right after an answer is asked again a second later, and shown as silent when that has had
+# no answer for as long as stands here: 2.5 s in all.
 PERIOD_S, ANSWER_S = 1.0, 1.5
 STOP_S = 15.5  # a bench waits 15 s for its instruments
 SHOWN = ("state", "output", "output_confirmed", "trip", "stop", "job", "queue", "reading", "limits", "drive_unit")

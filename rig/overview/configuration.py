@@ -1,12 +1,12 @@
 """The overview's configuration: where its page is, and which benches it shows.
 
-    [overview]
-    port = 8780
-    token = "..."                        # asked for wherever it is set; needed beyond the loopback
-    [[bench]]
-    name = "left"
-    address = "http://127.0.0.1:8765"    # of the bench's page
-    token = "..."                        # the bench's own serve.token, where it has one
+[overview]
+port = 8780
+token = "..."                        # asked for wherever it is set; needed beyond the loopback
+[[bench]]
+name = "left"
+address = "http://127.0.0.1:8765"    # of the bench's page
+token = "..."                        # the bench's own serve.token, where it has one
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
 from rig.core.faults import fault
-from rig.daemon.serving import LOOPBACK
-from rig.files.configuration import ReachableName
+from rig.files.reachable_name import ReachableName
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
+from rig.web.names import LOOPBACK
 
 MOST_BENCHES = 200
 

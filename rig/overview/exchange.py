@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import ssl
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
@@ -53,9 +54,16 @@ async def exchange(
     except TimeoutError:
         raise Unanswered(f"no answer within {within_s:g} s") from None
     except OSError as error:
-        raise Unanswered(error.strerror or str(error) or type(error).__name__) from None
+        raise Unanswered(_in_words(error)) from None
     except (h11.RemoteProtocolError, ValueError, RecursionError) as error:
         raise Unanswered(f"what answers there is no bench: {error}") from None
+
+
+def _in_words(error: OSError) -> str:
+    """Why nothing could be sent; asyncio's own words leave out the cause."""
+    if error.errno is not None and error.errno > 0:
+        return os.strerror(error.errno).lower()
+    return error.strerror or str(error) or type(error).__name__
 
 
 def _request(place: Place, method: str, path: str, token: str | None, body: Any) -> tuple[h11.Request, bytes]:
