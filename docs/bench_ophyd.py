@@ -2,7 +2,8 @@
 
     python bench_ophyd.py RIG: 30 35      scans the bench of `peltier epics` with prefix "RIG" over these temperatures
 
-`set` holds a temperature and is done when it has been within `tolerance_K` for `settle_s`; `stop` is the bench's STOP.
+`set` holds a temperature and is done when it has been within `tolerance_K` for `settle_s`; the hold goes on until the
+next one, or until it is stopped.
 The records are those of `peltier epics` with [epics] write = true.
 """
 
@@ -24,7 +25,9 @@ WAITING = ("queued", "running")
 class Bench(StandardReadable):
     """prefix: the records' with its colon, as in "pva://RIG:". hold_s: the longest that one temperature is held."""
 
-    def __init__(self, prefix: str, name: str = "", tolerance_K: float = 0.1, settle_s: float = 5.0, hold_s: float = 3600):
+    def __init__(
+        self, prefix: str, name: str = "", tolerance_K: float = 0.1, settle_s: float = 5.0, hold_s: float = 3600
+    ):
         with self.add_children_as_readables(Format.HINTED_SIGNAL):
             self.temperature = epics_signal_r(float, f"{prefix}TEMPERATURE")
             self.resistance = epics_signal_r(float, f"{prefix}RESISTANCE")
@@ -64,10 +67,10 @@ class Bench(StandardReadable):
             elif time.monotonic() - there_since_s >= self.settle_s:
                 return
 
-    async def stop(self, success: bool = False) -> None:
-        """STOP: the output off, and the bench latched until somebody resets it. Bluesky calls it where a plan fails."""
-        if not success:
-            await self.stop_now.set(True)
+    async def stop(self, success: bool = True) -> None:
+        """End the hold, the output off, as Bluesky wants it at a pause and at a plan's end whatever that was. Where
+        something is wrong (success False) it is STOP, and the bench is latched until somebody resets it."""
+        await (self._end_hold() if success else self.stop_now.set(True))
 
     @AsyncStatus.wrap
     async def unstage(self) -> None:
