@@ -4,8 +4,8 @@
                                   [--json FILE]
 
 EPICS: a daemon holds emulated instruments on pseudo-terminals and runs a job at 10 Hz, `peltier epics` beside it; p4p
-in this process is the client, on PV Access. A reading's way is from the moment at which the emulated controller looks at
-its thermometer (the bytes on the wire, the rest of the tick and the commit to the disk included); beside it the part
+in this process is the client, on PV Access. A reading's way is from the moment at which the emulated controller looks
+at its thermometer (the bytes on the wire, the rest of the tick and the commit to the disk included); beside it the part
 that EPICS adds, from the daemon's socket to the client. STOP's way is from the put until the emulated controller's
 output is off. Asked: 50 and 100 ms.
 
