@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import os
 import signal
+import socket
 import sys
 import tempfile
 import threading
@@ -28,9 +29,11 @@ Take = Callable[[str, dict[str, Any]], None]
 def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) -> int:
     """Serve the bench whose daemon listens, or will listen, at `place`. The exit status: 128 + the signal's number.
 
-    Raises Faults where softioc is missing, RigError where EPICS does not take the access list.
+    Raises Faults where softioc is missing; RigError where a port is taken, or EPICS does not take the access list.
     """
     table, serving = file.content.epics, file.content.serve
+    for port in (table.ca_port, table.pva_port):
+        _see_that_it_is_free(table.address, port)
     listen(table, os.environ)
     try:
         from softioc import builder
@@ -52,6 +55,16 @@ def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) ->
         tell(f"epics {prefix} {at} write {write}")
         threading.Thread(target=_follow, args=(place, takes, published.lost), name="events", daemon=True).start()
         return 128 + ended()
+
+
+def _see_that_it_is_free(address: str, port: int) -> None:
+    """RigError where another server listens: EPICS would take another port, and clients would find either of them."""
+    try:
+        with socket.create_server((address, port)):
+            pass
+    except OSError as error:
+        said = os.strerror(error.errno) if error.errno else str(error)
+        raise RigError(f"{address}:{port} (epics.ca_port, epics.pva_port): {said.lower()}") from None
 
 
 def _begin(access: str) -> None:

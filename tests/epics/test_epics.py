@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import os
 import pwd
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -178,6 +181,21 @@ def test_without_the_daemon_everything_is_invalid_and_stop_says_so(tmp_path: Pat
             assert client.get("TEMPERATURE").severity == INVALID
         finally:
             client.close()
+
+
+def test_a_port_that_is_taken_and_a_missing_library_are_told_in_a_line(tmp_path: Path) -> None:
+    table, ca_port, _ = epics_table()
+    path = write_current(tmp_path, more=SERVE + table)
+    words = [sys.executable, "-m", "rig", "epics", str(path)]
+    with socket.create_server(("127.0.0.1", ca_port)):
+        taken = subprocess.run(words, capture_output=True, text=True)
+    assert (taken.returncode, taken.stderr.count("\n")) == (1, 1)
+    assert f"127.0.0.1:{ca_port}" in taken.stderr
+    code = f"import sys; sys.modules['softioc'] = None; from rig.__main__ import main; sys.exit(main({words[3:]!r}))"
+    missing = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert missing.returncode == 2
+    assert "pip install 'peltier-rig[epics]'" in missing.stderr
+    assert missing.stderr.count("\n") == 1
 
 
 def written(**more: Any) -> str:
