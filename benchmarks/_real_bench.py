@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import rig.bench.assembly
 from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
-from sim.plant import SimulatedPlant
+from sim.world.plant import SimulatedPlant
 
 
 class NotingPlant(SimulatedPlant):

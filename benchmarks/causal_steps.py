@@ -31,6 +31,7 @@ from benchmarks._tracked_plant import Plate, TrackedPlant
 from benchmarks.tracking import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, span
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Inputs
 from compensator.inverse.inverse import Inverse
 from rig.files.model_file import Model, read_model
 
@@ -90,7 +91,7 @@ def stepped(case: tuple[str, int, int]) -> list[tuple[float, float]]:
         plant.advance_to(tick_s + THERMOMETER_S)
         reading = plant.read_temperature_degC()
         ages = THERMOMETER_S - OHMMETER_S, COMMAND_S - THERMOMETER_S
-        command, state = law.step(state, reading, output, target, np.full(HORIZON, target), *ages)
+        command, state = law.step(state, Inputs(reading, output, target, np.full(HORIZON, target), *ages))
         plant.advance_to(tick_s + COMMAND_S)
         plant.set_current_A(command.current_A)
     time, _, log_ohm = np.array(plant.course).T

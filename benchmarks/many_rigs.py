@@ -30,6 +30,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ from stop_latency import BENCH, Watched, until
 from rig.bench.assembly import emulated_instruments
 from rig.daemon.client import Client
 from rig.files.configuration import read_configuration
+from rig.history.tables import connect_to_read
 from rig.ports.pseudo_terminal import PseudoTerminals
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -218,7 +220,6 @@ def rigs(options: argparse.Namespace) -> dict[str, Any]:
         found["overview_MB"] = resident_MB(overview.pid)
         found["rig_MB"] = statistics.median(resident_MB(pid) for pid in pids)
         found["stops_s"] = [stop(place, folder.name) for folder in running]
-        found["missed_in_jobs"] = sum(until(lambda f=folder: ended(f)) - 1 for folder in running)
         return found
 
 
@@ -229,32 +230,35 @@ def state(folder: Path) -> dict[str, Any]:
         return found
 
 
-def ended(folder: Path) -> int:
-    """One more than the ticks that were missed, once the job is over: it adds its own at its end."""
-    found = state(folder)
-    return found["ticks"]["missed"] + 1 if found["job"] is None else 0
-
-
 def stretch(folders: list[Path], pids: list[int], seconds: float, overview: str | None) -> dict[str, float]:
-    """Ticks done and missed meanwhile, and what it took."""
-    before, cpu_s = [state(folder)["ticks"] for folder in folders], sum(map(processor_s, pids))
+    """Rows and ticks missed meanwhile, and what it took."""
     looks = quiet = 0
-    end_s = time.monotonic() + seconds
-    began_s = time.monotonic()
-    while time.monotonic() < end_s:
+    cpu_s, began_s, from_s = sum(map(processor_s, pids)), time.monotonic(), time.time()
+    while time.monotonic() < began_s + seconds:
         time.sleep(1.0)
         if overview is not None:
             looks, quiet = looks + len(folders), quiet + len(silent(overview))
-    took_s = time.monotonic() - began_s
-    after = [state(folder)["ticks"] for folder in folders]
+    took_s, to_s = time.monotonic() - began_s, time.time()
+    rows = [times_s(folder, from_s, to_s) for folder in folders]
     return {
-        "done": sum(b["done"] - a["done"] for a, b in zip(before, after, strict=True)),
-        "missed": sum(b["missed"] - a["missed"] for a, b in zip(before, after, strict=True)),
+        "rows": sum(map(len, rows)),
+        "missed": sum(max(0, round(b - a) - 1) for each in rows for a, b in pairwise(each)),
+        "longest_s": max((b - a for each in rows for a, b in pairwise(each)), default=0.0),
         "processors": (sum(map(processor_s, pids)) - cpu_s) / took_s,
         "looks": looks,
         "shown_silent": quiet,
         "load": load(),
     }
+
+
+def times_s(folder: Path, from_s: float, to_s: float) -> list[float]:
+    """When a rig's rows of a stretch were read, as its history has it: a tick that was missed has none."""
+    connection = connect_to_read(folder / "kept" / "history.sqlite")
+    try:
+        question = "SELECT time_s FROM raw WHERE time_s > ? AND time_s < ? ORDER BY time_s"
+        return [float(row[0]) for row in connection.execute(question, (from_s, to_s))]
+    finally:
+        connection.close()
 
 
 def asked(place: str, method: str, path: str, body: Any = None) -> Any:
@@ -329,12 +333,11 @@ def tell_rigs(found: dict[str, Any], options: argparse.Namespace) -> None:
     for name in ("without", "with"):
         one = found[name]
         print(
-            f"{name + ' an overview':<22}{one['done']:>7.0f} ticks, {one['missed']:.0f} missed while idle"
-            f" (asked 0), {one['processors']:.2f} processors, load {one['load']:.1f}"
+            f"{name + ' an overview':<22}{one['rows']:>7.0f} rows, {one['missed']:.0f} ticks missed (asked 0), "
+            f"longest step {one['longest_s']:.2f} s, {one['processors']:.2f} processors, load {one['load']:.1f}"
         )
     shown = found["with"]
     print(f"shown as silent: {shown['shown_silent']} of {shown['looks']} looks, though it was not")
-    print(f"missed in all, jobs and start included: {found['missed_in_jobs']} in the rigs with a job")
     print(f"memory: {found['rig_MB']:.0f} MB a rig, {found['overview_MB']:.0f} MB the overview")
     stopped = [1e3 * value for value in found["stops_s"]]
     print(f"STOP through the overview: {statistics.median(stopped):.0f} ms in the median, {max(stopped):.0f} at most")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
@@ -30,7 +31,7 @@ def precompile() -> None:
         settings = LawSettings(name, 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))
         law = Law(settings, plate, film)
         wanted = np.full(settings.preview, 60.0 if name == "temperature" else -4.2)
-        law.step(law.start(58.0, None), 58.0, -4.3, float(wanted[0]), wanted)
+        law.step(law.start(58.0, None), Inputs(58.0, -4.3, float(wanted[0]), wanted))
 
 
 if __name__ == "__main__":

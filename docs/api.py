@@ -40,6 +40,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.control.design",
         "compensator.control.reference_shaping",
         "compensator.control.law",
+        "compensator.control.law_step",
+        "compensator.control.observer",
         "compensator.control.estimate",
     ),
     "Records": (

@@ -13,42 +13,12 @@ r setpoint, y process variable, u manipulated variable, h period. Source: Astrom
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
-from compensator.hysteresis.functions import Array
 
-
-@njit(cache=True)
-def output_of(
-    gains: Array,
-    integral: float,
-    derivative: float,
-    weighted_error: float,
-    setpoint: float,
-    measured: float,
-    period: float,
-) -> tuple[float, float, float]:
-    """(P + I + D, derivative, c r - y) at this sample; gains: (kp, ki, kd, filter time, tracking time, b, c)."""
-    error = gains[6] * setpoint - measured
-    change = 0.0 if math.isnan(weighted_error) else error - weighted_error
-    derivative = (gains[3] * derivative + gains[2] * change) / (gains[3] + period)
-    return gains[0] * (gains[5] * setpoint - measured) + integral + derivative, derivative, error
-
-
-@njit(cache=True)
-def integral_of(
-    gains: Array, integral: float, setpoint: float, measured: float, shortfall: float, period: float
-) -> float:
-    """The integral for the next sample; shortfall: what was applied minus what was wanted."""
-    integral += gains[1] * period * (setpoint - measured)
-    return float(integral + min(period / gains[4], 1.0) * shortfall)
-
-
-@dataclass(frozen=True)
-class PidGains:
+class PidGains(NamedTuple):
     """Kp in u/y, Ki in u/(y s), Kd in u s/y, times in s. b, c: setpoint weights of P and D."""
 
     kp: float
@@ -59,14 +29,8 @@ class PidGains:
     b: float = 1.0
     c: float = 0.0
 
-    def array(self) -> Array:
-        """(kp, ki, kd, filter time, tracking time, b, c) as the compiled loops take them."""
-        times = self.filter_time_s, self.tracking_time_s
-        return np.array([self.kp, self.ki, self.kd, *times, self.b, self.c], dtype=np.float64)
 
-
-@dataclass(frozen=True)
-class PidState:
+class PidState(NamedTuple):
     """Integral and filtered derivative in units of u, and c r - y of the sample before."""
 
     integral: float = 0.0
@@ -74,21 +38,25 @@ class PidState:
     weighted_error: float = math.nan
 
 
+@njit(cache=True)
 def pid_output(
     gains: PidGains, state: PidState, setpoint: float, measured: float, period_s: float
 ) -> tuple[float, PidState]:
     """P + I + D at this sample, unlimited, and the state with its derivative brought up to date."""
-    output, derivative, error = output_of(
-        gains.array(), state.integral, state.derivative, state.weighted_error, setpoint, measured, period_s
-    )
+    error = gains.c * setpoint - measured
+    change = 0.0 if math.isnan(state.weighted_error) else error - state.weighted_error
+    derivative = (gains.filter_time_s * state.derivative + gains.kd * change) / (gains.filter_time_s + period_s)
+    output = gains.kp * (gains.b * setpoint - measured) + state.integral + derivative
     return output, PidState(state.integral, derivative, error)
 
 
+@njit(cache=True)
 def pid_integrate(
     gains: PidGains, state: PidState, setpoint: float, measured: float, shortfall: float, period_s: float
 ) -> PidState:
     """The integral for the next sample; shortfall: what was applied minus what was wanted (0 when not limited)."""
-    integral = integral_of(gains.array(), state.integral, setpoint, measured, shortfall, period_s)
+    integral = state.integral + gains.ki * period_s * (setpoint - measured)
+    integral += min(period_s / gains.tracking_time_s, 1.0) * shortfall
     return PidState(integral, state.derivative, state.weighted_error)
 
 

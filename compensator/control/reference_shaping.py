@@ -3,12 +3,19 @@
 A turning point of the wanted resistance makes the wanted temperature jump across the loop, and a plate has limited
 rates: it must leave before the jump, or arrive after it. How early is decided by the film: several departure times
 are run through the model, and the one with the smallest squared error over the preview is taken.
+
+A film that lags the plate, tau dT_f/dt = T_p - T_f, is taken along by T_p = T_f + tau dT_f/dt. The plate's rates then
+limit the film's acceleration, and a film at rate u needs the distance
+
+    tau (u - s ln(1 + u / s))        s: the plate's rate the other way
+
+to come to rest: it is never faster than what stops it at its goal.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,36 +24,76 @@ from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, memoryless_value
 from compensator.inverse.branch import workspace
-from compensator.inverse.solve import HIGH, LEAST_SLOPE, LOW, arrive, no_point, solve, solve_monotone
+from compensator.inverse.solve import HIGH, LOW, Settings, arrive, solve
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
+SLOWED_S: Final = 2.0  # a film that lags by this much leaves for a jump as if the plate had half of its rates
+
+
+class FilmNow(NamedTuple):
+    """A film's temperature (degC) and play operators, shape (operators,); its model, and its inverse's settings."""
+
+    degC: float
+    plays: Array
+    model: Packed
+    settings: Settings
+
+
+class Turn(NamedTuple):
+    """When the output may turn round: band, in its unit, and the sign of its last move."""
+
+    band: float
+    toward: float
+
+
+class Reach(NamedTuple):
+    """What the plate can do, and when the targets are wanted.
+
+    They lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s); lag_s: of the
+    film behind the plate.
+    """
+
+    spacing_s: float
+    first_s: float
+    slowest: float
+    fastest: float
+    lag_s: float
+
+
+class Reference(NamedTuple):
+    """Where film and plate should be, degC; the plate without what warms the film above it."""
+
+    film_degC: float
+    plate_degC: float
+
+
+class Planned(NamedTuple):
+    """What the reference does next.
+
+    reference: at the first target's time. output: of the film model there; move: from its present output. reached:
+    whether the first target can be reached.
+    """
+
+    reference: Reference
+    output: float
+    move: float
+    reached: bool
 
 
 @njit(cache=True)
-def wanted_temperatures(
-    targets: Array,
-    band: float,
-    toward: float,
-    v_now: float,
-    memory: Array,
-    film: Packed,
-    limits: Array,
-    table: Array,
-    temperatures: Array,
-) -> bool:
-    """Temperatures (degC) for the coming targets from the present memory; `memory` is used up.
+def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
+    """Temperatures (degC) for the coming targets from the present memory.
 
-    toward: the sign of the output's last move. To go on that way the film needs little; to turn round it has to cross
-    the loop, so that noise on the output would become degrees: a target within `band` of the present output on the
-    other side asks for no move. Returns whether the first target can be reached; where one cannot,
-    the temperature stays, or goes to the limit on whose side the target lies. limits, table: of `Inverse.settings`.
+    To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
+    the output would become degrees: a target within the band of the present output on the other side asks for no move.
+    Returns whether the first target can be reached; where one cannot, the temperature stays, or goes to the limit on
+    whose side the target lies.
     """
-    first_reached = True
-    v = v_now
-    envelopes, radii, weights, code, par = film
-    points, gammas, slopes, held, parts = workspace(film)
-    here, root = no_point(), np.empty(1)
-    monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
+    first_reached, toward, band = True, turn.toward, turn.band
+    v, memory, settings = film.degC, film.plays.copy(), film.settings
+    limits = settings[0]
+    envelopes, radii, weights, code, par = film.model
+    work = workspace(film.model)
     for i in range(targets.size):
         output = play.weighted_sum(weights, memory) + memoryless_value(code, par, v)
         wanted = targets[i]
@@ -55,32 +102,9 @@ def wanted_temperatures(
             temperatures[i] = v
             continue
         toward = math.copysign(1.0, gap)
-        if monotone:
-            found, v_next, _, _ = solve_monotone(
-                wanted, v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
-            )
-        else:
-            found, v_next, _, _ = solve(
-                wanted,
-                v,
-                envelopes,
-                radii,
-                weights,
-                code,
-                par,
-                limits,
-                table,
-                memory,
-                points,
-                gammas,
-                slopes,
-                held,
-                parts,
-                here,
-                root,
-            )
+        found, v_next, _, _ = solve(wanted, v, film.model, settings, memory, work)
         if found:
-            arrive(v_next, v, envelopes, radii, memory, points, here)
+            arrive(v_next, v, envelopes, radii, memory, work.points, work.here)
         else:
             first_reached = first_reached and i > 0
             v_next = limits[HIGH] if wanted > output else limits[LOW]
@@ -97,69 +121,92 @@ def limited(value: float, low: float, high: float) -> float:
 
 
 @njit(cache=True)
-def latest_departures(wanted: Array, spacing_s: float, slowest: float, fastest: float, departures: Array) -> None:
+def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
     """Where the plate has to be at each moment to arrive in time: the wanted temperatures limited backwards."""
+    slower = 1.0 / (1.0 + reach.lag_s / SLOWED_S)
+    slowest, fastest = slower * reach.slowest * reach.spacing_s, slower * reach.fastest * reach.spacing_s
     last = wanted.size - 1
     departures[last] = wanted[last]
     for i in range(last - 1, -1, -1):
         after = departures[i + 1]
-        departures[i] = limited(wanted[i], after - fastest * spacing_s, after - slowest * spacing_s)
+        departures[i] = limited(wanted[i], after - fastest, after - slowest)
 
 
 @njit(cache=True)
-def next_temperature(
-    wanted: Array, spacing_s: float, first_s: float, reference: float, slowest: float, fastest: float
-) -> float:
+def stopping_rate(distance: float, braking: float, lag_s: float) -> float:
+    """The fastest rate (K/s, > 0) from which a lagging film comes to rest within a distance (K, >= 0)."""
+    share = distance / (lag_s * braking)
+    r = share + math.sqrt(2.0 * share)  # u / s, between its limits for short and long distances
+    for _ in range(2):  # Newton: right to a thousandth
+        if r > 0.0:
+            r -= (r - math.log1p(r) - share) * (1.0 + r) / r
+    return max(r, 0.0) * braking
+
+
+@njit(cache=True)
+def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) -> Reference:
+    """The reference dt later on its way to a goal that is wanted ahead_s from now, at the plate's rates."""
+    slowest, fastest, lag = reach.slowest * dt, reach.fastest * dt, reach.lag_s
+    if lag == 0.0:
+        degC = now.film_degC + limited(goal - now.film_degC, slowest, fastest)
+        return Reference(degC, degC)
+    gap = goal - now.film_degC
+    most = stopping_rate(abs(gap), -reach.slowest if gap > 0.0 else reach.fastest, lag)
+    rate = limited(gap / ahead_s, -most, most)
+    step = limited(now.film_degC + lag * rate - now.plate_degC, slowest, fastest)
+    a = -math.expm1(-dt / lag)
+    film = now.film_degC + a * (now.plate_degC - now.film_degC) + step * (1.0 - lag * a / dt)
+    return Reference(film, now.plate_degC + step)
+
+
+@njit(cache=True)
+def first_goal(i: int, reach: Reach) -> tuple[int, float]:
+    """(which goal the i-th step of the reference makes for, how far ahead it lies, s).
+
+    A lagging film makes for the second one first: a rate over a single period would be noise, times the lag.
+    """
+    if i > 0:
+        return i, reach.spacing_s
+    return (0, reach.first_s) if reach.lag_s == 0.0 else (1, reach.first_s + reach.spacing_s)
+
+
+@njit(cache=True)
+def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
     """The reference after first_s where temperatures themselves are wanted: half-way between now and in time."""
     departures = np.empty(wanted.size)
-    latest_departures(wanted, spacing_s, slowest, fastest, departures)
-    step = 0.5 * (wanted[0] + departures[0]) - reference
-    return reference + limited(step, slowest * first_s, fastest * first_s)
+    latest_departures(wanted, reach, departures)
+    k, ahead_s = first_goal(0, reach)
+    return moved(now, 0.5 * (wanted[k] + departures[k]), ahead_s, reach.first_s, reach)
 
 
 @njit(cache=True)
-def next_reference(
-    targets: Array,
-    band: float,
-    toward: float,
-    v_now: float,
-    plays: Array,
-    film: Packed,
-    limits: Array,
-    table: Array,
-    spacing_s: float,
-    first_s: float,
-    reference: float,
-    slowest: float,
-    fastest: float,
-) -> tuple[bool, float, float]:
-    """(whether the first target can be reached, the reference after first_s, the output's move until then).
+def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, reach: Reach) -> Planned:
+    """The reference after first_s. targets: outputs, shape (targets,).
 
-    The targets lie first_s, first_s + spacing_s, ... ahead; slowest < 0 < fastest are the plate's rates (K/s). Of
-    several departure times, from `now` to `just in time`, the one is taken whose course, limited to the plate's
+    Of several departure times, from `now` to `just in time`, the one is taken whose course, limited to the plate's
     rates and run through the film model, keeps the smallest squared error over the preview.
     """
     count = targets.size
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, band, toward, v_now, plays.copy(), film, limits, table, wanted)
-    latest_departures(wanted, spacing_s, slowest, fastest, departures)
-    envelopes, radii, weights, code, par = film
-    best, cheapest, best_move = reference, math.inf, 0.0
-    before = memoryless_value(code, par, v_now) + play.weighted_sum(weights, plays)
+    reached = wanted_temperatures(targets, turn, film, wanted)
+    latest_departures(wanted, reach, departures)
+    envelopes, radii, weights, code, par = film.model
+    before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
+    best, cheapest, best_output = now, math.inf, before
     for choice in range(DEPARTURES):
         share = choice / (DEPARTURES - 1.0)
-        memory = plays.copy()
-        temperature, v, cost, first, move = reference, v_now, 0.0, reference, 0.0
+        memory = film.plays.copy()
+        at, v, cost, first, output = now, film.degC, 0.0, now, before
         for i in range(count):
-            dt = first_s if i == 0 else spacing_s
-            step = wanted[i] + share * (departures[i] - wanted[i]) - temperature
-            temperature += limited(step, slowest * dt, fastest * dt)
-            play.advance(temperature, v, envelopes, radii, memory)
-            v = temperature
+            dt = reach.first_s if i == 0 else reach.spacing_s
+            k, ahead_s = first_goal(i, reach)
+            at = moved(at, wanted[k] + share * (departures[k] - wanted[k]), ahead_s, dt, reach)
+            play.advance(at.film_degC, v, envelopes, radii, memory)
+            v = at.film_degC
             error = memoryless_value(code, par, v) + play.weighted_sum(weights, memory) - targets[i]
             cost += dt * error * error
             if i == 0:
-                first, move = temperature, error + targets[i] - before
+                first, output = at, error + targets[i]
         if cost < cheapest:
-            best, cheapest, best_move = first, cost, move
-    return reached, best, best_move
+            best, cheapest, best_output = first, cost, output
+    return Planned(best, best_output, best_output - before, reached)

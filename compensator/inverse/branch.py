@@ -20,7 +20,7 @@ trial temperature; the rest reuses what stands in the rows of the workspace.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -33,17 +33,35 @@ from compensator.inverse.monotone_intervals import SLOPE_ROW, VALUE_ROW, range_b
 ROWS: Final = 128  # points that a search can hold
 Z, F, E1, E2, H, GAMMA, SLOPE, D = range(8)  # columns of a point: z, F, E', E'', H, G, G', D(side z)
 
-# points (ROWS, 8), each envelope's G and G' (ROWS, envelopes), and two arrays (operators,) to reckon in
-Work = tuple[Array, Array, Array, Array, Array]
+# what is known of the present temperature: v, D, D', D'', and of the branch last walked its side, G and G'
+HERE_SIZE: Final = 7
+
+
+class Work(NamedTuple):
+    """Room for a search, so that a step of it allocates nothing.
+
+    points: shape (ROWS, 8). gammas, slopes: each envelope's G and G', shape (ROWS, envelopes), used where envelopes are
+    mixed. held, parts: shape (operators,), to reckon in. here: what is known of the present temperature, shape
+    (HERE_SIZE,), nan where nothing is. root: the solution that a search found, shape (1,).
+    """
+
+    points: Array
+    gammas: Array
+    slopes: Array
+    held: Array
+    parts: Array
+    here: Array
+    root: Array
 
 
 @njit(cache=True, error_model="numpy")
 def workspace(film: Packed) -> Work:
-    """Room for a search; the two arrays of envelopes hold anything only where envelopes are mixed."""
+    """Room for a search on this film."""
     envelopes, operators = film[0].shape[0], film[1].size
     rows = ROWS if envelopes > 1 else 1
     gammas, slopes = np.empty((rows, envelopes)), np.empty((rows, envelopes))
-    return np.empty((ROWS, 8)), gammas, slopes, np.empty(operators), np.empty(operators)
+    here = np.full(HERE_SIZE, math.nan)
+    return Work(np.empty((ROWS, 8)), gammas, slopes, np.empty(operators), np.empty(operators), here, np.empty(1))
 
 
 @lean

@@ -7,7 +7,6 @@ one trial temperature, the present one included.
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 from numba import njit
@@ -17,20 +16,12 @@ from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, envelope, lean, memoryless
 from compensator.inverse.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
-from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Z, evaluate, place_common, workspace
+from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Work, Z, evaluate, place_common, workspace
 from compensator.inverse.search import largest, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
 Settings = tuple[Array, Array]
 LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)
-# what is known of the present temperature: v, D, D', D'', and of the branch last walked its side, G and G'
-HERE_SIZE: Final = 7
-
-
-@njit(cache=True, error_model="numpy")
-def no_point() -> Array:
-    """An empty note of the present temperature."""
-    return np.full(HERE_SIZE, math.nan)
 
 
 @lean
@@ -106,37 +97,18 @@ def solve_monotone(
 
 
 @njit(cache=True, error_model="numpy")
-def solve(
-    target: float,
-    v: float,
-    envelopes: Array,
-    radii: Array,
-    weights: Array,
-    code: int,
-    par: Array,
-    limits: Array,
-    table: Array,
-    memory: Array,
-    points: Array,
-    gammas: Array,
-    slopes: Array,
-    held: Array,
-    parts: Array,
-    here: Array,
-    root: Array,
+def solve_any(
+    target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
 ) -> tuple[bool, float, float, int]:
-    """(found, temperature, model minus target, evaluations) of the chosen solution, from v and a memory.
-
-    The arguments are the film, the settings, the memory and the workspace, taken apart. `here` and the row FOUND tell
-    `arrive` what is known at the solution, so that a smooth target costs no evaluation twice.
-    """
+    """`solve` for films of which D may fall, or whose envelopes are mixed: both branches, each searched."""
+    limits, table = settings
+    points, root = work.points, work.root
     bound, least_slope = limits[BOUND], limits[LEAST_SLOPE]
-    rest = memoryless(code, par, v)[0] + play.weighted_sum(weights, memory)
+    rest = memoryless(film[3], film[4], v)[0] + play.weighted_sum(film[2], memory)
     count = 1
     if abs(rest - target) <= bound:
         return True, v, rest - target, count
     monotone = least_slope >= 0.0
-    film, work = (envelopes, radii, weights, code, par), (points, gammas, slopes, held, parts)
     up, up_residual, down, down_residual = math.nan, math.nan, math.nan, math.nan
     if v < limits[HIGH] and (target > rest or not monotone):
         evaluate(HERE, 1.0, v, film, memory, work)
@@ -160,6 +132,36 @@ def solve(
     if not math.isnan(down):
         return True, down, down_residual, count
     return not math.isnan(up), up, up_residual, count
+
+
+@njit(cache=True, error_model="numpy")
+def solve(
+    target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
+) -> tuple[bool, float, float, int]:
+    """(found, temperature, model minus target, evaluations) of the chosen solution, from v (degC) and a memory.
+
+    The row FOUND and `here` of the workspace tell `arrive` what is known at the solution, so that a smooth target costs
+    no evaluation twice.
+    """
+    limits = settings[0]
+    if limits[LEAST_SLOPE] >= 0.0 and film[0].shape[0] == 1:
+        envelopes, radii, weights, code, par = film
+        return solve_monotone(
+            target,
+            v,
+            envelopes,
+            radii,
+            weights,
+            code,
+            par,
+            limits,
+            memory,
+            work.points,
+            work.held,
+            work.parts,
+            work.here,
+        )
+    return solve_any(target, v, film, settings, memory, work)
 
 
 @lean
@@ -192,39 +194,12 @@ def trajectory(
 
     rows: temperatures and residuals, shape (2, targets). Returns the last temperature; `memory` is left there.
     """
-    here, root = no_point(), np.empty(1)
-    envelopes, radii, weights, code, par = film
-    limits, table = settings
-    points, gammas, slopes, held, parts = workspace(film)
-    monotone = limits[LEAST_SLOPE] >= 0.0 and envelopes.shape[0] == 1
+    envelopes, radii, work = film[0], film[1], workspace(film)
     for i in range(targets.size):
-        if monotone:
-            found, v_next, residual, count = solve_monotone(
-                targets[i], v, envelopes, radii, weights, code, par, limits, memory, points, held, parts, here
-            )
-        else:
-            found, v_next, residual, count = solve(
-                targets[i],
-                v,
-                envelopes,
-                radii,
-                weights,
-                code,
-                par,
-                limits,
-                table,
-                memory,
-                points,
-                gammas,
-                slopes,
-                held,
-                parts,
-                here,
-                root,
-            )
+        found, v_next, residual, count = solve(targets[i], v, film, settings, memory, work)
         rows[0, i], rows[1, i], evaluations[i] = v_next, residual, count
         if found:
-            arrive(v_next, v, envelopes, radii, memory, points, here)
+            arrive(v_next, v, envelopes, radii, memory, work.points, work.here)
             v = v_next
     return v
 

@@ -1,68 +1,107 @@
-"""What a model says of a record: temperatures from the current, and with effects the readings from either column."""
+"""What a model says of a record: the chain run over it (`sim.model.record_run`), from its current or temperature."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 
-from compensator.hysteresis.film import IDENTITY, FilmModel
+from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.rows import gap_threshold
 from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
-from rig.files.model_file import Model
+from rig.files.film_output import RISING_RESISTANCE, in_decades
+from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
-from sim.chain import World
-from sim.effects.effect import Switched, Warming
-from sim.open_loop import film_readings, simulate_record
+from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.record import Mask, read_columns, told_of
+from sim.diagnosis.data.record import Record as Rows
+from sim.effects.catalogue import catalogue
+from sim.effects.effect import Switched, Warming, of_resistances
+from sim.model.chain import ChainModel
+from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told, first_readings, fit_own, told_rows
+from sim.model.plate_path import PlatePath
+from sim.model.record_own import FilmStart, RecordOwn
+from sim.model.record_run import RecordRun, straight_path
+from sim.world.films.rising import RisingFilm, film_of_world
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
+FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
+Initial = Literal["cooled", "heated", "fitted"]
 
 
-def plate_temperatures(model: Model, record: Record) -> Array:
-    """The thermometer's temperature from the current, with the model's effects on driver, plate and thermometer.
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """output: of the film, temperature_degC: of the thermometer, both (rows,), nan where the model says nothing, None
+    where it was not asked; driven_by: what the film's temperature came from, None without a film; told: the rows to
+    which what belongs to the record was fitted, which are not scored; own: what was fitted, None where nothing was."""
 
-    It begins with the first reading, and after a gap with the next one.
+    output: Array | None
+    temperature_degC: Array | None
+    driven_by: Drive | None
+    told: Mask
+    own: RecordOwn | None = None
+
+
+def predicted(
+    model: Model,
+    record: Record,
+    where: object,
+    *,
+    initial: Initial | None = None,
+    drive: Drive | None = None,
+    first_s: float | None = None,
+) -> Prediction:
+    """The film's output and, from a current, the thermometer's temperature.
+
+    drive: what drives the film; None: as the model file says, else the current where the model has effects. initial: of
+    the film's memory, None: the model's; "fitted": with room and first temperatures, to the first rows (first_s seconds
+    of each stretch; None: 30 s or 20 rows, whichever is more). where: the model's file. Raises Faults.
     """
-    assert model.plate is not None
-    effects = tuple(e for e in model.switched() if e.effect.link in ("driver", "plate", "thermometer"))
-    if effects:
-        film = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # stands where no film is asked for
-        simulated = _from_current(replace(model, film=film), record, effects, None).temperature_degC
-        return np.where(_covered(record), simulated, math.nan)
-    time, current = record["time_s"], np.nan_to_num(record["current_A"])
-    simulated = np.full(time.size, math.nan)
-    for start, end in _stretches(record):
-        first = float(record["temperature_degC"][start])
-        simulated[start:end] = model.plate.simulate(first, time[start:end], current[start:end])
-    return simulated
-
-
-def with_effects(model: Model, record: Record, memory: Any, where: object) -> tuple[Array, Array | None, str]:
-    """(the film's output, the thermometer's temperature, "current" or "temperature"): what drives the film.
-
-    The temperature is None where it was given. Raises Faults for an effect that the film's output cannot have.
-    """
-    assert model.film is not None
-    effects = model.switched()
-    if model.film.output != "minus_log10_ohm":
-        for e in effects:
-            if e.effect.link == "ohmmeter" or needs_test_current((e,)):
-                text = f"{e.name}: has no meaning for the film output {model.film.output!r}"
-                raise fault(where, "effects", text)
-    if model.plate is not None and record.has("current_A"):
-        readings = _from_current(model, record, effects, memory)
-        known = _covered(record)
-        output = np.where(known, readings.output, math.nan)
-        return output, np.where(known, readings.temperature_degC, math.nan), "current"
-    effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
-    world = World(NO_PLATE, model.film, thermometer_noise_K=0.0, ohmmeter_noise_dec=0.0, effects=effects)
-    temperature = record["temperature_degC"]
-    readings = film_readings(world, record["time_s"], temperature, memory=memory, **_meter(record))
-    return np.where(np.isfinite(temperature), readings.output, math.nan), None, "temperature"
+    rows = _rows(record)
+    if initial == "fitted":  # what a command sent in a gap may still change tells nothing of the record's own
+        rows = rows.commanded_in_sight(catalogue().values())
+    plate = model.plate is not None and record.has("current_A")
+    drive = drive or model.drive or ("current" if model.effects else "temperature")
+    if drive == "current" and not plate:
+        drive = "temperature"
+    effects = _meaningful(model, where)
+    fitted = initial == "fitted"
+    told = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
+    readings = _readings(rows, record, model.film)
+    if fitted and model.film is not None and readings.output is None:
+        raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
+    film = film_of_world(model.film) if model.film is not None else None
+    sense = -1.0 if isinstance(film, RisingFilm) else 1.0  # an ohmmeter reads -log10 of a film that rises, too
+    chain = RecordRun(ChainModel(model.plate or NO_PLATE, film, effects))
+    start = _start(model.film, initial, readings)
+    own, path, shown = None, None, None
+    if plate:
+        first = RecordOwn(chain.ambient_degC, first_readings(rows, readings.temperature_degC), film=start)
+        if fitted:
+            alone = readings.only(told) if drive == "current" else replace(readings.only(told), output=None)
+            own, _ = fit_own(chain, rows, alone, start)
+            first = own
+        run = chain.plate(rows, first)
+        path, shown = run.path, chain.links.shown_degC(np.where(_covered(rows, readings), run.shown_degC, math.nan))
+    if model.film is None:
+        return Prediction(None, shown, None, told, own)
+    if drive == "temperature":
+        effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
+        chain = RecordRun(ChainModel(NO_PLATE, film, effects))
+        path = _as_read(rows, record, chain.spacing.longest_s)
+        of_film = RecordOwn(chain.ambient_degC, np.zeros(1), film=start)
+        if fitted:
+            of_film, _ = fit_own(chain, rows, readings.only(told), start, path)
+            own = replace(own, film=of_film.film, late=of_film.late) if own is not None else of_film
+        output = chain.shown(rows, path, of_film)
+        known = np.isfinite(record["temperature_degC"])
+    else:
+        assert path is not None
+        output, known = chain.shown(rows, path, first), _covered(rows, readings)
+    return Prediction(np.where(known, sense * output, math.nan), shown, drive, told, own)
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -70,52 +109,76 @@ def needs_test_current(effects: tuple[Switched, ...]) -> bool:
     return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in effects)
 
 
-def _from_current(model: Model, record: Record, effects: Any, memory: Any) -> Any:
-    assert model.plate is not None
-    assert model.film is not None
-    time, temperature = record["time_s"], record["temperature_degC"]
-    restart = np.full(time.size, math.nan)
-    for start, _ in _stretches(record):
-        restart[start] = temperature[start]
-    begin = int(np.flatnonzero(np.isfinite(restart))[0])
-    world = World(
-        model.plate,
-        model.film,
-        first_degC=float(temperature[begin]),
-        thermometer_noise_K=0.0,
-        ohmmeter_noise_dec=0.0,
-        current_limit_A=math.inf,
-        effects=effects,
+def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
+    """The model's effects. Raises Faults for one that the film's output cannot have."""
+    effects = model.switched()
+    if model.film is not None and not in_decades(model.film.output):
+        for e in effects:
+            if of_resistances(e.effect):
+                text = f"{e.name}: has no meaning for the film output {model.film.output!r}"
+                raise fault(where, "effects", text)
+    return effects
+
+
+def _rows(record: Record) -> Rows:
+    """When the record's rows were commanded and read, gaps found as a diagnosis finds them."""
+    asked = ("time_s", "temperature_degC", "current_A", "resistance_ohm", "meter_current_A", "resistance_time_s")
+    try:
+        rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)
+    except ValueError as error:
+        name, _, text = str(error).splitlines()[0].partition(": ")
+        raise fault(record.source, name, text) from None
+    if rows.current_A is None and record.has("current_A"):
+        rows = replace(rows, current_A=np.zeros(rows.rows))
+    return rows
+
+
+def _readings(rows: Rows, record: Record, film: FilmModel | None) -> Told:
+    """What was read, of the film in the output of its model."""
+    told = told_of(rows, LEAST_NOISE_K, LEAST_NOISE_DEC)
+    output = None
+    if film is not None and record.has_output(film.output):
+        output = np.asarray(record.output(film.output), dtype=np.float64)
+        output = np.where(np.isfinite(output), output, np.nan)
+        if told.output is not None and in_decades(film.output):
+            output = told.output  # without what stands out of its neighbours
+        elif film.output == RISING_RESISTANCE:
+            output = -output
+    return replace(
+        told,
+        output=output,
+        sigma_K=max(told.sigma_K, _noise(told.temperature_degC)),
+        sigma_dec=max(LEAST_NOISE_DEC, _noise(output)) if output is not None else LEAST_NOISE_DEC,
     )
-    current = np.nan_to_num(record["current_A"])
-    return simulate_record(world, time, current, restart_degC=restart, memory=memory, **_meter(record))
 
 
-def _meter(record: Record) -> dict[str, Any]:
-    """Test current and times of the resistances, as far as the record has them."""
-    given: dict[str, Any] = {}
-    if record.has("meter_current_A"):
-        given["meter_current_A"] = np.nan_to_num(record["meter_current_A"])
-    if record.has("resistance_time_s"):
-        given["resistance_time_s"] = record["resistance_time_s"]
-    return given
+def _noise(readings: Array) -> float:
+    finite = readings[np.isfinite(readings)]
+    return quick_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0
 
 
-def _stretches(record: Record) -> list[tuple[int, int]]:
-    """Rows from the first temperature after each gap to the next gap."""
-    time, temperature = record["time_s"], record["temperature_degC"]
-    breaks = np.flatnonzero(np.diff(time) > gap_threshold(np.diff(time))) + 1
-    found = []
-    for begin, end in zip([0, *breaks], [*breaks, time.size], strict=True):
-        known = np.flatnonzero(np.isfinite(temperature[begin:end]))
+def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> FilmStart:
+    """The memory that the first reading of the thermometer stands for."""
+    if film is None:
+        return FilmStart()
+    chosen: Any = film.initial if initial in (None, "fitted") else initial
+    if initial == "fitted":
+        return FilmStart(chosen)
+    return FilmStart(chosen, float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]))
+
+
+def _covered(rows: Rows, readings: Told) -> Mask:
+    """The rows from the first reading of the thermometer on, in each stretch."""
+    read, seen = np.isfinite(readings.temperature_degC), np.zeros(rows.rows, dtype=np.bool_)
+    for begin, end in zip(rows.first_rows, [*rows.first_rows[1:], rows.rows], strict=True):
+        known = np.flatnonzero(read[begin:end])
         if known.size:
-            found.append((int(begin + known[0]), int(end)))
-    return found
+            seen[begin + known[0] : end] = True
+    return seen
 
 
-def _covered(record: Record) -> Any:
-    """Rows that are inside a stretch."""
-    inside = np.zeros(record["time_s"].size, dtype=bool)
-    for start, end in _stretches(record):
-        inside[start:end] = True
-    return inside
+def _as_read(rows: Rows, record: Record, longest_s: float) -> PlatePath:
+    """The thermometer's readings, straight between them."""
+    degC = record["temperature_degC"]
+    known = np.isfinite(degC)
+    return straight_path(rows.time_s, np.interp(rows.time_s, rows.time_s[known], degC[known]), longest_s)

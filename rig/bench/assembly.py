@@ -25,7 +25,7 @@ from rig.ports.silence import nobody_answers
 from rig.safety.switching_off import off_confirmed, switch_off
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
-from sim.plant import SimulatedPlant
+from sim.world.plant import SimulatedPlant
 
 T = TypeVar("T")
 _numbers = itertools.count(1)

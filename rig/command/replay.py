@@ -1,6 +1,7 @@
 """peltier replay RUN [--config OTHER.toml]: the law again over a recorded run.
 
 The run's readings go into its law once more, and every command is compared bit for bit with the one that was sent.
+They are the same for the version that made the run; for another one it is said which, and bits may differ.
 With --config, another configuration runs on the run's twin instead: a simulated rig with the film, plate and effects of
 the run's model.toml.
 """
@@ -31,6 +32,8 @@ def main(options: argparse.Namespace) -> int:
     replay, _ = replay_run(options.run)
     same = replay.compared - replay.different
     voice.say(f"{same} of {replay.compared} commands are the same, bit for bit")
+    for name, (then, now) in replay.other_versions.items():
+        voice.say(f"the run was made with {name} {then}, this is {now}: bits may differ")
     if replay.different:
         voice.say(f"largest difference {replay.largest:.3g}, the first at {replay.first_different_s:g} s")
     voice.report({"format": "peltier-replay/1", "run": options.run, **replay.__dict__})

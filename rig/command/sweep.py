@@ -1,45 +1,62 @@
-"""peltier sweep CONFIG: many simulated experiments, a table of what came out.
+"""peltier sweep CONFIG: many cases of one configuration, a table of what came out.
 
-The configuration's [sweep] says what is varied, every value with every other:
+The configuration's [sweep] says what is varied:
 
     [sweep]
     seeds = 5                                          # or a list of seeds
     effects = [[], ["film_lag:tau_s=2"], ["creep"]]    # what is switched on beyond the configuration
-    [sweep.parameters]                                 # any key of the configuration
+    what = "experiment"                                # or "identification", "diagnosis" of each one's record
+    [sweep.parameters]                                 # any key of the configuration: every value with every other
     "control.ms" = [1.2, 1.4, 1.8]
 
-A row goes to DIR/sweep.csv as soon as its experiment is done; begun again with the same DIR, the sweep goes on with
-what is missing.
+or, in the place of parameters, plan = "latin_hypercube" with samples = 100 and [sweep.ranges] "control.ms" = [1.2, 2];
+or, in the place of simulated experiments, records = ["evening/*.csv"] to identify or to diagnose.
+
+Each case is a line of DIR/cases.jsonl as soon as it ends; DIR/sweep.csv and, at the end, DIR/sweep.nc and DIR/sweep.svg
+are the table. Begun again with the same DIR, whatever interrupted it, the sweep goes on with what is missing. A case
+that fails, or whose process is killed, is a row that says so, and stops nothing.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
+from typing import Any
 
+from rig.command.many_arguments import add_engine_arguments, engine_choice
 from rig.command.record_arguments import add_json_argument
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG")
     parser.add_argument("--out", type=Path, metavar="DIR", default=Path("sweep"), help="default: sweep/")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one a core")
+    add_engine_arguments(parser)
     parser.add_argument("--records", action="store_true", help="keep every record in DIR")
     add_json_argument(parser)
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.command.many_progress import ManyProgress
     from rig.command.say import Voice
-    from rig.rehearsal.swept import sweep
+    from rig.rehearsal.swept import read_sweep, row_in_words, sweep
 
     voice = Voice(options.json)
+    choice = engine_choice(options)
+    todo = read_sweep(options.config)
+    with ManyProgress() as progress:
 
-    def tell(done: int, of: int, line: str) -> None:
-        print(f"{done}/{of} {line}", file=sys.stderr, flush=True)
+        def tell(done: int, of: int, row: dict[str, Any]) -> None:
+            if row["status"] != "done":
+                progress.say(row_in_words(row))
+            progress.show(done, of)
 
-    rows = sweep(options.config, options.out, options.workers, options.records, tell)
+        rows = sweep(todo, options.out, choice, options.records, tell)
     failed = sum(1 for row in rows if row["status"] != "done")
-    voice.say(f"{len(rows)} experiments, {failed} of them ended early or failed: {options.out / 'sweep.csv'}")
+    voice.say(f"{len(rows)} cases, {failed} of them ended early or failed: {options.out / 'sweep.csv'}")
+    from rig.report.many_figure import draw_many
+
+    figure = draw_many(rows, options.out / "sweep.svg")
+    if figure is not None:
+        voice.say(f"figure: {figure}")
     voice.report({"format": "peltier-sweep/1", "table": options.out / "sweep.csv", "rows": rows})
     return 0

@@ -25,6 +25,7 @@ from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output
 from rig.files.run_folder import RunFolder
+from rig.safety.after_off import Courses
 from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, check_test_current
@@ -32,6 +33,7 @@ from rig.safety.switching_off import switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
+TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
 
 COLUMNS = [
     "time_s",
@@ -80,23 +82,28 @@ class Decision:
 class ReadAt:
     """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
 
-    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick.
+    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick. test_current_A: of
+    the ohmmeter, while it read; 0 where there is none.
     """
 
     after_s: float = 0.0
     output_age_s: float = 0.0
     acts_after_s: float = 0.0
+    test_current_A: float = 0.0
 
 
 AT_THE_TICK = ReadAt()
 
 
-def read_at(begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float) -> ReadAt:
+def read_at(
+    begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float, test_current_A: float
+) -> ReadAt:
     """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
 
-    tick_s: of the tick, from the beginning of the phase.
+    tick_s: of the tick, from the beginning of the phase. test_current_A: nan where there is none.
     """
-    return ReadAt(row_s - begin_s - tick_s, 0.0 if math.isnan(output_s) else row_s - output_s, acts_after_s)
+    age_s = 0.0 if math.isnan(output_s) else row_s - output_s
+    return ReadAt(row_s - begin_s - tick_s, age_s, acts_after_s, 0.0 if math.isnan(test_current_A) else test_current_A)
 
 
 class Policy(Protocol):
@@ -168,11 +175,11 @@ class Loop:
         self.sent = OFF
         self._measured_s = -math.inf
         self._read_s: float | None = None  # the last reading with a current on
+        self._told_s = -math.inf
 
-    @property
-    def last_A(self) -> float:
-        """The current that was on last, A; nan where it is not known, 0 where nothing was."""
-        return self.sent.current_A if self.sent.armed else 0.0
+    def after_off(self) -> Courses | None:
+        """What the thermometer would show if the output went off now; None where no reading could choose."""
+        return self.watch.after_off(self.sent.current_A)
 
     def elapsed_s(self) -> float:
         """Time of the run, s."""
@@ -210,6 +217,7 @@ class Loop:
             if not verdict.confirmed:
                 raise NotConfirmedOff(verdict.text)
         self.sent, self._read_s = OFF, None
+        self.watch.rests()
         self.bench.guard.idle()
         begin_s = self.elapsed_s()
         yield
@@ -265,20 +273,21 @@ class Loop:
         row_s = (temperature.time_s if known else now) - self._start_s
         output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
         acts_after_s = self._acts_after_s
-        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s)
+        meter = self.bench.meter
+        test_current_A = meter.test_current_A if meter is not None else math.nan
+        read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s, test_current_A)
         decision = policy.decide(k * period_s, degC, output, read)
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             acts_s = self._apply(decision, now, degC)
             self._acts_after_s = min(max(acts_s - self._start_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
-        meter = self.bench.meter
         self.folder.row(
             (
                 row_s,
                 degC,
                 value if self._output == LOG_RESISTANCE else math.nan,
                 self.sent.current_A,
-                meter.test_current_A if meter is not None else math.nan,
+                test_current_A,
                 output_s,
                 decision.setpoint_degC,
                 decision.reference_degC,
@@ -293,11 +302,19 @@ class Loop:
         if not self.bench.virtual:
             self.folder.flush()
         self.ticks.done += 1
-        self.bench.guard.alive()
+        self._tell_guard(now)
         if self._on_tick is not None:
             current_A = self.sent.current_A
             self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
         return decision.done
+
+    def _tell_guard(self, now: float) -> None:
+        """That the loop lives, and what would follow if it did not."""
+        guard = self.bench.guard
+        guard.alive()
+        if guard.guarding and now - self._told_s >= TOLD_EVERY_S:
+            self._told_s = now
+            guard.expects(self.after_off())
 
     def _count_gap(self, now: float) -> None:
         """How long nobody read with a current on: from one reading to the next."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from copy import deepcopy
-from dataclasses import replace
 
 import numpy as np
 
-from compensator.control.law import Law, LawState
+from compensator.control.law import Law
+from compensator.control.law_step import Inputs, LawState
+from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
 from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
 from rig.control.resistance import ohm
@@ -58,14 +58,16 @@ class Follow:
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
-            self.state = law.start(temperature_degC, self._memory)
+            self.state = law.start(temperature_degC, self._memory, test_current_A=read.test_current_A)
         resistance = self.target.quantity == "resistance"
         sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
         coming = sign * np.asarray(self.target.at(at_s + read.acts_after_s + self._ahead), dtype=np.float64)
-        ages = read.output_age_s, read.acts_after_s
-        command, self.state = law.step(self.state, temperature_degC, self._sign * output, sign * now, coming, *ages)
+        read_so = read.output_age_s, read.acts_after_s, read.test_current_A
+        command, self.state = law.step(
+            self.state, Inputs(temperature_degC, self._sign * output, sign * now, coming, *read_so)
+        )
         predicted = self._sign * command.output_model
         return Decision(
             current_A=command.current_A,
@@ -107,17 +109,22 @@ def temperature_now(loop: Loop, name: str, period_s: float) -> float:
 
 def handed_over(state: LawState, law: Law) -> LawState:
     """The state of one law as the start of another: the estimates stay, the correction begins anew."""
-    fresh = law.start(state.temperature_degC, state.memory, state.current_A)
-    known = state.estimate._replace(toward=0.0, moved=0.0)
+    fresh, known, seen = (
+        law.start(state.temperature_degC, state.memory, state.current_A),
+        state.estimate,
+        state.observer,
+    )
+    if law.observer is not None and seen is not None:
+        now = Reference(seen.film_degC, seen.plate_degC + seen.warming_K)
+        fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
-        return replace(fresh, estimate=known._replace(drift_K_per_s=0.0))
-    return replace(fresh, disturbance=state.disturbance, estimate=known)
+        return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
+    return fresh._replace(disturbance=state.disturbance, estimate=known)
 
 
 def warmed_up(law: Law) -> Law:
-    """The law, after some steps of a copy: what has to be compiled is, before a loop waits for it."""
-    trial = deepcopy(law)
-    state = trial.start(25.0, None)
-    for _ in range(3):
-        _, state = trial.step(state, 25.0, math.nan, 25.0, np.full(law.settings.preview, 25.0))
+    """The law, after some steps: what has to be compiled is, before a loop waits for it."""
+    state, wanted = law.start(25.0, None), np.full(law.preview_times_s().size, 25.0)
+    for output in (math.nan, 4.0, 4.0):
+        _, state = law.step(state, Inputs(25.0, output, 25.0, wanted, test_current_A=1e-4))
     return law

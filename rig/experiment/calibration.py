@@ -30,7 +30,7 @@ from rig.control.policies import Follow, temperature_now, warmed_up
 from rig.core.faults import fault
 from rig.core.outcome import Tripped
 from rig.drivers.heater_drive import cools
-from rig.experiment.extended_model import ExtendedLaw, plate_extension
+from rig.experiment.extended_model import plate_observer
 from rig.experiment.minor_loops import minor_turning_points, transition_range
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.files.configuration import Configuration
@@ -114,10 +114,7 @@ def _temperature_law(configuration: Configuration, known: KnownPlate, period_s: 
     settings = LawSettings(
         "temperature", period_s, configuration.limits.current_A, low, high, design.gains, rate_share=control.rate_share
     )
-    extension = plate_extension(_behind(known), known.plate, period_s)
-    return (
-        Law(settings, known.plate, None) if extension is None else ExtendedLaw(settings, known.plate, None, extension)
-    )
+    return Law(settings, known.plate, None, plate_observer(_behind(known), known.plate, period_s))
 
 
 def _behind(known: KnownPlate) -> list[Switched]:

@@ -34,6 +34,12 @@ class Onlooker(Protocol):
     def tick(self, tick: Tick) -> None: ...
 
 
+def still_to_come(phases: Phases, name: str) -> Phases:
+    """Of the phases that were expected, those after the one of this name, which begins; all where none has it."""
+    names = [expected for expected, _ in phases]
+    return phases[names.index(name) + 1 :] if name in names else phases
+
+
 def expected_calibration(configuration: Configuration) -> Phases:
     """Of `rig.experiment.calibration`."""
     c = configuration.calibration

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from compensator.control.design import Design
-from compensator.control.law import LawName
+from compensator.control.law_step import LawName
 from compensator.identification.heat_balance import Kind
 from rig.analysis.predicted import needs_test_current
 from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
@@ -25,7 +25,7 @@ from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
 from rig.experiment.expected import Onlooker, Phases, expected_run
-from rig.experiment.extended_model import known_plate, own_target, plate_extension
+from rig.experiment.extended_model import known_plate, own_target, plate_observer
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
 from rig.experiment.run_record import Report, no_report, recorded
@@ -267,7 +267,7 @@ def _one_law(session: Session, where: Path, result: Result, name: LawName) -> Ru
     assert model.plate is not None
     e = file.content.experiment
     known = known_plate(model.plate, model.switched())
-    plan = plan_tracking(session.bench, file.content, target, model, name, watchable_rate_K_per_s(known))
+    plan = plan_tracking(file.content, target, model, name, watchable_rate_K_per_s(known))
     with one_run(session, where, f"law {name}") as (loop, folder):
         if name == e.law and result.calibration is None:
             check_polarity(loop, file.content, e.period_s, known)
@@ -310,9 +310,9 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     else:
         assert plate is not None
         assert known is not None
-        extension = plate_extension(result.model.switched() if result.model else (), plate, e.period_s)
+        observer = plate_observer(result.model.switched() if result.model else (), plate, e.period_s)
         law, result.designs["temperature"] = law_and_design(
-            "temperature", file.content, cast(Any, film), plate, extension, watchable_rate_K_per_s(known)
+            "temperature", file.content, cast(Any, film), plate, observer, watchable_rate_K_per_s(known)
         )
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):

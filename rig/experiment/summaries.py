@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def design_table(design: Design) -> dict[str, Any]:
     """A design as plain values, for run.json and the report."""
     return {
-        "gains": dict(design.gains.__dict__),
+        "gains": design.gains._asdict(),
         "margins": dict(design.margins.__dict__),
         "closed_loop_time_s": design.closed_loop_time_s,
         "process_gain": design.process_gain,

@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.control.design import Design, design_log_resistance, design_temperature
-from compensator.control.law import Law, LawName, LawSettings
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import LawName
+from compensator.control.observer import Observer
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.analysis.score import Score, score
-from rig.bench.assembly import Bench
 from rig.control.loop import Loop
 from rig.control.policies import Follow, handed_over, temperature_now, warmed_up
 from rig.control.resistance import ohm
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
-from rig.experiment.extended_model import COMPENSATED, ExtendedLaw, own_target
-from rig.experiment.extension import Extension
+from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
@@ -39,18 +39,18 @@ def law_and_design(
     configuration: Configuration,
     film: FilmModel,
     plate: PlateModel,
-    extension: Extension | None = None,
+    observer: Observer | None = None,
     fastest_K_per_s: float = math.inf,
 ) -> tuple[Law, Design]:
     """A law with its gains, designed to the configured Ms with the bench's dead time, and compiled.
 
-    extension: the model's effects, for the laws that gain from them. fastest_K_per_s: of the reference.
+    observer: of the model's effects, for the laws that gain from them. fastest_K_per_s: of the reference.
     """
     if name not in COMPENSATED:
-        extension = None
+        observer = None
     e, control = configuration.experiment, configuration.control
     dead_time = control.dead_time_s if control.dead_time_s is not None else e.period_s
-    dead_time += extension.delay_s if extension is not None else 0.0
+    dead_time += observer.delay_s if observer is not None else 0.0
     low, high = configuration.limits.temperature_degC
     limit = configuration.limits.current_A
     if name == "pid":
@@ -71,8 +71,7 @@ def law_and_design(
         rate_share=control.rate_share,
         fastest_K_per_s=fastest_K_per_s,
     )
-    law = Law(settings, plate, film) if extension is None else ExtendedLaw(settings, plate, film, extension)
-    return warmed_up(law), design
+    return warmed_up(Law(settings, plate, film, observer)), design
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,22 +93,19 @@ class Plan:
 
 
 def plan_tracking(
-    bench: Bench, configuration: Configuration, target: Target, model: Model, name: LawName, fastest_K_per_s: float
+    configuration: Configuration, target: Target, model: Model, name: LawName, fastest_K_per_s: float
 ) -> Plan:
     """Laws designed and compiled, for one run; fastest_K_per_s: of the reference."""
     film, plate, effects, e = model.film, model.plate, model.switched(), configuration.experiment
     assert film is not None
     assert plate is not None
-    extension = None
-    if effects and name in COMPENSATED:
-        meter = bench.meter
-        extension = Extension(effects, plate, film, e.period_s, lambda: meter.test_current_A if meter else math.nan)
-    law, design = law_and_design(name, configuration, film, plate, extension, fastest_K_per_s)
+    observer = chain_observer(effects, plate, film, e.period_s) if name in COMPENSATED else None
+    law, design = law_and_design(name, configuration, film, plate, observer, fastest_K_per_s)
     setpoints = name == "instrument_pid"
-    mover, _ = law_and_design("temperature", configuration, film, plate, extension, fastest_K_per_s)
+    mover, _ = law_and_design("temperature", configuration, film, plate, observer, fastest_K_per_s)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
         mover = Law(replace(mover.settings, trusts_model=False), plate, film)
-    own = own_target(target, film, effects if extension is not None else ())
+    own = own_target(target, film, effects if observer is not None else ())
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     inverse.solve(float(own.values[0]), film.initial_memory(calibration_range(configuration)[1], "heated"))
     return Plan(name, law, design, mover, inverse, target, own, setpoints)

@@ -18,6 +18,7 @@ from rig.files.epics_table import EpicsTable
 from rig.files.model_file import MemorylessTable, PlateTable
 from rig.files.reachable_name import ReachableName
 from rig.files.secret_keys import without_secrets
+from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
 
@@ -28,6 +29,7 @@ DAY_S = 86400.0
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=1e-12, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to put in what moves a plate
 Wait = Annotated[float, Field(ge=0.0, le=DAY_S)]  # s: for something that is over within a day
 Period = Annotated[float, Field(ge=1e-3, le=3600.0)]  # s: no line carries a thousand exchanges a second
 Span = Annotated[float, Field(ge=1e-3, le=DAY_S)]  # s: of a watch or a forecast that has to end
@@ -106,6 +108,13 @@ class BenchTable(Table):
     meter: MeterTable | None = None
 
 
+def _pulse(share: float) -> float:
+    """The share of the current limit, if it is none or makes a pulse that ends. Raises ValueError."""
+    if 0.0 < share < SMALLEST_PULSE:
+        raise ValueError(f"expected 0 (no pulse), or {SMALLEST_PULSE:g} to 1: a smaller one moves no plate")
+    return share
+
+
 class LimitsTable(Table):
     """[limits]: what the interlock trips on. stale_s: a reading older than this is none.
 
@@ -119,7 +128,7 @@ class LimitsTable(Table):
     stale_s: Span = 2.0
     rate_K_per_s: Positive = 20.0
     runaway_s: Span = 20.0
-    polarity_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.25
+    polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
 class ExperimentTable(Table):
@@ -162,7 +171,7 @@ class CalibrationTable(Table):
 
 
 class RelayFilmTable(Table):
-    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.films.preisach."""
+    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
     relays: Count = 4000
@@ -190,7 +199,7 @@ class HeatSinkTable(Table):
 
 
 class DetectorTable(Table):
-    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.detector."""
+    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
 
     volts_per_unit: Number
     offset_V: Number = 0.0
@@ -230,18 +239,6 @@ class SimulationTable(Table):
         return data
 
 
-class SweepTable(Table):
-    """[sweep]: what `peltier sweep` varies, every value with every other.
-
-    seeds: of the noise, a list or how many. effects: alternatives, each a list of effects as `simulate --effect` names
-    them. parameters: lists of values for keys of this file, as in "control.ms" = [1.2, 1.4].
-    """
-
-    seeds: Annotated[int, Field(ge=0, le=1_000_000)] | list[int] = Field(default=1)
-    effects: list[list[str]] = [[]]
-    parameters: dict[str, list[Any]] = {}
-
-
 def _web_address(secret: SecretStr) -> SecretStr:
     if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
         raise ValueError("expected an address that begins with http:// or https://")
@@ -256,6 +253,7 @@ class ServeTable(Table):
     loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
     /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
     port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
+    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
@@ -272,6 +270,8 @@ class ServeTable(Table):
     minute_days: Days = 400.0
     hour_days: Days = 4000.0
     webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    diagnose: Literal["never", "nightly"] = "never"
+    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
 class Configuration(Table):

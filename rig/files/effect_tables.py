@@ -15,7 +15,7 @@ from rig.core.faults import Faults, fault
 from sim.effects import memoryless_term
 from sim.effects.catalogue import add_effect_file, catalogue
 from sim.effects.effect import Effect, Parameter, Switched, switched
-from sim.links import links_of
+from sim.model.links import links_of
 
 BELONGS_TO_FILM = "belongs to the film: give the simulated film its [film.memoryless] instead"
 _added: dict[tuple[Path, int], Effect] = {}

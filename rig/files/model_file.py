@@ -14,6 +14,7 @@ from compensator.thermal.plate import PlateModel
 from rig.core.faults import Faults
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import read_toml
+from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched
@@ -55,6 +56,9 @@ class OperatorTable(Table):
     weight: NotNegative
     rising: EnvelopeTable
     falling: EnvelopeTable
+
+
+Drive = Literal["current", "temperature"]
 
 
 class FilmTable(Table):
@@ -134,6 +138,7 @@ class PlateTable(Table):
 class ModelTable(Table):
     """A whole model file; each of [[effects]] has a name of the catalogue and all its parameters."""
 
+    drive: Drive | None = None
     film: FilmTable | None = None
     plate: PlateTable | None = None
     effects: list[dict[str, float | str]] = []
@@ -141,11 +146,13 @@ class ModelTable(Table):
 
 @dataclass(frozen=True)
 class Model:
-    """What a model file holds: a film, a plate, or both, and effects beyond the base model."""
+    """What a model file holds: a film, a plate, or both, and effects beyond the base model. drive: what the film's
+    temperature is predicted from, where the file says so."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: tuple[dict[str, float | str], ...] = ()
+    drive: Drive | None = None
 
     def switched(self) -> tuple[Switched, ...]:
         """The effects with their values. Raises Faults where one is not in the catalogue."""
@@ -173,6 +180,7 @@ def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) 
         table.film.model() if table.film else None,
         table.plate.model() if table.plate else None,
         tuple(table.effects),
+        table.drive,
     )
 
 
@@ -223,6 +231,8 @@ def plate_table(model: PlateModel) -> dict[str, Any]:
 def write_model(path: Path, model: Model, comment: str = "") -> None:
     """Write a model file; numbers read back to the same bits. `comment` lines go on top."""
     table: dict[str, Any] = {}
+    if model.drive is not None:
+        table["drive"] = model.drive
     if model.film is not None:
         table["film"] = _film(model.film)
     if model.plate is not None:
@@ -230,4 +240,4 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
     if model.effects:
         table["effects"] = [dict(effect) for effect in model.effects]
     head = "".join(f"# {line}\n" for line in comment.splitlines())
-    path.write_text(head + tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
+    write_text(path, head + tomli_w.dumps(table, multiline_strings=False))

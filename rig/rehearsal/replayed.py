@@ -13,30 +13,36 @@ import numpy as np
 from rig.control.loop import Loop, Policy, read_at
 from rig.control.policies import Follow
 from rig.core.faults import fault
-from rig.experiment.extended_model import known_plate, plate_extension
+from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.session import QUANTITY
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model
 from rig.files.record_file import Record, read_record
+from rig.files.run_folder import versions
 from rig.files.target import read_target
 from rig.files.toml_text import read_text, read_toml, shown
 from rig.rehearsal.simulated import simulated_configuration, table_in
 from rig.safety.plate_watch import watchable_rate_K_per_s
 
-LAWS = ("full", "pid", "feedforward")
+LAWS = ("full", "pid", "feedforward", "instrument_pid")
+MADE_BY = ("peltier-rig", "sources", "python", "numpy", "numba")  # what a command's bits depend on
 FILES = ("config.toml", "record.csv", "model.toml", "target.csv", "run.json", "events.jsonl")
 
 
 @dataclass
 class Replay:
-    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints)."""
+    """Commands compared, those that differ in any bit, and by how much at most (A, or K for setpoints).
+
+    other_versions: what made the run and is of another version here, (then, now) by name; the bits may differ then.
+    """
 
     compared: int = 0
     different: int = 0
     largest: float = 0.0
     first_different_s: float | None = None
+    other_versions: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass
@@ -48,14 +54,17 @@ class RecordedLoop:
     replay: Replay = field(default_factory=Replay)
 
     def __post_init__(self) -> None:
-        self._meter = SimpleNamespace(test_current_A=math.nan)
-        self.bench = SimpleNamespace(meter=self._meter)
+        self._row = 0
         self.folder = self
         self.limits = SimpleNamespace(stale_s=math.inf)
 
     def column(self, name: str) -> Any:
-        """A column of the record, as of a run folder."""
-        return np.array(self.record.text_columns[name]) if name in self.record.text_columns else self.record[name]
+        """A column of the record, as of a run folder. Raises Faults where it is missing."""
+        if name in self.record.text_columns:
+            return np.array(self.record.text_columns[name])
+        if name not in self.record.columns:
+            raise fault(self.record.source, name, "missing; expected the column of a run's record")
+        return self.record[name]
 
     def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         """The rows of the next phase of this name; those that were not recorded any more are left out."""
@@ -63,22 +72,41 @@ class RecordedLoop:
             self.phases.pop(0)
         if not self.phases:
             return
+        rows = self._rows_of_next()
         begin = self.phases.pop(0)["time_s"]
-        end = self.phases[0]["time_s"] if self.phases else math.inf
         time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
-        for row in np.flatnonzero((time >= begin) & (time < end)):
+        for row in rows:
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
-            self._meter.test_current_A = float(self.record["meter_current_A"][row])
             output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
             output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
             acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
-            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s)
+            test_A = float(self.record["meter_current_A"][row])
+            read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s, test_A)
             decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"
             self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))
+
+    def _rows_of_next(self) -> Any:
+        """The rows of the next phase: from its beginning on those of its name, as long as their ticks go on.
+
+        Of a record without ticks, those until the phase after begins.
+        """
+        time, begin = self.record["time_s"], self.phases[0]["time_s"]
+        end = self.phases[1]["time_s"] if len(self.phases) > 1 else math.inf
+        if not self.record.has("tick"):
+            return np.flatnonzero((time >= begin) & (time < end))
+        names, ticks = self.record.text_columns["phase"], self.record["tick"]
+        first = self._row
+        while first < time.size and (names[first] != self.phases[0]["text"] or time[first] < begin):
+            first += 1
+        last = first
+        while last < time.size and names[last] == names[first] and (last == first or ticks[last] > ticks[last - 1]):
+            last += 1
+        self._row = last
+        return np.arange(first, last)
 
     def _tick(self, row: int, time_s: float, period_s: float) -> int:
         """Which tick of its phase a row is; records from before that was written are on their grid."""
@@ -112,18 +140,29 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     if e.kind == "track_resistance":
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
-        plan = plan_tracking(stand_in.bench, file.content, target, model, _law(folder / "run.json"), fastest)
+        plan = plan_tracking(file.content, target, model, _law(folder / "run.json"), fastest)
         track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
-        extension = plate_extension(model.switched(), model.plate, e.period_s)
-        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, extension, fastest)
+        observer = plate_observer(model.switched(), model.plate, e.period_s)
+        law, _ = law_and_design("temperature", file.content, cast(Any, model.film), model.plate, observer, fastest)
         policy = Follow(law, target)
         start = to_temperature(stand_in, law, None, float(target.values[0]), e.settle_s, "approach", False)
         policy.state = start.state
         loop.phase("profile", policy, target.duration_s, e.period_s)
     else:
         raise fault(folder / "config.toml", "experiment.kind", f"{e.kind!r} with this law has no command of ours")
+    loop.replay.other_versions = _other_versions(folder / "run.json")
     return loop.replay, file
+
+
+def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
+    """What made the run and is of another version here: (then, now) by name. Raises Faults."""
+    try:
+        then = dict(parsed_json(read_text(path))["start"]["versions"])
+    except (ValueError, TypeError, KeyError, IndexError) as error:
+        raise fault(path, "start.versions", f"expected the versions that made the run ({error})") from None
+    now, unknown = versions(), "not recorded"
+    return {name: (str(then.get(name, unknown)), now[name]) for name in MADE_BY if then.get(name) != now[name]}
 
 
 def _record(path: Path) -> Record:

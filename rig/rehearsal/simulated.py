@@ -24,8 +24,8 @@ from rig.files.record_file import read_record
 from rig.files.run_folder import part_of
 from rig.files.toml_text import read_text, read_toml
 from sim.effects.effect import Switched
-from sim.open_loop import simulate_record
-from sim.plant import stamp_s
+from sim.world.open_loop import simulate_record
+from sim.world.plant import stamp_s
 
 TEST_CURRENT_A = 1e-4
 

@@ -1,16 +1,11 @@
-"""Many simulated experiments, in several processes: every combination of a [sweep] table, one row of a table each."""
+"""Many cases of one configuration: experiments on the simulated rig, and what identification or diagnosis make of them
+or of records. One row of a table each."""
 
 from __future__ import annotations
 
-import contextlib
-import copy
-import csv
-import itertools
-import multiprocessing
-import os
-import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import hashlib
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,163 +13,150 @@ from typing import Any
 from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Outcome
-from rig.files.configuration import SweepTable
-from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
-from rig.files.record_file import write_columns
+from rig.files.record_file import Record, read_record, write_columns
+from rig.files.sweep_table import SweepTable, What
 from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
-from rig.rehearsal.simulated import simulate, simulated_configuration, table_in, target_error
-from rig.safety.signals import CAUGHT, SignalStop
+from rig.many.cases import Case, each_ended
+from rig.many.engine import EngineChoice, given, opened
+from rig.many.journal import LOST, Journal
+from rig.rehearsal.points import Point, check_points, configuration_at, points_of
+from rig.rehearsal.simulated import simulate, target_error
+from rig.safety.signals import SignalStop
+from rig.version import __version__
 
-RESULTS = ("status", "rows", "rms_dec", "max_dec", "rms_K", "max_K", "text")
+Values = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Point:
-    """One experiment: its number, the keys that are set, effects in words, the noise's seed."""
+class Sweep:
+    """What there is to do. identities: what each case is, by number; records: by number, where there are any."""
 
-    number: int
-    parameters: dict[str, Any]
-    effects: tuple[str, ...]
-    seed: int
+    path: Path
+    raw: dict[str, Any]
+    table: SweepTable
+    points: list[Point]
+    records: list[Record]
 
-    def table(self) -> dict[str, str]:
-        """Its columns, as they stand in the file."""
-        columns = {"number": str(self.number), **{key: str(value) for key, value in self.parameters.items()}}
-        return {**columns, "effects": " ".join(self.effects), "seed": str(self.seed)}
-
-
-def points_of(table: SweepTable) -> Iterator[Point]:
-    """Every value with every other."""
-    seeds = list(range(table.seeds)) if isinstance(table.seeds, int) else table.seeds
-    values = itertools.product(*table.parameters.values())
-    for number, (chosen, effects, seed) in enumerate(itertools.product(values, table.effects, seeds)):
-        yield Point(number, dict(zip(table.parameters, chosen, strict=True)), tuple(effects), seed)
+    @property
+    def identities(self) -> dict[int, Values]:
+        """Of each case, with what it is a case of: another configuration or version makes other rows."""
+        of = {"of": _digest(self.raw)}
+        if self.records:
+            return {n: {"number": n, "record": record.source, **of} for n, record in enumerate(self.records)}
+        return {point.number: {**point.identity(), **of} for point in self.points}
 
 
-def sweep(
-    path: Path, out: Path, workers: int | None, records: bool, tell: Callable[[int, int, str], None]
-) -> list[dict[str, str]]:
-    """The table's rows, in the order of their numbers. Raises Faults before anything is begun."""
+def read_sweep(path: Path) -> Sweep:
+    """The sweep of a configuration, checked. Raises Faults before anything is begun."""
     raw = read_toml(path)
     if "sweep" not in raw:
         raise fault(path, "sweep", "missing; expected a table [sweep] with seeds, effects, parameters")
-    if workers is not None and workers < 1:
-        raise fault("--workers", repr(workers), "expected a number >= 1")
     table = checked(SweepTable, raw["sweep"], path)
+    if table.records:
+        return Sweep(path, raw, table, [], _records(path, table.records))
     points = list(points_of(table))
-    _check(path, raw, points)
+    check_points(path, raw, points)
+    return Sweep(path, raw, table, points, [])
+
+
+def _records(path: Path, names: list[str]) -> list[Record]:
+    paths, lines = [], []
+    for name in names:
+        found = sorted(path.parent.glob(name)) if not Path(name).is_absolute() else [Path(name)]
+        lines += [] if found else [f"{path}: sweep.records: {name!r}; expected names of files beside this one"]
+        paths += found
+    records = []
+    for one in dict.fromkeys(paths):
+        try:
+            records.append(read_record(one))
+        except Faults as faults:
+            lines += faults.lines
+    if lines:
+        raise Faults(lines)
+    return records
+
+
+def _digest(raw: dict[str, Any]) -> str:
+    """Of what decides a case's outcome and is not in its row."""
+    rest = {**raw, "sweep": {"what": raw["sweep"].get("what", "experiment")}, "version": __version__}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True, default=str).encode()).hexdigest()[:12]
+
+
+def sweep(
+    todo: Sweep, out: Path, choice: EngineChoice, keep_records: bool, tell: Callable[[int, int, Values], None]
+) -> list[Values]:
+    """The table's rows, in the order of their numbers; tell(done, of, row) as each ends. Raises Faults."""
+    identities = todo.identities
+    journal = Journal(out, "sweep", identities)
+    left = journal.missing()
+    folder = out if keep_records else None
     try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise fault(out, "--out", f"cannot be made: {error.strerror}") from None
-    file = out / "sweep.csv"
-    names = [*points[0].table(), *RESULTS]
-    done = {int(row["number"]): row for row in _read(file, names, points)}
-    left = [point for point in points if point.number not in done]
-    if not file.exists():
-        file.write_text(",".join(f'"{name}"' for name in names) + "\n", encoding="utf-8")
-    count = min(workers or os.cpu_count() or 1, max(len(left), 1))
-    context = multiprocessing.get_context("spawn")  # compiled loops and signal handlers do not survive a fork
-    with SignalStop(), contextlib.ExitStack() as stack:
-        with _signals_for_us_alone():
-            pool = stack.enter_context(ProcessPoolExecutor(count, context))
-            stack.enter_context(_ended_with(pool))
-            jobs = [pool.submit(experiment, path, point, out if records else None) for point in left]
-        lines = stack.enter_context(file.open("a", encoding="utf-8", newline=""))
-        writer = csv.DictWriter(lines, names, lineterminator="\n", restval="")
-        for job in as_completed(jobs):
-            row = job.result()
-            writer.writerow(row)
-            lines.flush()
-            done[int(row["number"])] = {name: str(row.get(name, "")) for name in names}
-            tell(len(done), len(points), " ".join(f"{key}={value}" for key, value in row.items() if value != ""))
-    return [done[number] for number in sorted(done)]
+        with SignalStop(), opened(choice, max(len(left), 1)) as engine:
 
+            def cases() -> Any:
+                for number in left:
+                    if todo.records:
+                        yield Case(number, of_record, (todo.table.what, engine.share(todo.records[number])))
+                    else:
+                        point = todo.points[number]
+                        yield Case(
+                            number, of_point, (todo.table.what, todo.path, engine.share(todo.raw), point, folder)
+                        )
 
-@contextlib.contextmanager
-def _ended_with(pool: ProcessPoolExecutor) -> Iterator[None]:
-    """Whatever goes wrong, Ctrl-C too, ends the experiments that run and those that wait; their rows are not there."""
-    try:
-        yield
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
-            process.kill()
-        raise
-
-
-@contextlib.contextmanager
-def _signals_for_us_alone() -> Iterator[None]:
-    """Ctrl-C on a terminal reaches every process of the group: those that begin here leave it to this one."""
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, CAUGHT)
-    try:
-        yield
+            for ended in each_ended(cases(), engine):
+                values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
+                journal.add(ended.number, values, ended.seconds)
+                tell(len(journal.done), len(identities), {**identities[ended.number], **values})
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        journal.close()
+    return journal.rows()
 
 
-def experiment(path: Path, point: Point, records: Path | None) -> dict[str, str]:
-    """One row: what was varied and what came out of it; what goes wrong is a row too."""
-    row = point.table()
+def of_point(what: What, path: Path, raw: Any, point: Point, records: Path | None) -> Values:
+    """In a worker: one simulated experiment, and what is made of it; what goes wrong is a row too."""
     try:
-        file = simulated_configuration(path, *_varied(path, read_toml(path), point))
-        simulated = simulate(file, lambda text: None, None)
+        simulated = simulate(configuration_at(path, given(raw), point), lambda text: None, None)
     except (Faults, Outcome, RigError) as error:
-        return {**row, "status": "failed", "text": str(error)}
+        return {"status": "failed", "text": in_a_line(error)}
     if records is not None:
         write_columns(records / f"record_{point.number:05d}.csv", simulated.columns)
     ended = simulated.ended
-    row |= {"status": "done" if ended is None else "tripped", "text": "" if ended is None else str(ended)}
-    row["rows"] = str(simulated.rows)
-    return {**row, **{name: repr(value) for name, value in target_error(simulated).items()}}
+    row: Values = {"status": "done" if ended is None else "tripped", "rows": simulated.rows}
+    row |= target_error(simulated)
+    if ended is not None:
+        row["text"] = in_a_line(ended)
+    if what == "experiment":
+        return row
+    columns = {name: c for name, c in simulated.columns.items() if not isinstance(c, list)}
+    return {**row, **_made_of(what, Record(columns, source=f"case {point.number}"))}
 
 
-def _varied(path: Path, raw: dict[str, Any], point: Point) -> tuple[dict[str, Any], list[dict[str, Any]], int]:
-    """What TOML would have made of the configuration with the point's values; its effects; its seed."""
-    raw = copy.deepcopy(raw)
-    files = table_in(raw, "simulation").get("effect_files", [])
-    add_effect_files(path.parent / name for name in (files if isinstance(files, list) else []) if isinstance(name, str))
-    for key, value in point.parameters.items():
-        *tables, last = key.split(".")
-        inner = raw
-        for name in tables:
-            inner = table_in(inner, name)
-        inner[last] = value
-    return raw, [effect_in_words(text) for text in point.effects], point.seed
+def of_record(what: What, record: Any) -> Values:
+    """In a worker: what is made of one record."""
+    return {"status": "done", **_made_of(what, given(record))}
 
 
-def _check(path: Path, raw: dict[str, Any], points: list[Point]) -> None:
-    """Every value and every effect once, before hours are spent. Raises Faults."""
-    if not points:
-        raise fault(path, "sweep", "nothing to do: expected at least one value of each")
-    seen: set[str] = set()
-    for point in points:
-        fresh = [t for t in (str(point.parameters), str(point.effects)) if t not in seen]
-        if not fresh:
-            continue
-        seen.update(fresh)
-        varied, tables, seed = _varied(path, raw, point)
-        lines = switched_effects(tables, f"{path}: sweep.effects", complete=False)[1]
-        if lines:
-            raise Faults(lines)
-        simulated_configuration(path, varied, tables, seed)
+def _made_of(what: What, record: Record) -> Values:
+    from rig.analysis.one_row import of_diagnosis, of_identification
+
+    try:
+        if what == "diagnosis":
+            from rig.analysis.diagnosed import diagnosed
+
+            return of_diagnosis(diagnosed(record)[0].document())
+        from rig.report.identified_records import AskedFit, identified
+
+        return of_identification(identified([record], AskedFit(), [], None, lambda text: None))
+    except Faults as faults:
+        return {"status": "failed", "text": in_a_line(faults)}
 
 
-def _read(file: Path, names: list[str], points: list[Point]) -> list[dict[str, str]]:
-    """The rows that are there already. Raises Faults where they are of another sweep."""
-    if not file.exists():
-        return []
-    with file.open(encoding="utf-8", newline="") as lines:
-        rows = [row for row in csv.DictReader(lines) if row.get("status")]
-    known = {point.number: point.table() for point in points}
-    for row in rows:
-        wanted = known.get(int(row["number"]), {})
-        if set(row) != set(names) or any(row[name] != value for name, value in wanted.items()) or not wanted:
-            raise fault(
-                file, f"number {row['number']}", "is of another sweep; expected --out of this one, or a new DIR"
-            )
-    return rows
+def in_a_line(error: Exception) -> str:
+    """What went wrong, for a cell of a table."""
+    return " / ".join(str(error).splitlines())
+
+
+def row_in_words(row: Mapping[str, Any]) -> str:
+    """A row as a line."""
+    return " ".join(f"{key}={value}" for key, value in row.items() if value != "" and key != "of")

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogFormatter
 
 from compensator.hysteresis.functions import Array
+from rig.files.written import write_text
 
 COLOURS = {
     "measured": "#1f5fbf",
@@ -79,15 +80,20 @@ def thinned(*columns: Array) -> list[Array]:
     return [column[index] for column in columns]
 
 
-def saved(figure: Figure, folder: Path, name: str) -> str:
-    """Write folder/figures/NAME.svg; returns the SVG element for a page."""
+def svg_text(figure: Figure) -> str:
+    """The figure as an SVG file's text, the same bits for the same figure."""
     with mpl.rc_context(cast(Any, SETTINGS)):
         FigureCanvasSVG(figure)
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
+    return buffer.getvalue()
+
+
+def saved(figure: Figure, folder: Path, name: str) -> str:
+    """Write folder/figures/NAME.svg; returns the SVG element for a page."""
+    text = svg_text(figure)
     (folder / "figures").mkdir(exist_ok=True)
-    (folder / "figures" / f"{name}.svg").write_text(text, encoding="utf-8")
+    write_text(folder / "figures" / f"{name}.svg", text)
     start = text.index("<svg")
     unique = text[start:].replace('id="', f'id="{name}-').replace('href="#', f'href="#{name}-')
     return unique.replace("url(#", f"url(#{name}-")

@@ -15,7 +15,7 @@ An effect of a user's own is one file with an `EFFECT` in it (`docs/own_effect.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -162,11 +162,6 @@ class Switched:
         return {p.name: float(v) for p, v in zip(self.effect.parameters, self.par, strict=True)}
 
 
-def filters(effects: Iterable[Switched], *targets: str) -> list[Switched]:
-    """Those that filter one of these signals, in their order."""
-    return [e for e in effects if isinstance(e.effect.form, Filter) and e.effect.form.target in targets]
-
-
 def jumps(effect: Effect) -> bool:
     """Whether the outcome jumps with the effect's parameter, so that it has to be searched for."""
     return isinstance(effect.form, Command) and effect.form.jumps is not None
@@ -175,6 +170,12 @@ def jumps(effect: Effect) -> bool:
 def at_the_terminals(effect: Effect) -> bool:
     """Whether it bends the reading as a function of the resistance alone."""
     return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
+
+
+def of_resistances(effect: Effect) -> bool:
+    """Whether an effect is defined on ohms: what an ohmmeter shows for a resistance, or what it heats."""
+    form = effect.form
+    return (effect.link == "ohmmeter" and isinstance(form, Reading)) or (isinstance(form, Warming) and form.heated)
 
 
 def switched(effect: Effect, values: dict[str, float] | ArrayLike) -> Switched:

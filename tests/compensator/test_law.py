@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from compensator.control.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
-from compensator.control.law import NAMES, Law, LawName, LawSettings, LawState
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
-from compensator.control.reference_shaping import next_reference, next_temperature
-from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
+from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -33,12 +34,13 @@ def law_of(name: LawName) -> Law:
 
 
 class PlainEstimate:
-    """Both filters, written once more: noise by second differences, alpha-beta, Kalman with a learned model error."""
+    """Both filters, written once more: noise by second differences, Kalman by matrices, with a learned model error."""
 
     def __init__(self) -> None:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
         self.lately: dict[str, list[float]] = {"degC": [], "output": []}
         self.drift, self.doubt, self.error2, self.lengths = 0.0, 1e-4, 9e-6, 0
+        self.covariance = np.diag([1e-4, 4e-4])  # of temperature and heating rate
         self.course, self.mark, self.moved, self.toward = 0.0, math.nan, 0.0, 0.0
 
     def learn(self, which: str, value: float) -> None:
@@ -50,11 +52,12 @@ class PlainEstimate:
 
     def temperature(self, predicted: float, reading: float, period: float) -> float:
         self.learn("degC", reading)
-        index = UNSTEADY_K_PER_S2 * period**2 / math.sqrt(self.noise["degC"][0] + 1e-12)
-        r = (4.0 + index - math.sqrt(8.0 * index + index**2)) / 4.0
-        alpha = 1.0 - r**2
-        self.drift += (2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)) / period * (reading - predicted)
-        return predicted + alpha * (reading - predicted)
+        forward, heat = np.array([[1.0, period], [0.0, 1.0]]), np.array([0.5 * period**2, period])
+        p = forward @ self.covariance @ forward.T + UNSTEADY_K_PER_S2**2 * np.outer(heat, heat)
+        gain = p[:, 0] / (p[0, 0] + self.noise["degC"][0] + 1e-12)
+        self.covariance = p - np.outer(gain, p[0])
+        self.drift += gain[1] * (reading - predicted)
+        return float(predicted + gain[0] * (reading - predicted))
 
     def disturbance(self, before: float, off: float, output: float, period: float) -> float:
         self.learn("output", output)
@@ -89,39 +92,44 @@ def plain_step(
         if s.name in ("full", "instrument_pid") and math.isfinite(output):
             off = output + known.moved / s.period_s * (AGE_S + ACTS_S) - expected
             disturbance = known.disturbance(disturbance, off, output, s.period_s)
+    before = state.reference_degC
     if s.name == "pid":
-        if not math.isfinite(output):
-            return state.current_A, math.nan, LawState(here, state.reference_degC, memory, 0.0, pid, state.current_A)
-        wanted, pid = pid_output(s.gains, pid, target_now, output, s.period_s)
-        low, high = PLATE.current_range_A(here, s.current_limit_A)
-        current = min(max(wanted, low), high)
-        pid = pid_integrate(s.gains, pid, target_now, output, current - wanted, s.period_s)
-        return current, math.nan, LawState(here, state.reference_degC, memory, 0.0, pid, current)
+        current = state.current_A
+        if math.isfinite(output):
+            wanted, pid = pid_output(s.gains, pid, target_now, output, s.period_s)
+            low, high = PLATE.current_range_A(here, s.current_limit_A)
+            current = min(max(wanted, low), high)
+            pid = pid_integrate(s.gains, pid, target_now, output, current - wanted, s.period_s)
+        return current, math.nan, after(here, before, memory, 0.0, pid, current)
     cooling, heating = (s.rate_share * rate for rate in PLATE.rate_range_K_per_s(here, s.current_limit_A))
-    cooling, heating = min(cooling, -1e-6), max(heating, 1e-6)
+    reach = Reach(s.preview_spacing_s, s.period_s, min(cooling, -1e-6), max(heating, 1e-6), 0.0)
     if film is None:
-        following = next_temperature(targets, s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating)
+        following = next_temperature(targets, Reference(before, before), reach).film_degC
     else:
-        limits, table = Inverse(film, s.low_degC, s.high_degC).settings()
+        settings = Inverse(film, s.low_degC, s.high_degC).settings()
         band = max(s.band, s.reversal * math.sqrt(known.doubt)) if s.name != "feedforward" else 0.0
-        rates = s.preview_spacing_s, s.period_s, state.reference_degC, cooling, heating
-        here_and_before = memory.input_degC, memory.plays.copy()
-        _, following, known.moved = next_reference(
-            targets - disturbance, band, known.toward, *here_and_before, film.packed, limits, table, *rates
-        )
-        if following != state.reference_degC and known.moved != 0.0:
+        turn, now = Turn(band, known.toward), FilmNow(memory.input_degC, memory.plays.copy(), film.packed, settings)
+        plan = next_reference(targets - disturbance, turn, now, Reference(before, before), reach)
+        following, known.moved = plan.reference.film_degC, plan.move
+        if following != before and known.moved != 0.0:
             known.toward = math.copysign(1.0, known.moved)
     following = min(max(following, s.low_degC), s.high_degC)
-    rate = (following - state.reference_degC) / s.period_s
+    rate = (following - (before if s.name in ("full", "temperature") else here)) / s.period_s
     if s.name in ("full", "temperature"):
-        correction, pid = pid_output(s.gains, pid, state.reference_degC, here, s.period_s)
+        correction, pid = pid_output(s.gains, pid, before, here, s.period_s)
         rate += correction
     current = PLATE.current_for_rate_A(here, rate, s.current_limit_A)
     if s.name in ("full", "temperature"):
         shortfall = PLATE.rate_K_per_s(here, current) - rate
         shortfall = 0.0 if abs(shortfall) < 1e-12 else shortfall
-        pid = pid_integrate(s.gains, pid, state.reference_degC, here, shortfall, s.period_s)
-    return current, following, LawState(here, following, memory, disturbance, pid, current)
+        pid = pid_integrate(s.gains, pid, before, here, shortfall, s.period_s)
+    return current, following, after(here, following, memory, disturbance, pid, current)
+
+
+def after(here: float, reference: float, memory: Memory, disturbance: float, pid: PidState, current: float) -> LawState:
+    """A state with what the plain step knows."""
+    there = Reference(reference, reference)
+    return LawState(here, there, memory.input_degC, memory.plays, disturbance, pid, current)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -138,7 +146,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
         measured = math.nan if k % 53 == 7 else output + 0.002 * rng.normal() + 0.02 * math.sin(0.1 * t)
         now, coming = wanted(name, t), np.asarray(wanted(name, t + ahead))
         expected_current, setpoint, expected = plain_step(law, state, known, reading, measured, float(now), coming)
-        command, state = law.step(state, reading, measured, float(now), coming, AGE_S, ACTS_S)
+        command, state = law.step(state, Inputs(reading, measured, float(now), coming, AGE_S, ACTS_S))
         assert command.current_A == pytest.approx(expected_current, abs=1e-12)
         assert command.setpoint_degC == pytest.approx(setpoint, abs=1e-12, nan_ok=True)
         for mine, other in ((state.disturbance, expected.disturbance), (state.pid.integral, expected.pid.integral)):
@@ -163,17 +171,28 @@ def test_the_state_is_a_value() -> None:
     state = law.start(50.0, None)
     targets = np.full(8, -2.9)
     targets.setflags(write=False)
-    first = law.step(state, 50.1, -3.4, -2.9, targets)
-    again = law.step(state, 50.1, -3.4, -2.9, targets)
+    inputs = Inputs(50.1, -3.4, -2.9, targets)
+    first, again = law.step(state, inputs), law.step(state, inputs)
     assert first[0] == again[0]
-    assert np.array_equal(first[1].memory.plays, again[1].memory.plays)
-    with pytest.raises(ValueError, match="read-only"):
-        first[1].memory.plays[0] = 0.0
+    for one, other in zip(first[1], again[1], strict=True):
+        assert np.array_equal(np.ravel(flat(one)), np.ravel(flat(other)), equal_nan=True)
+    for plays in (first[1].plays, first[1].memory.plays, state.plays):
+        with pytest.raises(ValueError, match="read-only"):
+            plays[0] = 0.0
+    with pytest.raises(AttributeError):
+        first[1].disturbance = 1.0  # type: ignore[misc]
+
+
+def flat(part: object) -> list[float]:
+    """All numbers of a part of a state, in order."""
+    if isinstance(part, tuple):
+        return [number for each in part for number in flat(each)]
+    return [] if part is None else list(np.ravel(np.asarray(part, dtype=np.float64)))
 
 
 def test_an_output_that_cannot_be_reached_is_told() -> None:
     law = law_of("full")
-    command, _ = law.step(law.start(50.0, None), 50.0, math.nan, -20.0, np.full(8, -20.0))
+    command, _ = law.step(law.start(50.0, None), Inputs(50.0, math.nan, -20.0, np.full(8, -20.0)))
     assert not command.reachable
     assert law.start(50.0, None).pid == PidState()
 

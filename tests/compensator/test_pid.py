@@ -19,6 +19,7 @@ GAINS = st.builds(
     filter_time_s=st.floats(0.01, 1.0),
     b=st.just(1.0),
     c=st.just(1.0),
+    tracking_time_s=st.just(np.inf),
 )
 
 

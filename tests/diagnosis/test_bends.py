@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.bends import of_sharpness
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Reading
+from sim.model.sharpness import of_sharpness
 
 OHM = np.geomspace(1e2, 1e7, 40)
 SIZES = {"series_resistance": 300.0, "parallel_leakage": 2e5}

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.diagnosis.chain import Chain, temperature_search
-from sim.diagnosis.film_point import Point
-from sim.diagnosis.hidden import hidden_by_the_film
-from sim.diagnosis.record import read_columns
-from sim.diagnosis.resistance_channel import ResistanceChannel
-from sim.diagnosis.resistance_fit import FilmParameters
-from sim.diagnosis.resistance_search import RELAY_STEPS
-from sim.diagnosis.temperature_search import held_effect
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.fit.film_point import Point
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import FilmParameters
+from sim.diagnosis.report.detectability import hidden_by_the_film
+from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.resistance_search import RELAY_STEPS
+from sim.diagnosis.search.temperature_search import held_effect
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
 from tests.diagnosis.cases import case

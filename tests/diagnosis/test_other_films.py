@@ -3,7 +3,8 @@
 Relays stand in for such a film, hundreds of them, and where a search among them ends hangs on the last digits of its
 sums: evidence of 215 differs by 4 between processors. So a case here has to have to spare several times what it differs
 by, in its evidence and in how much better or worse than the effect's own a softer or sharper bend is
-(`sim/diagnosis/bends.py`): an evidence of 115 was once not named on one processor, where a softer bend was 4 better.
+(`sim/diagnosis/judge/output_nonlinearity.py`): an evidence of 115 was once not named on one processor, where a softer
+bend was 4 better.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from sim.diagnosis.chain import temperature_search
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 from tests.diagnosis.said import covered, names

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
+import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import pytest
+from scipy.io import netcdf_file
+
+from rig.control.loop import Loop
+from rig.version import __version__, source_digest
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -26,22 +33,27 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     words = ("sweep", path, "--out", tmp_path / "s", "--workers", 1, "--records")
     status, out, err = peltier(*words)
     assert status == 0, err
-    assert "4 experiments, 0 of them" in out
-    assert err.count("\n") == 4
-    table = tmp_path / "s" / "sweep.csv"
-    whole = table.read_text()
+    assert "4 cases, 0 of them" in out
+    table, journal = tmp_path / "s" / "sweep.csv", tmp_path / "s" / "cases.jsonl"
+    assert "4 of 4 cases" in err
+    whole, lines = table.read_text(), journal.read_text().splitlines(keepends=True)
     rows = list(csv.DictReader(whole.splitlines()))
     assert [row["effects"] for row in rows] == ["", "", "film_lag:tau_s=1", "film_lag:tau_s=1"]
     assert len(list((tmp_path / "s").glob("record_*.csv"))) == 4
-    table.write_text("".join(whole.splitlines(keepends=True)[:3]))
+    journal.write_text("".join(lines[:2]) + lines[2][:30])  # killed in the middle of a line
+    table.unlink()
     status, _, err = peltier(*words)
     assert status == 0
-    assert err.count("\n") == 2
-    assert sorted(table.read_text().splitlines()) == sorted(whole.splitlines())
+    assert table.read_text() == whole
+    assert journal.read_text().startswith("".join(lines[:2]))
+    assert len(journal.read_text().splitlines()) == 4
+    with netcdf_file(tmp_path / "s" / "sweep.nc", mmap=False) as file:
+        assert list(file.variables["number"][:]) == [0.0, 1.0, 2.0, 3.0]
+        assert [b"".join(text).rstrip(b"\0") for text in file.variables["effects"][:]][-1] == b"film_lag:tau_s=1"
     path.write_text(path.read_text().replace("tau_s=1", "tau_s=2"))
     status, _, err = peltier(*words)
     assert status == 2
-    assert "is of another sweep" in err
+    assert "is of other cases" in err
 
 
 def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> None:
@@ -76,9 +88,57 @@ def test_replay_gives_the_same_commands_and_another_law_runs_on_the_twin(tmp_pat
     assert "rms_dec" in out
 
 
-def test_a_run_whose_record_lacks_its_phases_says_so(tmp_path: Path, peltier: Peltier) -> None:
+@pytest.mark.parametrize("effect", ["", '\n[[effects]]\nname = "self_heating"\ntheta_K_per_W = 300.0\n'])
+def test_compared_laws_and_late_ticks_replay_to_the_bit(
+    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, effect: str
+) -> None:
+    """A third of the ticks is late, by up to three periods; the target's ohms are on no grid."""
+    laws = ["full", "feedforward", "pid", "instrument_pid"]
+    chance = random.Random(1)
+    target = [(4.0 * k, 10.0 ** (4.2 - 0.1 * k + 0.01 * chance.random())) for k in range(4)]
+    lines = ["time_s,target_ohm", *(f"{time!r},{ohm!r}" for time, ohm in target)]
+    (tmp_path / "target.csv").write_text("\n".join(lines) + "\n")
+    path = write_bench(tmp_path, target='"target.csv"')
+    path.write_text(path.read_text().replace("settle_s", f"compare = {json.dumps(laws[1:])}\nsettle_s"))
+    with (tmp_path / "model.toml").open("a") as model:
+        model.write(effect)
+    tick = Loop._tick
+
+    def late(self: Loop, *rest: Any) -> bool:
+        if chance.random() < 0.33:
+            self.bench.clock.sleep_until_s(self.bench.clock.now_s() + 0.3 * chance.random())
+        return tick(self, *rest)
+
+    monkeypatch.setattr(Loop, "_tick", late)
+    run = tmp_path / "run"
+    assert peltier("run", path, "--out", run)[0] == 0
+    for law in laws:
+        status, out, _ = peltier("replay", run if law == "full" else run / law, "--json", "-")
+        found = json.loads(out)
+        assert (status, found["different"]) == (0, 0), law
+        assert found["compared"] > 100
+        assert found["other_versions"] == {}
+    ticks = json.loads((run / "pid" / "run.json").read_text())["stop"]["ticks"]
+    assert ticks["missed"] > 10
+
+
+def test_a_run_of_another_version_says_so(tmp_path: Path, peltier: Peltier) -> None:
+    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
+    document = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert document["start"]["versions"]["sources"] == source_digest()
+    document["start"]["versions"] |= {"peltier-rig": "0.0.9", "sources": "0123456789abcdef"}
+    (tmp_path / "run" / "run.json").write_text(json.dumps(document))
+    status, out, _ = peltier("replay", tmp_path / "run")
+    assert status == 0
+    assert f"the run was made with peltier-rig 0.0.9, this is {__version__}: bits may differ" in out
+    assert f"made with sources 0123456789abcdef, this is {source_digest()}" in out
+
+
+def test_a_run_whose_record_lacks_a_column_says_so(tmp_path: Path, peltier: Peltier) -> None:
     assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
     record = tmp_path / "run" / "record.csv"
-    record.write_text(record.read_text().replace("phase", "phrase", 1))
-    status, _, err = peltier("replay", tmp_path / "run")
-    assert (status, err) == (2, f"{record}: phase: missing; expected the column of a run's record\n")
+    whole = record.read_text()
+    for column in ("phase", "target_ohm"):
+        record.write_text(whole.replace(column, "lost", 1))
+        status, _, err = peltier("replay", tmp_path / "run")
+        assert (status, err) == (2, f"{record}: {column}: missing; expected the column of a run's record\n")

@@ -17,7 +17,7 @@ from rig.control.loop import Loop
 from rig.core.outcome import Stopped, Tripped
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.run_folder import RunFolder
-from sim.plant import SimulatedPlant
+from sim.world.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 

@@ -7,9 +7,9 @@ import numpy as np
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
 from rig.files.effect_tables import middle
-from sim.chain import World
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
+from sim.world.world import World
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 FILM = FilmModel(

@@ -7,12 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from sim.chain import World
 from sim.effects.catalogue import catalogue
-from sim.films.preisach import PreisachFilm
-from sim.links import links_of
-from sim.open_loop import Readings, film_readings, simulate_record
-from sim.plant import SimulatedPlant, stamp_s
+from sim.model.links import links_of
+from sim.world.films.preisach import PreisachFilm
+from sim.world.open_loop import Readings, film_readings, simulate_record
+from sim.world.plant import SimulatedPlant, stamp_s
+from sim.world.world import World
 from tests.sim.small_chain import CURRENT, FILM, PLATE, TEST_CURRENT_A, TIME, on, world
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.chain import temperature_search
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 

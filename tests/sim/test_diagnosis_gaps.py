@@ -7,14 +7,16 @@ import pytest
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.rows import gap_threshold
-from sim.diagnosis.chain import temperature_search
-from sim.diagnosis.film_columns import FilmStart, film_nodes
-from sim.diagnosis.lattice import lattice_step
-from sim.diagnosis.plate_path import PlatePath
-from sim.diagnosis.record import Record, read_columns
-from sim.diagnosis.stretches import off_after_missing_rows
+from sim.diagnosis.data.quantization import lattice_step
+from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.data.segments import off_after_missing_rows
+from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
+from sim.model.film_nodes import film_nodes
+from sim.model.links import links_of
+from sim.model.plate_path import PlatePath
+from sim.model.record_own import FilmStart
 
 EFFECTS = catalogue()
 
@@ -167,7 +169,7 @@ def test_the_film_does_not_follow_what_was_made_up_in_a_gap() -> None:
     plate = 40.0 + 5.0 * (np.abs(time - 410.0) < 9.0)  # a simulation left to itself in the gap
     path = PlatePath(time, plate, np.zeros((time.size, 2)))
     skew = Switched(EFFECTS["timestamp_skew"], np.array([1.3]))
-    nodes = film_nodes(record, path, [skew], [], None, FilmStart())
+    nodes = film_nodes(record, path, links_of([skew]), [], None, FilmStart())
     assert np.any((nodes.time_s > record.time_s[799]) & (nodes.time_s < record.time_s[800]))
     np.testing.assert_allclose(nodes.film_degC, 40.0, atol=1e-9)
 

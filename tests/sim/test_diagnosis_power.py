@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.diagnosis.film_columns import FilmStart, film_nodes
-from sim.diagnosis.film_power import MeterPower
-from sim.diagnosis.path_estimate import measured_path
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.fit.path_estimate import measured_path
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
+from sim.model.film_nodes import film_nodes
+from sim.model.links import links_of
+from sim.model.meter_power import MeterPower
+from sim.model.record_own import FilmStart
 
 TIME = np.arange(200) * 0.5
 CHANGE = 80  # the last row with the first current
@@ -36,9 +38,8 @@ def test_a_film_that_is_heated_less_turns_where_the_current_falls() -> None:
         {"time_s": TIME, "temperature_degC": plate, "resistance_ohm": 10.0**-OUTPUT, "meter_current_A": CURRENT}
     )
     theta = 3e4
-    nodes = film_nodes(
-        record, measured_path(record), [switched(catalogue()["self_heating"], [theta])], [], POWER, FilmStart()
-    )
+    links = links_of([switched(catalogue()["self_heating"], [theta])])
+    nodes = film_nodes(record, measured_path(record), links, [], POWER, FilmStart())
     at_rows = np.searchsorted(nodes.time_s, TIME)
     np.testing.assert_allclose(nodes.film_degC[at_rows], plate + theta * POWER.at(TIME), atol=1e-9)
     after = nodes.film_degC[at_rows[CHANGE] + 1]

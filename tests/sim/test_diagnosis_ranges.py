@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.chain import Chain
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.search.chain import Chain
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from tests.diagnosis.cases import case

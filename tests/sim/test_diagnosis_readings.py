@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.readings import expected_reading
-from sim.diagnosis.record import held_out_rows, read_columns
-from sim.diagnosis.strays import strays
+from sim.diagnosis.data.likelihood import expected_reading
+from sim.diagnosis.data.record import held_out_rows, read_columns
+from sim.diagnosis.data.residual_outliers import strays
 
 
 def test_outliers_stand_out_of_a_residual_that_drifts() -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.plate_path import plate_nodes, simulate_plate
-from sim.diagnosis.record import read_columns
+from sim.diagnosis.data.record import read_columns
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
+from sim.model.links import links_of
+from sim.model.plate_path import plate_nodes, simulate_plate
 
 S, R, G, AMBIENT_DEGC, START_DEGC, CURRENT_A = 0.005, 0.3, 0.07, 25.0, 25.0, 1.5
 
@@ -24,12 +25,12 @@ def test_a_lag_behind_a_plate_that_bends_between_the_rows(interval_s: float) -> 
     record = read_columns(
         {"time_s": time, "temperature_degC": plate, "current_A": np.full(time.size, CURRENT_A)}, held_out=False
     )
-    effects = [switched(catalogue()["sensor_lag"], [tau])]
+    links = links_of([switched(catalogue()["sensor_lag"], [tau])])
     run = simulate_plate(
         record,
-        plate_nodes(record, effects),
+        plate_nodes(record, links),
         np.array([S, R, G, 0.0, AMBIENT_DEGC]),
-        effects,
+        links,
         np.array([START_DEGC]),
         record.first_rows,
         np.empty((1, 0)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.verdict import SPEAKS_AGAINST, WEAK, may_lose
+from sim.diagnosis.judge.verdict import SPEAKS_AGAINST, WEAK, may_lose
 
 DRAWS = 200_000
 

@@ -7,8 +7,8 @@ import pytest
 
 from compensator.hysteresis.film import Memoryless
 from compensator.thermal.plate import PlateModel
-from sim.films.preisach import PreisachFilm
-from sim.plant import SimulatedPlant, World
+from sim.world.films.preisach import PreisachFilm
+from sim.world.plant import SimulatedPlant, World
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 FILM = PreisachFilm.bell_shaped(3, relays=500)

@@ -1,0 +1,260 @@
+"""One period of the control law, compiled, and the parts that it is made of: see `compensator.control.law`.
+
+Named tuples go in and come out. The parts are called by `law_step` for a plate and a film without effects, and one
+after the other by `compensator.control.observer` for a chain with effects.
+"""
+
+from __future__ import annotations
+
+import math
+from math import nan
+from typing import Any, Final, Literal, NamedTuple
+
+from numba import njit
+
+from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature
+from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
+from compensator.control.reference_shaping import (
+    FilmNow,
+    Planned,
+    Reach,
+    Reference,
+    Turn,
+    limited,
+    next_reference,
+    next_temperature,
+)
+from compensator.hysteresis.film import Memory, Packed, memory_owning
+from compensator.hysteresis.functions import Array, memoryless_value
+from compensator.hysteresis.play import advance, weighted_sum
+from compensator.inverse.solve import Settings
+from compensator.thermal.plate import current_for_rate, current_range, rate
+from compensator.thermal.plate import step as plate_step
+
+LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
+NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
+FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
+SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
+
+
+class Inputs(NamedTuple):
+    """What a step is given. Readings are nan where there is none.
+
+    output, target_now: in the film's output unit, as read and as wanted then. targets: shape (preview,), at
+    `Law.preview_times_s` after the command acts; for the law "temperature" targets are degC. output_age_s: by how much
+    the output was read before the temperature. acts_after_s: by how much the command acts after the temperature was
+    read. test_current_A: of the ohmmeter, while it read.
+    """
+
+    temperature_degC: float
+    output: float
+    target_now: float
+    targets: Array
+    output_age_s: float = 0.0
+    acts_after_s: float = 0.0
+    test_current_A: float = 0.0
+
+
+class Command(NamedTuple):
+    """What a step asks of the bench: the current (A), or for "instrument_pid" the setpoint (degC).
+
+    reference_degC: where the film should be now. output_model: the film model's output now. reachable: whether the
+    target one period ahead can be reached from here.
+    """
+
+    current_A: float
+    setpoint_degC: float
+    reference_degC: float
+    output_model: float
+    reachable: bool
+
+
+class LawState(NamedTuple):
+    """All that a law carries from one step to the next; no step changes it.
+
+    temperature_degC: of the plate, as estimated. reference: where film and plate should be. input_degC, plays: the
+    film's memory. disturbance: reading minus film model, in the output's unit. current_A: in force. toward: sign of the
+    output's last move; moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan:
+    not yet). observer: the state of the law's observer, None without one.
+    """
+
+    temperature_degC: float
+    reference: Reference
+    input_degC: float
+    plays: Array
+    disturbance: float = 0.0
+    pid: PidState = PidState()
+    current_A: float = 0.0
+    toward: float = 0.0
+    moved: float = 0.0
+    warming_K: float = nan
+    estimate: Estimate = Estimate()
+    observer: Any = None
+
+    @property
+    def memory(self) -> Memory:
+        """The film's memory."""
+        return memory_owning(self.input_degC, self.plays)
+
+    @property
+    def reference_degC(self) -> float:
+        """Where the film should be now."""
+        return self.reference.film_degC
+
+
+class Rule(NamedTuple):
+    """A law's parameters as the compiled loops take them: see `LawSettings`; name is a place in `NAMES`."""
+
+    name: int
+    period_s: float
+    current_limit_A: float
+    low_degC: float
+    high_degC: float
+    spacing_s: float
+    band: float
+    reversal: float
+    trusts_model: bool
+    rate_share: float
+    fastest_K_per_s: float
+    has_film: bool
+    gains: PidGains
+    film: Packed
+    inverse: Settings
+
+
+@njit(cache=True)
+def read_temperature(
+    rule: Rule,
+    estimate: Estimate,
+    shown_degC: float,
+    shown_K_per_s: float,
+    plate_degC: float,
+    lag_s: float,
+    inputs: Inputs,
+) -> tuple[float, float, Estimate]:
+    """(thermometer, plate, both in degC as the command acts, the estimate) after the thermometer's reading.
+
+    shown_degC, plate_degC: predicted for then; shown_K_per_s: how fast the thermometer moves; lag_s: behind the plate.
+    """
+    reading = inputs.temperature_degC
+    if math.isnan(reading) or rule.name == FEEDFORWARD:
+        return shown_degC, plate_degC, estimate
+    if rule.name == INSTRUMENT_PID or not rule.trusts_model:  # the current is the controller's own
+        return reading, reading, estimate
+    since = shown_K_per_s * inputs.acts_after_s
+    shown, plate, known = corrected_temperature(estimate, shown_degC - since, plate_degC, reading, rule.period_s, lag_s)
+    return shown + since, plate, known
+
+
+@njit(cache=True)
+def read_output(
+    rule: Rule, estimate: Estimate, disturbance: float, off: float, moved: float, inputs: Inputs
+) -> tuple[float, Estimate]:
+    """(disturbance, estimate) after the ohmmeter's reading, which is `off` the film model."""
+    if rule.name not in (FULL, INSTRUMENT_PID) or not math.isfinite(off):
+        return disturbance, estimate
+    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s)
+
+
+@njit(cache=True)
+def planned(
+    rule: Rule,
+    plate: Array,
+    plate_degC: float,
+    lag_s: float,
+    film: FilmNow,
+    now: Reference,
+    toward: float,
+    doubt: float,
+    targets: Array,
+) -> Planned:
+    """Where film and plate should be a period after the command acts. targets: without the disturbance."""
+    low, high = current_range(plate, plate_degC, rule.current_limit_A)
+    cooling = max(rule.rate_share * rate(plate, plate_degC, low), -rule.fastest_K_per_s)
+    heating = min(rule.rate_share * rate(plate, plate_degC, high), rule.fastest_K_per_s)
+    slowest, fastest = min(cooling, -SLOWEST_K_PER_S), max(heating, SLOWEST_K_PER_S)
+    reach = Reach(rule.spacing_s, rule.period_s, slowest, fastest, lag_s)
+    if rule.name == TEMPERATURE:
+        found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
+    else:
+        band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
+        found = next_reference(targets, Turn(band, toward), film, now, reach)
+    film_degC = limited(found.reference.film_degC, rule.low_degC, rule.high_degC)
+    own_degC = limited(found.reference.plate_degC, rule.low_degC, rule.high_degC)
+    return Planned(Reference(film_degC, own_degC), found.output, found.move, found.reached)
+
+
+@njit(cache=True)
+def driven(
+    rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, pid: PidState
+) -> tuple[float, PidState]:
+    """(current, the PID's state) that takes the plate from where it should be now to where it should be next.
+
+    Without feedback it goes from where the model says that it is.
+    """
+    feedback = rule.name in (FULL, TEMPERATURE)
+    wanted = (next_degC - (now_degC if feedback else plate_degC)) / rule.period_s
+    if feedback:
+        correction, pid = pid_output(rule.gains, pid, now_degC, plate_degC, rule.period_s)
+        wanted += correction
+    current = current_for_rate(plate, plate_degC, wanted, rule.current_limit_A)
+    if feedback:
+        shortfall = rate(plate, plate_degC, current) - wanted
+        if abs(shortfall) < 1e-12:
+            shortfall = 0.0
+        pid = pid_integrate(rule.gains, pid, now_degC, plate_degC, shortfall, rule.period_s)
+    return current, pid
+
+
+@njit(cache=True)
+def headed(toward: float, before: Reference, plan: Planned) -> float:
+    """The sign of the output's last move, with this plan's."""
+    if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:
+        return math.copysign(1.0, plan.move)
+    return toward
+
+
+@njit(cache=True)
+def on_the_output(
+    rule: Rule, plate: Array, here: float, pid: PidState, current: float, inputs: Inputs
+) -> tuple[float, PidState]:
+    """(current, the PID's state) of the law "pid": the last current holds while there is no reading."""
+    if not math.isfinite(inputs.output):
+        return current, pid
+    wanted, pid = pid_output(rule.gains, pid, inputs.target_now, inputs.output, rule.period_s)
+    low, high = current_range(plate, here, rule.current_limit_A)
+    current = limited(wanted, low, high)
+    pid = pid_integrate(rule.gains, pid, inputs.target_now, inputs.output, current - wanted, rule.period_s)
+    return current, pid
+
+
+@njit(cache=True)
+def law_step(rule: Rule, plate: Array, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
+    """One period of a law whose plate and film have no effects on them."""
+    s, period, drift = state, rule.period_s, state.estimate.drift_K_per_s
+    here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
+    moving = rate(plate, here, s.current_A) + drift
+    _, here, known = read_temperature(rule, s.estimate, here, moving, here, 0.0, inputs)
+    plays, disturbance, output, v = s.plays.copy(), s.disturbance, nan, s.input_degC
+    envelopes, radii, weights, code, par = rule.film
+    if rule.has_film:
+        advance(here, v, envelopes, radii, plays)
+        v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
+        off = inputs.output + s.moved / period * (inputs.output_age_s + inputs.acts_after_s) - output
+        disturbance, known = read_output(rule, known, disturbance, off, s.moved, inputs)
+    if rule.name == PID:
+        current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
+        command = Command(current, nan, nan, nan, True)
+        return command, LawState(
+            here, s.reference, v, plays, disturbance, pid, current, s.toward, s.moved, nan, known, None
+        )
+    film = FilmNow(v, plays, rule.film, rule.inverse)
+    targets = inputs.targets - disturbance
+    plan = planned(rule, plate, here, 0.0, film, s.reference, s.toward, known.doubt, targets)
+    now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
+    current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
+    toward = headed(s.toward, s.reference, plan)
+    command = Command(current, next_degC, now_degC, output, plan.reached)
+    return command, LawState(
+        here, plan.reference, v, plays, disturbance, pid, current, toward, plan.move, nan, known, None
+    )

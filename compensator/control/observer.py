@@ -1,0 +1,166 @@
+"""The law on a chain with effects: the same parts as in `law_step`, with plate and film predicted by an observer.
+
+    predicted   driver, plate and thermometer over a period, with the unknown heating that the law has learned
+    corrected   by the law's own estimator: thermometer, plate and unknown heating, from the thermometer's reading
+    followed    film and ohmmeter over the corrected course; the ohmmeter's reading corrects the disturbance
+    ahead       plate and film when the command acts (after a driver's delay): the reference is planned from there
+    warming     of the film at its next output, by test current and drift: the plate goes to where it, with this and
+                through the film's lag, brings the film to its reference; the rate of warming is the difference of two
+
+The target is what the ohmmeter shall show, so that its lag is made up for too.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+
+from compensator.control.estimate import Estimate
+from compensator.control.law_step import (
+    TEMPERATURE,
+    Command,
+    Inputs,
+    LawState,
+    Rule,
+    driven,
+    headed,
+    planned,
+    read_output,
+    read_temperature,
+)
+from compensator.control.reference_shaping import FilmNow, Reference
+from compensator.hysteresis.film import Memory
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
+
+
+class Observed(Protocol):
+    """What an observer knows at a moment; it is never changed.
+
+    plate_degC, film_degC: the estimates (without a film the same). thermometer_degC: what a thermometer without noise
+    shows. output: of the film itself; shown_output: of what the ohmmeter shows; nan without a film. warming_K: of the
+    film, above what its lag makes of the plate. film_memory: None without a film.
+    """
+
+    @property
+    def plate_degC(self) -> float: ...
+
+    @property
+    def film_degC(self) -> float: ...
+
+    @property
+    def thermometer_degC(self) -> float: ...
+
+    @property
+    def output(self) -> float: ...
+
+    @property
+    def shown_output(self) -> float: ...
+
+    @property
+    def warming_K(self) -> float: ...
+
+    @property
+    def film_memory(self) -> Memory | None: ...
+
+
+class Observer(Protocol):
+    """Predicts a chain with effects, a period at a time; each method is a function of its arguments alone.
+
+    Times in s: thermometer_lag_s, film_lag_s, of first-order lags; lead_s: by how much the ohmmeter is late; delay_s:
+    of the driver. `sim.model.observer.Observer` is one.
+    """
+
+    thermometer_lag_s: float
+    film_lag_s: float
+    lead_s: float
+    delay_s: float
+
+    def start(self, plate_degC: float, memory: Memory | None = None, test_current_A: float = 0.0) -> Any:
+        """As if all had been constant before."""
+        ...
+
+    def sent(self, state: Any, current_A: float) -> Any:
+        """A current is commanded at the state's time."""
+        ...
+
+    def predicted(self, state: Any, unknown_K_per_s: float = 0.0) -> Any:
+        """A period passes in driver, plate and thermometer; unknown_K_per_s: heating that the model does not know."""
+        ...
+
+    def followed(self, state: Any, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0) -> Any:
+        """Plate and thermometer corrected to these, then film and ohmmeter over the same period."""
+        ...
+
+    def ahead(self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0) -> Any:
+        """The state when a command of now acts."""
+        ...
+
+    def plate_now(self, state: Any) -> PlateModel:
+        """A plate without effects that heats and cools as this one does now."""
+        ...
+
+    def own(self, output: Array | float) -> Array:
+        """The film's own output for what the ohmmeter shows of it, lags left aside."""
+        ...
+
+    def warming_K(self, state: Any, output: float, test_current_A: float = 0.0, later_s: float = 0.0) -> float:
+        """Of the film, if its own output were this, later_s after the state's time."""
+        ...
+
+
+def observed_step(rule: Rule, observer: Observer, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
+    """One period of a law with an observer: see the module."""
+    seen, estimate, disturbance = observed(rule, observer, state, inputs)
+    test = inputs.test_current_A
+    there = observer.ahead(seen, test, estimate.drift_K_per_s)
+    plate = observer.plate_now(there).numbers
+    memory = there.film_memory
+    if memory is None:
+        memory = Memory(there.film_degC, np.zeros(1))
+    film = FilmNow(there.film_degC, memory.plays.copy(), rule.film, rule.inverse)
+    wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
+    before = state.reference
+    lag_s, doubt = observer.film_lag_s, estimate.doubt
+    plan = planned(rule, plate, there.plate_degC, lag_s, film, before, state.toward, doubt, wanted - disturbance)
+    next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
+    warming_K = observer.warming_K(there, next_output, test, rule.period_s) if math.isfinite(next_output) else 0.0
+    now_K = warming_K if math.isnan(state.warming_K) else state.warming_K
+    now_degC, next_degC = before.plate_degC - now_K, plan.reference.plate_degC - warming_K
+    current, pid = driven(rule, plate, there.plate_degC, now_degC, next_degC, state.pid)
+    command = Command(current, plan.reference.film_degC, before.film_degC, seen.output, plan.reached)
+    return command, LawState(
+        seen.plate_degC,
+        Reference(*plan.reference),
+        memory.input_degC,
+        memory.plays,
+        disturbance,
+        pid,
+        current,
+        headed(state.toward, before, plan),
+        plan.move,
+        warming_K,
+        estimate,
+        observer.sent(seen, current),
+    )
+
+
+def observed(rule: Rule, observer: Observer, state: LawState, inputs: Inputs) -> tuple[Any, Estimate, float]:
+    """(the observer's state after both readings, the estimate, the disturbance)."""
+    before = state.observer
+    now = observer.predicted(before, state.estimate.drift_K_per_s)
+    shown_K_per_s = (now.thermometer_degC - before.thermometer_degC) / rule.period_s
+    shown, plate, estimate = read_temperature(
+        rule, state.estimate, now.thermometer_degC, shown_K_per_s, now.plate_degC, observer.thermometer_lag_s, inputs
+    )
+    now = observer.followed(now, plate, shown, inputs.test_current_A)
+    if not rule.has_film or not math.isfinite(inputs.output):
+        return now, estimate, state.disturbance
+    expected, last = (float(observer.own(each.shown_output)) for each in (now, before))
+    output = float(observer.own(inputs.output))
+    passed = (expected - last) / rule.period_s * (inputs.output_age_s + inputs.acts_after_s)
+    off = output + (passed if math.isfinite(passed) else 0.0) - expected
+    disturbance, estimate = read_output(rule, estimate, state.disturbance, off, state.moved, inputs)
+    return now, estimate, disturbance

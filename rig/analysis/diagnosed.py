@@ -1,0 +1,92 @@
+"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
+
+With another record held out, the extended model's error there is that of the very model that is handed over, run as
+`predict --initial fitted` runs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.film_sense import rising
+from rig.analysis.predicted import predicted
+from rig.analysis.telling import telling_columns
+from rig.core.faults import Faults, fault
+from rig.files.film_output import FALLING_RESISTANCE
+from rig.files.model_file import Model
+from rig.files.record_file import Record
+from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
+from sim.diagnosis.result import Diagnosis
+
+
+def diagnosed(
+    record: Record,
+    base: str | None = None,
+    output: str = FALLING_RESISTANCE,
+    holdout: Record | None = None,
+    plate: str | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> tuple[Diagnosis, ExtendedModel]:
+    """The diagnosis of one record, with the film's form found; output: of the film, as in a model file. Raises Faults
+    where nothing can be said."""
+    output = rising([record], output, say)
+    columns, notes = telling_columns(record, output)
+    for note in notes:
+        say(note)
+    try:
+        diagnosis = diagnose(
+            columns,
+            base=base,
+            output=output,
+            holdout=holdout.columns if holdout is not None else None,
+            as_predicted=True,
+            kinds=_kinds(record, plate),
+            say=say,
+        )
+        extended = extended_model(diagnosis)
+    except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
+        text = f"no fit could be made of this record ({type(error).__name__}: {error})"
+        raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
+    except ValueError as error:
+        raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
+    diagnosis = with_film(diagnosis, extended)
+    return diagnosis if holdout is None else with_prediction(diagnosis, model_of(extended), holdout), extended
+
+
+def model_of(extended: ExtendedModel) -> Model:
+    """An extended model as a model file has it: of a record with current, the current drives the film."""
+    drive = "current" if extended.plate is not None else None
+    return Model(extended.film, extended.plate, tuple(extended.effects), drive)  # type: ignore[arg-type]
+
+
+def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Record) -> Diagnosis:
+    """The diagnosis with the extended model's errors on another record as `predict --initial fitted` measures them."""
+    found = predicted(model, holdout, holdout.source, initial="fitted")
+    errors: dict[str, Array] = {}
+    if found.temperature_degC is not None:
+        errors["temperature_K"] = found.temperature_degC - holdout["temperature_degC"]
+    if found.output is not None and model.film is not None:
+        errors[diagnosis.record.quantity.channel] = found.output - holdout.output(model.film.output)
+    channels = dict(diagnosis.channels)
+    for name, error in errors.items():
+        channel, scored = channels.get(name), error[~found.told & np.isfinite(error)]
+        if channel is not None and scored.size:
+            rmse = float(np.sqrt(np.mean(scored**2)))
+            channels[name] = replace(channel, rmse_extended=rmse, samples_holdout=int(scored.size))
+    return replace(diagnosis, channels=channels)
+
+
+def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
+    """The kinds of plate to try: a drive that never cools may be a heater's."""
+    if plate is not None:
+        return (plate,)
+    if record.drive == "pwm255":  # a switched heater's drive is its power
+        return ("heater",)
+    if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
+        return ("peltier", "heater")
+    return ("peltier",)

@@ -1,0 +1,64 @@
+"""peltier trend FOLDER: which effects the runs in a folder show, how large, and since when.
+
+Every run below FOLDER that came to its end is diagnosed, once: what is known of it is kept in DIR/cases.jsonl, and when
+the command is given again only new runs are diagnosed. DIR/report.html has the series of every effect with their 95 %
+intervals, DIR/effects.csv one line an effect (since when, before, after), DIR/trend.csv and DIR/trend.nc one row a run.
+A change is told at a false-alarm rate of 5 % a series, however often one looks.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rig.command.many_arguments import add_engine_arguments, engine_choice
+from rig.command.record_arguments import add_json_argument
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="with run folders in it, at any depth")
+    parser.add_argument("--out", type=Path, metavar="DIR", default=Path("trend"), help="default: trend/")
+    add_engine_arguments(parser)
+    add_json_argument(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    from rig.analysis.trend import series_of
+    from rig.command.many_progress import ManyProgress
+    from rig.command.say import Voice
+    from rig.files.runs_in import runs_in
+    from rig.rehearsal.run_diagnoses import diagnose_runs
+    from rig.report.trend import write_trend_report
+
+    voice = Voice(options.json)
+    choice = engine_choice(options)
+    runs = runs_in(options.folder)
+    with ManyProgress() as progress:
+
+        def tell(done: int, of: int, row: dict[str, Any]) -> None:
+            if row["status"] != "done":
+                progress.say(f"{row['run']}: {row.get('text', '')}")
+            progress.show(done, of)
+
+        rows = diagnose_runs(runs, options.folder, options.out, choice, tell)
+    series = series_of(rows)
+    for one in series:
+        voice.say(one.in_words())
+    if not series:
+        voice.say(f"no effect was named in {len(rows)} runs")
+    from rig.many.journal import write_table
+
+    write_table(options.out / "effects.csv", [one.row() for one in series])
+    linked = [{**row, "link": _link(options.folder / str(row["run"]) / "report.html", options.out)} for row in rows]
+    write_trend_report(options.out, series, linked)
+    voice.say(f"report: {options.out / 'report.html'}")
+    voice.report({"format": "peltier-trend/1", "effects": [one.row() for one in series], "runs": rows})
+    return 0
+
+
+def _link(report: Path, out: Path) -> str:
+    """From the page to a run's report; "" where it has none."""
+    import os
+
+    return os.path.relpath(report.resolve(), out.resolve()) if report.is_file() else ""

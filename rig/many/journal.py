@@ -1,0 +1,150 @@
+"""What is done of many cases, a line of JSON each as soon as it ends, and the table that is made of the lines.
+
+    DIR/cases.jsonl    {"case": what it is, "values": what came out, "seconds": how long} in the order of their ends
+    DIR/NAME.csv       the table: a row a case, in the order of their numbers, the same bits whoever computed it
+    DIR/NAME.nc        the same as NetCDF-3, which xarray opens
+    DIR/times.csv      number, seconds
+
+A process that is killed leaves at most its last line unfinished: it is no line, and its case is computed again.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.core.faults import fault
+
+LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
+TABLE_EVERY_S = 5.0  # a table of 10,000 rows is written in a tenth of a second
+Row = dict[str, Any]
+Cell = str | float | int
+
+
+class Journal:
+    """name: of the table. identities: what each case is (its number first), by number; values of text and numbers."""
+
+    def __init__(self, folder: Path, name: str, identities: Mapping[int, Row], of_this_alone: bool = True) -> None:
+        """Takes up what is there. of_this_alone: whether lines of other cases are refused; else they are left alone.
+        Raises Faults where there are such, or where it cannot be read or written."""
+        self._of_this_alone = of_this_alone
+        self.folder, self._name, self._identities = folder, name, identities
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._path = folder / "cases.jsonl"
+            self.done = self._read()
+            self._lines = self._path.open("a", encoding="utf-8")
+        except OSError as error:
+            raise fault(folder, "--out", f"cannot be written: {error.strerror}") from None
+        self._written_s = time.monotonic()
+
+    def add(self, number: int, values: Mapping[str, Cell], seconds: float) -> None:
+        """A case has ended."""
+        self.done[number] = (dict(values), seconds)
+        line = {"case": self._identities[number], "values": values, "seconds": round(seconds, 3)}
+        self._lines.write(json.dumps(line) + "\n")
+        self._lines.flush()
+        if time.monotonic() - self._written_s > TABLE_EVERY_S:
+            self.write_table()
+
+    def missing(self) -> list[int]:
+        """What is still to be done: cases without a line, and those whose process died of something else."""
+        return [n for n in self._identities if n not in self.done or self.done[n][0].get("status") == LOST]
+
+    def rows(self) -> list[Row]:
+        """What each case is and what came out, in the order of their numbers."""
+        return [{**self._identities[number], **self.done[number][0]} for number in sorted(self.done)]
+
+    def write_table(self) -> None:
+        """The table as far as it is."""
+        write_table(self.folder / f"{self._name}.csv", self.rows())
+        with _replaced(self.folder / "times.csv") as path:
+            times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
+            path.write_text(f"number,seconds\n{times}", encoding="utf-8")
+        self._written_s = time.monotonic()
+
+    def close(self) -> None:
+        """The table, also as NetCDF."""
+        self._lines.close()
+        self.write_table()
+        with _replaced(self.folder / f"{self._name}.nc") as path:
+            write_netcdf(path, self.rows())
+
+    def _read(self) -> dict[int, tuple[Row, float]]:
+        """The finished lines; an unfinished last one is cut off."""
+        if not self._path.exists():
+            return {}
+        content = self._path.read_bytes()
+        whole = content[: content.rfind(b"\n") + 1]
+        if whole != content:
+            os.truncate(self._path, len(whole))
+        found = {}
+        for k, line in enumerate(whole.decode("utf-8", "replace").splitlines(), 1):
+            try:
+                entry = json.loads(line)
+                number, values, seconds = int(entry["case"]["number"]), dict(entry["values"]), float(entry["seconds"])
+            except (ValueError, KeyError, TypeError):
+                raise fault(self._path, f"line {k}", "is damaged; expected a line of a journal of cases") from None
+            if self._identities.get(number) != entry["case"]:
+                if not self._of_this_alone:
+                    continue
+                raise fault(
+                    self._path, f"number {number}", "is of other cases; expected the DIR of these, or a new one"
+                )
+            found[number] = (values, seconds)
+        return found
+
+
+class _replaced:
+    """A file that is there whole or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._new = path, path.with_name(path.name + ".new")
+
+    def __enter__(self) -> Path:
+        return self._new
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is None:
+            os.replace(self._new, self._path)
+
+
+def write_table(path: Path, rows: list[Row]) -> None:
+    """CSV; a cell that a row does not have is empty."""
+    with _replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, names_of(rows), lineterminator="\n", restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def names_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Every column that a row has, in the order in which they are met."""
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def write_netcdf(path: Path, rows: list[Row]) -> None:
+    """A dimension `case`; a column of numbers as doubles, one of text as characters (which xarray joins)."""
+    from scipy.io import netcdf_file
+
+    with netcdf_file(path, "w") as file:
+        setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
+        file.createDimension("case", len(rows))
+        for name in names_of(rows):
+            column = [row.get(name, "") for row in rows]
+            if all(value == "" or isinstance(value, (int, float)) for value in column):
+                variable = file.createVariable(name, "f8", ("case",))
+                variable[:] = np.array([math.nan if value == "" else float(value) for value in column])
+                continue
+            texts = [str(value).encode() for value in column]
+            length = max(1, max((len(text) for text in texts), default=1))
+            file.createDimension(f"{name}_length", length)
+            characters = file.createVariable(name, "S1", ("case", f"{name}_length"))
+            characters[:] = np.array([list(text.ljust(length, b"\0")) for text in texts], "u1").view("S1")

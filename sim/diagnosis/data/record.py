@@ -1,0 +1,220 @@
+"""A record as the diagnosis takes it: columns checked, times from the first row, gaps, outliers, held-out rows."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.outliers import lone_outliers
+from sim.diagnosis.data.quantity import RESISTANCE, Quantity
+from sim.diagnosis.data.quantization import lattice_step
+from sim.diagnosis.data.segments import first_rows, gaps
+from sim.effects.effect import Effect
+from sim.model.links import delays_s, stamps_off_s
+from sim.model.own_fit import Told
+from sim.model.record_own import long_gaps
+
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+FEWEST = 40  # readings of a channel below which nothing can be said about it
+BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
+HELD_OUT = 4
+FIRST_SHARE = 0.1
+MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
+MOST_IN_A_GAP = 1000  # commands
+MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One record; arrays of shape (rows,).
+
+    time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that
+    the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
+    another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
+    test_current_A: of the ohmmeter, 0 where it is not known. after_gaps: the row after each gap; first_rows: where
+    a stretch begins (the first row, and after each gap through which the plate is not known). held_out: rows that no
+    fit sees. outliers: readings left out, of each channel. quantity: what the output is.
+    """
+
+    time_s: Array
+    temperature_degC: Array
+    temperature_used: Mask
+    step_K: float
+    current_A: Array | None
+    output: Array | None
+    output_used: Mask
+    taken_s: Array
+    test_current_A: Array | None
+    after_gaps: Rows
+    first_rows: Rows
+    held_out: Mask
+    outliers: tuple[int, int]
+    uneven: bool
+    quantity: Quantity = RESISTANCE
+
+    @property
+    def rows(self) -> int:
+        return int(self.time_s.size)
+
+    def without(self, temperature: Rows, output: Rows) -> Record:
+        """The same without some rows' readings, which are told as outliers."""
+        temperature_used, output_used = self.temperature_used.copy(), self.output_used.copy()
+        temperature_used[temperature], output_used[output] = False, False
+        outliers = self.outliers[0] + int(temperature.size), self.outliers[1] + int(output.size)
+        return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
+
+    def begun_also(self, rows: Rows) -> Record:
+        """The same with stretches that begin at these rows, too; what follows them is held out no longer."""
+        held = self.held_out & held_out_rows(self.rows, rows)
+        return replace(self, first_rows=np.union1d(self.first_rows, rows), held_out=held)
+
+    def read_while_it_ran(self, effects: Iterable[Effect]) -> Record:
+        """The same without the resistances that were read before or after it, or in a long gap, if its time stamps are
+        as far off as one of the effects may have them: nothing is known of the temperature there."""
+        off = [float(np.max(np.abs(stamps_off_s(e, _largest(e), self.time_s)))) for e in effects]
+        margin = min(max(off, default=0.0), MOST_OF_AN_END * float(self.time_s[-1]))
+        within = np.zeros(self.rows, dtype=np.bool_)
+        for first, last in itertools.pairwise([0, *long_gaps(self).tolist(), self.rows]):
+            taken = self.taken_s[first:last]
+            within[first:last] = (taken >= self.time_s[first] + margin) & (taken <= self.time_s[last - 1] - margin)
+        return replace(self, output_used=self.output_used & within)
+
+    @cached_property
+    def commands(self) -> tuple[Array, Array]:
+        """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace or
+        a thousand times."""
+        assert self.current_A is not None
+        time = [self.time_s]
+        for k in self.after_gaps:
+            begin, end = self.time_s[k - 1], self.time_s[k]
+            steps = min(max(round((end - begin) / self.interval_s), 1), MOST_IN_A_GAP)
+            time.append(np.linspace(begin, end, steps + 1)[1:-1])
+        every = np.sort(np.concatenate(time))
+        return every, np.interp(every, self.time_s, self.current_A)
+
+    def commanded_in_sight(self, effects: Iterable[Effect]) -> Record:
+        """The same without the readings after a gap that a command sent in it may still change, if commands act as
+        late as one of the effects may have them."""
+        if self.current_A is None:
+            return self
+        time, current = self.time_s, self.current_A
+        late = [float(np.max(delays_s(e, _largest(e), time, current))) for e in effects]
+        latest = max(0.0, *late)
+        begin = self.first_rows[np.searchsorted(self.first_rows, np.arange(self.rows), side="right") - 1]
+        since = np.where(begin > 0, time - time[begin], np.inf)
+        if np.mean(since < latest) > MOST_AFTER_GAPS:
+            latest = float(np.quantile(since, MOST_AFTER_GAPS))
+        seen = since >= latest
+        used = self.temperature_used & seen
+        some = np.logical_or.reduceat(used, self.first_rows)
+        some[0] = True  # what no reading tells of is no stretch of its own
+        return replace(
+            self, temperature_used=used, output_used=self.output_used & seen, first_rows=self.first_rows[some]
+        )
+
+    @property
+    def interval_s(self) -> float:
+        """The median step."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+def _largest(effect: Effect) -> Array:
+    """Its parameters, as large as any that one meets."""
+    return np.array([p.largest for p in effect.parameters])
+
+
+def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
+    """Every fourth block of rows, after the first tenth: no other part of a record may have been where that was.
+
+    first_rows: where stretches begin; what a stretch began with can only be seen in the rows after that.
+    """
+    row = np.arange(rows)
+    block = row * BLOCKS // max(rows, 1)
+    held = np.asarray((block % HELD_OUT == 1) & (row >= FIRST_SHARE * rows))
+    for first in first_rows:
+        held[first : first + max(rows // BLOCKS, 1)] = False
+    return held
+
+
+def read_columns(
+    columns: Mapping[str, ArrayLike], *, held_out: bool = True, quantity: Quantity = RESISTANCE, fewest: int = FEWEST
+) -> Record:
+    """A record from its columns (names and units of a record file), with the film's output as `quantity` says. fewest:
+    readings of a channel that it needs at least. Raises ValueError, a line a fault."""
+    lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
+    if lines:
+        raise ValueError("\n".join(lines))
+    data = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items() if _numeric(values)}
+    time = data["time_s"]
+    if not np.all(np.isfinite(time)):
+        raise ValueError("time_s: not finite in some rows; expected seconds in each")
+    if time.size >= 2 and np.any(np.diff(time) <= 0.0):
+        k = int(np.flatnonzero(np.diff(time) <= 0.0)[0]) + 1
+        raise ValueError(f"time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}; expected increasing seconds")
+    for name, values in data.items():
+        if values.shape != time.shape:
+            raise ValueError(f"{name}: {values.size} values for {time.size} rows")
+    temperature = data["temperature_degC"]
+    used = np.isfinite(temperature)
+    if np.sum(used) < fewest:
+        raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {fewest}")
+    step = lattice_step(temperature[used])
+    strays = lone_outliers(temperature, used) if step == 0.0 else np.empty(0, dtype=np.int64)
+    used[strays] = False
+    current = data.get("current_A")
+    if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
+        current = None
+    output, output_used, lone = None, np.zeros(time.size, dtype=np.bool_), 0
+    readings = quantity.of(data)
+    if readings is not None:
+        good = np.isfinite(readings)
+        if np.sum(good) >= fewest:
+            output = readings
+            out = lone_outliers(output, good)
+            good[out] = False
+            output_used, lone = good, int(out.size)
+    taken = data.get("resistance_time_s", np.full(time.size, np.nan))
+    taken = np.where(np.isfinite(taken), taken, time) - time[0]
+    told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
+    after = gaps(time, told)
+    if current is not None:
+        current = np.interp(time, time[told], current[told])
+    test = data.get("meter_current_A")
+    begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, told, after)
+    steps = np.diff(time)
+    return Record(
+        time - time[0],
+        temperature,
+        used,
+        step,
+        current,
+        output,
+        output_used,
+        taken,
+        None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
+        after,
+        begins,
+        held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
+        (int(strays.size), lone),
+        bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
+        quantity,
+    )
+
+
+def told_of(record: Record, sigma_K: float, sigma_dec: float) -> Told:
+    """The readings of a record that count."""
+    output = np.where(record.output_used, record.output, np.nan) if record.output is not None else None
+    temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    return Told(temperature, output, max(sigma_K, 0.3 * record.step_K), sigma_dec)
+
+
+def _numeric(values: ArrayLike) -> bool:
+    array = np.asarray(values)
+    return array.dtype.kind in "fiub"

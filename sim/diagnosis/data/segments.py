@@ -1,0 +1,88 @@
+"""Where a record's stretches begin: after gaps in which the plate may have gone where no command tells.
+
+A missing row is no such gap where the commands beside it lie on a straight line: what was commanded in it is known
+better than any reading tells the temperature, and the simulation goes on through it. Begun anew after each of a hundred
+missing rows, the plate's temperature would be known by a few readings each time, and a film feels the difference. Where
+a fit shows that it was not on that line (a controller may have answered an outlier in the very row that is missing),
+a stretch does begin.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.rows import gap_threshold
+from sim.diagnosis.data.likelihood import quick_noise
+from sim.model.record_own import SHORT
+
+KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
+FITTED = 10  # rows over which the plate's rate is taken
+LONGER = 1.3  # median steps, from which a row may be missing
+BESIDE = 8  # rows on either side of one that is
+FAR_OFF = 5.0  # standard deviations of what these differ by
+MOST_FAR_OFF = 20  # more are no missing commands
+MEDIAN = 1.57  # variance of a median of normal readings, over that of their mean
+Rows = NDArray[np.int64]
+
+
+def gaps(time_s: Array, told: NDArray[np.bool_]) -> Rows:
+    """The rows after each gap. told: rows in which a current stands, (rows,)."""
+    steps = np.diff(time_s)
+    return np.flatnonzero((steps > gap_threshold(steps)) | ~told[:-1]) + 1
+
+
+def first_rows(
+    time_s: Array, temperature_degC: Array, current_A: Array | None, told: NDArray[np.bool_], after: Rows
+) -> Rows:
+    """The first row, and those after gaps through which the plate's temperature is not known. current_A: in each row,
+    (rows,), on a straight line where it is not told; after: the rows after each gap."""
+    if current_A is None or after.size == 0:
+        return np.concatenate(([0], after))
+    rows = np.flatnonzero(told)
+    place = np.searchsorted(rows, after)
+    end = rows[np.minimum(place, rows.size - 1)]
+    begin = np.minimum(rows[np.maximum(place - 1, 0)], end)
+    missing = time_s[end] - time_s[begin]
+    change = _rate_per_A(time_s, temperature_degC, current_A) * missing * _off_the_line(time_s, current_A, begin, end)
+    short = (missing <= SHORT * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
+    return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
+
+
+def off_after_missing_rows(residual: Array, time_s: Array, begins: Rows) -> Rows:
+    """The rows from which the readings go on off what they were on before, a longer step being between. residual: of a
+    fit, over the noise, nan without a reading, (rows,); begins: where stretches do. None where there are many."""
+    steps = np.diff(time_s)
+    likely = np.setdiff1d(np.flatnonzero(steps > LONGER * np.median(steps)) + 1, begins)
+    found: list[int] = []
+    for row in likely:
+        sides = residual[max(row - BESIDE, 0) : row], residual[row : row + BESIDE]
+        before, after = (side[np.isfinite(side)] for side in sides)
+        if min(before.size, after.size) < BESIDE // 2 or np.any(np.abs(begins - row) < BESIDE):
+            continue
+        away = (np.median(after) - np.median(before)) / np.sqrt(MEDIAN * (1.0 / before.size + 1.0 / after.size))
+        if abs(away) > FAR_OFF:
+            found.append(int(row))
+    rows = np.array(found, dtype=np.int64)
+    return rows if rows.size <= MOST_FAR_OFF else rows[:0]
+
+
+def _off_the_line(time_s: Array, current_A: Array, begin: Rows, end: Rows) -> Array:
+    """How far the commands beside each gap are off the straight line through it, A, (gaps,). begin, end: the rows of
+    the last command before and of the first one after it."""
+    before, beyond = np.maximum(begin - 1, 0), np.minimum(end + 1, time_s.size - 1)
+    span = np.maximum(time_s[end] - time_s[begin], 1e-9)
+    slope = (current_A[end] - current_A[begin]) / span
+    off = [current_A[row] - current_A[end] - slope * (time_s[row] - time_s[end]) for row in (before, beyond)]
+    return np.asarray(np.max(np.abs(off), axis=0), dtype=np.float64)
+
+
+def _rate_per_A(time_s: Array, temperature_degC: Array, current_A: Array) -> float:
+    """How fast the plate answers a current, K/s/A: of a line through the rates, by current and temperature."""
+    step = slice(None, None, FITTED)
+    time, temperature = time_s[step], temperature_degC[step]
+    rate = np.diff(temperature) / np.diff(time)
+    current = np.add.reduceat(current_A, np.arange(0, current_A.size, FITTED))[: rate.size] / FITTED
+    columns = np.stack((current, 0.5 * (temperature[1:] + temperature[:-1]), np.ones(rate.size)), axis=1)
+    return abs(float(np.linalg.lstsq(columns, rate)[0][0]))

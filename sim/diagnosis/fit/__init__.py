@@ -1,0 +1,1 @@
+"""Fits of the chain's two ends to one record with given effects."""

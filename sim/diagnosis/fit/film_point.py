@@ -1,0 +1,121 @@
+"""The film's linear problem at given envelopes and effects: its columns, its products, its solution."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Rows
+from sim.diagnosis.fit.preisach_density import Relays
+
+
+@dataclass(frozen=True, eq=False)
+class LinearProblem:
+    """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
+
+    at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
+    own output, in every row; relays: as they are shown; gram, right: products of all columns in the fitted rows, over
+    the noise's square; range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
+    """
+
+    at_rows: Array
+    offset: Array
+    own: Array
+    film: Array
+    relays: Relays
+    gram: Array
+    right: Array
+    wanted: Array
+    fitted: Rows
+    sigma_dec: float
+    range_of: Array | None
+
+    @classmethod
+    def of(
+        cls,
+        at_rows: Array,
+        offset: Array,
+        film: Array,
+        relays: Relays,
+        output: Array,
+        fitted: Rows,
+        sigma_dec: float,
+        range_of: Array | None,
+    ) -> LinearProblem:
+        """With its products."""
+        own, wanted = at_rows[fitted], output[fitted] - offset[fitted]
+        across = own.T @ relays.fitted
+        gram = np.block([[own.T @ own, across], [across.T, relays.gram]]) / sigma_dec**2
+        right = np.concatenate((own.T @ wanted, relays.fitted.T @ wanted)) / sigma_dec**2
+        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec, range_of)
+
+    def shifted(self, offset: Array, output: Array, range_of: Array | None) -> LinearProblem:
+        """The same columns beside another offset."""
+        wanted = output[self.fitted] - offset[self.fitted]
+        right = np.concatenate((self.own.T @ wanted, self.relays.fitted.T @ wanted)) / self.sigma_dec**2
+        return replace(self, offset=offset, right=right, wanted=wanted, range_of=range_of)
+
+    def solved(self, x: Array, prior: Array) -> Point:
+        """The best coefficients under a prior: the precision of each."""
+        normal = self.gram.copy()
+        normal[np.diag_indices_from(normal)] += prior
+        factor = cho_factor(normal, lower=True, check_finite=False)
+        c = cho_solve(factor, self.right, check_finite=False)
+        linear = self.at_rows @ c[: self.own.shape[1]]
+        if self.relays.count:
+            linear += self.relays.every @ c[self.own.shape[1] :]
+        residual = (self.wanted - linear[self.fitted]) / self.sigma_dec
+        cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
+        return Point(x, self, prior, c, linear + self.offset, cost if math.isfinite(cost) else math.inf, factor)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Everything at one x: coefficients, what is shown in all rows, the cost."""
+
+    x: Array
+    problem: LinearProblem
+    prior: Array
+    coefficients: Array
+    shown: Array
+    cost: float
+    factor: tuple[Array, bool]
+
+    @property
+    def film_output(self) -> Array:
+        """The film's own, in all rows."""
+        film, relays, c = self.problem.film, self.problem.relays, self.coefficients
+        return np.asarray(film @ c[: film.shape[1]] + relays.film @ c[self.problem.own.shape[1] :], dtype=np.float64)
+
+    @property
+    def columns(self) -> Array:
+        """All columns in the fitted rows."""
+        return np.concatenate((self.problem.own, self.problem.relays.fitted), axis=1)
+
+    @property
+    def room(self) -> float:
+        """What the marginal log-likelihood loses by the room that the coefficients leave in their prior's."""
+        return float(np.sum(np.log(np.diag(self.factor[0])))) - 0.5 * float(np.sum(np.log(self.prior)))
+
+    @property
+    def evidence(self) -> float:
+        """The marginal log-likelihood, up to a constant of the record."""
+        return -self.cost - self.room
+
+    def along(self, columns: Array) -> Array:
+        """The columns' products with others."""
+        problem = self.problem
+        return np.concatenate((problem.own.T @ columns, problem.relays.fitted.T @ columns))
+
+    def off(self, columns: Array) -> Array:
+        """What is left of others, in units of the noise, once the coefficients may follow."""
+        c = cho_solve(self.factor, self.along(columns) / self.problem.sigma_dec, check_finite=False)
+        own, relays = self.problem.own, self.problem.relays
+        reach = own @ c[: own.shape[1]]
+        if relays.count:
+            reach += relays.fitted @ c[own.shape[1] :]
+        return np.asarray(columns - reach / self.problem.sigma_dec, dtype=np.float64)

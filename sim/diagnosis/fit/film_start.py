@@ -1,0 +1,57 @@
+"""Where the search for a film begins: envelopes from a global search on thinned rows, and the memory it began with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.memoryless_forms import SMOOTH, Form
+from compensator.identification.multistart import search
+from compensator.identification.rows import Path
+from compensator.identification.variable_projection import equal_structure
+from sim.diagnosis.data.record import Mask
+from sim.model.film_nodes import FilmNodes
+from sim.model.record_own import FilmStart
+
+ROWS = 700
+OPERATORS = 20
+STARTS = 96
+
+
+def thinned_path(nodes: FilmNodes, output: Array, used: Mask, start: FilmStart) -> Path:
+    """The turning points and some of the readings."""
+    v = nodes.film_degC
+    rows = np.flatnonzero(used)
+    rows = rows[np.unique(np.linspace(0, rows.size - 1, min(ROWS, rows.size)).round().astype(np.int64))]
+    at = nodes.taken[rows]
+    step = np.sign(np.diff(v))
+    turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
+    needed = np.zeros(v.size, dtype=np.bool_)
+    needed[0] = True
+    needed[turn] = True
+    needed[at] = True
+    index = np.flatnonzero(needed)
+    inputs = v[index]
+    position = np.searchsorted(index, at)
+    order = np.argsort(position, kind="stable")
+    if start.previous_degC is not None:
+        inputs, position = np.concatenate(([start.previous_degC], inputs)), position + 1
+    side = np.empty(inputs.size, dtype=np.int8)
+    side[0] = -2 if start.initial == "cooled" else 2
+    side[1:] = np.sign(np.diff(inputs))
+    return Path(
+        inputs,
+        side,
+        position[order].astype(np.int64),
+        output[rows][order],
+        np.zeros(rows.size, dtype=np.int64),
+        rows[order],
+    )
+
+
+def starting_shape(path: Path, curve: bool) -> tuple[Array, float]:
+    """(log a_R, c_R, log a_L, c_L) of the best film found, and its mean square."""
+    low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
+    form = Form(SMOOTH if curve else "none", False, low, high)
+    found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form.name]
+    return found.theta[:4].copy(), found.square

@@ -1,0 +1,73 @@
+"""The plate's temperature for the film: the simulated one, and what the simulation is slowly off by.
+
+A model of the plate that is right needs no correction. Where something is left, the residual of the thermometer is
+smoothed over the time that predicts left-out readings best (generalized cross-validation: P. Craven, G. Wahba, Numer.
+Math. 31 (1979) 377), so that a fault of the plate's model does not become one of the film.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.temperature_smoother import temperature_path
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.fit.temperature_channel import TemperatureFit
+from sim.model.plate_path import PlatePath
+
+WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel
+WORTH = 12.0  # log-likelihood that a correction has to bring
+
+
+def corrected_path(record: Record, fit: TemperatureFit, residual_K: Array, rows: NDArray[np.int64]) -> PlatePath:
+    """The fit's path with the slow part of the residual added. residual_K: in the rows, (rows,)."""
+    path = fit.path
+    if rows.size < 50:
+        return path
+    residual = np.interp(np.arange(record.rows), rows, residual_K)
+    residual = np.clip(residual, *np.percentile(residual, [0.2, 99.8]))
+    n = residual.size
+    none = n * math.log(float(np.mean(residual**2)) + 1e-30)
+    best, correction = none - 2.0 * WORTH, None
+    for width in WIDTHS_ROWS:
+        smooth, keep = _smooth(residual, width)
+        left = float(np.mean(((residual - smooth) / (1.0 - keep)) ** 2))
+        value = n * math.log(left + 1e-30)
+        if value < best:
+            best, correction = value, smooth
+    if correction is None:
+        return path
+    added = np.interp(path.time_s, record.time_s, correction)
+    slope = np.gradient(correction, record.time_s)
+    slopes = path.slopes + np.interp(path.time_s, record.time_s, slope)[:, None]
+    return PlatePath(path.time_s, path.plate_degC + added, slopes, path.turning_s)
+
+
+def _smooth(values: Array, width: float) -> tuple[Array, float]:
+    """A local line under a Gaussian kernel of this width (rows), and the weight of the value itself."""
+    reach = int(4 * width) + 1
+    offset = np.arange(-reach, reach + 1, dtype=np.float64)
+    kernel = np.exp(-0.5 * (offset / width) ** 2)
+    one = np.ones(values.size)
+    s0 = np.convolve(one, kernel, "same") if reach * 2 + 1 <= values.size else np.full(values.size, kernel.sum())
+    if reach * 2 + 1 > values.size:
+        return np.full(values.size, float(np.mean(values))), 1.0 / values.size
+    s1 = np.convolve(one, -offset * kernel, "same")
+    s2 = np.convolve(one, offset**2 * kernel, "same")
+    t0 = np.convolve(values, kernel, "same")
+    t1 = np.convolve(values, -offset * kernel, "same")
+    smooth = (s2 * t0 - s1 * t1) / (s0 * s2 - s1 * s1)
+    return np.asarray(smooth, dtype=np.float64), float(1.0 / kernel.sum())
+
+
+def measured_path(record: Record) -> PlatePath:
+    """The path behind the thermometer's readings, where the record has no current."""
+    temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    path = temperature_path(record.time_s, temperature).temperature_degC
+    steps = np.diff(record.time_s)
+    slope = np.diff(path) / steps
+    slopes = np.column_stack((np.append(slope, slope[-1]), np.insert(slope, 0, slope[0])))
+    return PlatePath(record.time_s, np.asarray(path, dtype=np.float64), slopes)

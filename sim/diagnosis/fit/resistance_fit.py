@@ -1,0 +1,56 @@
+"""What a fit of the last links looks for, and what it has found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_prior import PriorWidths
+from sim.effects.effect import Switched
+from sim.model.record_own import FilmStart
+
+
+@dataclass(frozen=True, eq=False)
+class FilmParameters:
+    """x: envelopes (4), effects, how far film filters are behind; film_output: of an earlier fit, (rows,), whose
+    resistance the ohmmeter's current heats; None: the one that was read."""
+
+    effects: tuple[Switched, ...]
+    x: Array
+    start: FilmStart
+    prior: PriorWidths = field(default_factory=PriorWidths)
+    film_output: Array | None = None
+
+    @property
+    def has_relays(self) -> bool:
+        """Whether the film is of another kind."""
+        return self.prior.relay_dec > 0.0
+
+    def with_relays(self, relay_dec: float) -> FilmParameters:
+        """The same with relays of this prior's width, or none at 0."""
+        return replace(self, prior=replace(self.prior, relay_dec=relay_dec))
+
+
+@dataclass(frozen=True, eq=False)
+class ResistanceFit:
+    """parameters; shown: -log10 of the resistance shown, (rows,); film_output: of the film itself, (rows,); score: the
+    marginal log-likelihood of the fitted rows (effects' and envelopes' parameters at their best); coefficients."""
+
+    parameters: FilmParameters
+    shown: Array
+    film_output: Array
+    score: float
+    sigma_dec: float
+    coefficients: Array
+    jacobian: Array
+    minus_log: float
+    plain: FilmParameters | None = None
+
+    @property
+    def without_relays(self) -> FilmParameters:
+        """Those of the film of the class that it began from, or its own."""
+        return self.plain or self.parameters.with_relays(0.0)
+
+    @property
+    def effects(self) -> tuple[Switched, ...]:
+        return self.parameters.effects

@@ -1,0 +1,314 @@
+"""The fit of the first links: current -> driver -> plate -> thermometer, by the simulation error over whole stretches.
+
+Unknowns are the plate's s, r, g, T_a (a heater's q, g, T_a), the effects' parameters, the temperatures of what has a
+temperature of its own at the first row and after each long gap, and the plate's temperature at the beginning of each
+stretch. The last are many but each acts on its own stretch only, so that they are eliminated from the normal equations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compensator.hysteresis.functions import KELVIN, Array
+from sim.diagnosis.data.likelihood import lattice_noise, likelihood, normal_residual, quick_noise
+from sim.diagnosis.data.record import Mask, Record, Rows
+from sim.diagnosis.fit.unknowns import (
+    Unknown,
+    along_values,
+    free,
+    logarithmic,
+    positive,
+    unknowns_of,
+    values_inside,
+    with_values,
+)
+from sim.effects.effect import HeatFlow, Switched
+from sim.model.links import Links, links_of
+from sim.model.own_fit import APART_K, first_readings
+from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
+from sim.model.record_own import anew_rows
+from sim.model.recorded import COARSE, Spacing
+
+PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
+HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
+AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
+ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
+
+
+@dataclass(frozen=True, eq=False)
+class PlateParameters:
+    """x: the fit's vector (plate, effects, temperatures of their own, each at its beginnings); first_degC: of each
+    stretch."""
+
+    kind: str
+    effects: tuple[Switched, ...]
+    x: Array
+    first_degC: Array
+
+    @property
+    def base(self) -> tuple[Unknown, ...]:
+        return PELTIER if self.kind == "peltier" else HEATER
+
+    def plate(self) -> Array:
+        """(s, r, g, q, T_a)."""
+        v = [u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)]
+        if self.kind == "peltier":
+            return np.array([v[0], v[1], v[2], 0.0, v[3]])
+        return np.array([0.0, 0.0, v[1], v[0], v[2]])
+
+
+def has_own(effect: Switched) -> bool:
+    """Whether it is a body on the plate's balance with a temperature of its own."""
+    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
+
+
+def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
+    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
+    links = links_of(effects)
+    return [*(e for e in links.plate if has_own(e)), *links.thermometer]
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureFit:
+    """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
+    were fitted; sigma_K: the noise; jacobian: d shown / d x (rows, unknowns), in K; converged."""
+
+    parameters: PlateParameters
+    path: PlatePath
+    shown_degC: Array
+    minus_log: float
+    sigma_K: float
+    step_K: float
+    jacobian: Array
+    curvature: Array
+
+    @property
+    def effects(self) -> tuple[Switched, ...]:
+        return self.parameters.effects
+
+
+class TemperatureChannel:
+    """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them."""
+
+    def __init__(
+        self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0, spacing: Spacing = COARSE
+    ) -> None:
+        self.record, self.sigma_K, self.step_K, self.spacing = record, sigma_K, step_K, spacing
+        self.rows = np.flatnonzero(fitted & record.temperature_used)
+        stretch = np.zeros(record.rows, dtype=np.int64)
+        stretch[record.first_rows] = 1
+        self.stretch = np.cumsum(stretch)[self.rows] - 1
+        self.stretches = record.first_rows.size
+        self.anew: Rows = anew_rows(record)
+        self._known_nodes: dict[bytes, Nodes] = {}
+
+    def with_noise(self, sigma_K: float) -> TemperatureChannel:
+        """The same rows, weighed by another noise."""
+        fitted = np.zeros(self.record.rows, dtype=np.bool_)
+        fitted[self.rows] = True
+        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K, self.spacing)
+
+    def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
+        """Parameters to begin with: base in the unknowns' own values."""
+        unknowns = PELTIER if kind == "peltier" else HEATER
+        x = np.array([u.inside(float(v)) for u, v in zip(unknowns, base, strict=True)])
+        return self.extended(PlateParameters(kind, (), x, self.rough_firsts()), effects)
+
+    def extended(self, parameters: PlateParameters, effects: Sequence[Switched]) -> PlateParameters:
+        """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
+        base = parameters.x[: len(parameters.base)]
+        before = self._own(parameters)
+        own = [before.get(effect.name, np.zeros(self.anew.size)) for effect in with_own_temperature(effects)]
+        x = np.concatenate((base, values_inside(effects), *own))
+        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
+
+    def awakened(self, p: PlateParameters) -> PlateParameters:
+        """The same, with a Joule heat where the plate alone has driven it to nothing: from there it would take long
+        to come back."""
+        if p.kind != "peltier" or self.record.current_A is None:
+            return p
+        s, r, _, _, ambient = p.plate()
+        least = ASLEEP * 2.0 * s * (ambient + KELVIN) / float(np.max(np.abs(self.record.current_A)))
+        if r >= least:
+            return p
+        x = p.x.copy()
+        x[1] = PELTIER[1].inside(least)
+        return replace(p, x=x)
+
+    def _own(self, p: PlateParameters) -> dict[str, Array]:
+        """Of each effect, at each of its beginnings here; parameters of another record begin as they did there."""
+        names = [e.name for e in with_own_temperature(p.effects)]
+        own = p.x[len(p.base) + len(unknowns_of(p.effects)) :]
+        each = own.reshape(len(names), own.size // max(len(names), 1))
+        if each.shape[1] != self.anew.size:
+            each = np.repeat(each[:, :1], self.anew.size, axis=1)
+        return dict(zip(names, each, strict=True))
+
+    def _owns(self, effects: Sequence[Switched]) -> int:
+        """How many temperatures of their own, at all beginnings."""
+        return len(with_own_temperature(effects)) * int(self.anew.size)
+
+    def rough_firsts(self) -> Array:
+        """The first reading of each stretch, degC."""
+        record = self.record
+        return first_readings(record, np.where(record.temperature_used, record.temperature_degC, np.nan))
+
+    def in_its_stretches(self, fit: TemperatureFit) -> PlateParameters:
+        """A fit's parameters, beginning where its path was where this record's stretches do: they may be others."""
+        return replace(fit.parameters, first_degC=fit.path.at(self.record.time_s[self.record.first_rows]))
+
+    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
+        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), and how far the
+        filters are behind (beginnings, filters), both in the chain's order."""
+        end = x.size - self._owns(p.effects)
+        effects = with_values(p.effects, x[len(p.base) : end])
+        ambient = replace(p, x=x).plate()[4]
+        apart = APART_K * x[end:].reshape(-1, self.anew.size)
+        flows = links_of(effects).plate
+        place = [k for k, e in enumerate(flows) if has_own(e)]
+        own = np.full((self.anew.size, len(flows)), ambient)
+        own[:, place] += apart[: len(place)].T
+        return effects, own, apart[len(place) :].T
+
+    def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
+        """The plate's path and what is shown in all rows."""
+        effects, own, late = self.split(p, x)
+        links = links_of(effects)
+        plate, nodes = replace(p, x=x).plate(), self._nodes(links)
+        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing)
+        return out.path, out.shown_degC
+
+    def _nodes(self, links: Links) -> Nodes:
+        """The times of a simulation; computed once where no effect moves the commands, or as long as they are moved
+        alike: a dead band that is held is simulated a hundred times."""
+        moved = b"".join(e.name.encode() + e.par.tobytes() for e in links.commands)
+        if moved not in self._known_nodes:
+            plain = self._known_nodes.get(b"")
+            self._known_nodes = {} if plain is None else {b"": plain}
+            self._known_nodes[moved] = plate_nodes(self.record, links, self.spacing)
+        return self._known_nodes[moved]
+
+    def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
+        """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
+        how many spreads a step of that changes it."""
+        base, own = len(p.base), self._owns(p.effects)
+        index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
+        away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
+        scale = np.ones(index.size)
+        scale[0] = 10.0 / AMBIENT_DEGC[1]
+        return away, index, scale
+
+    def priors(self, p: PlateParameters) -> float:
+        """Logarithm of what is known beforehand."""
+        away = self.prior(p, p.x)[0]
+        return -0.5 * float(away @ away)
+
+    def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
+        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        away = self.prior(p, x)[0]
+        total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
+        return total if math.isfinite(total) else math.inf
+
+    def bounds(self, p: PlateParameters) -> tuple[Array, Array, Array]:
+        """Least, largest and step of each unknown."""
+        unknowns = [*p.base, *unknowns_of(p.effects)]
+        own = p.x.size - len(unknowns)
+        low = np.array([u.low for u in unknowns] + [-20.0] * own)
+        high = np.array([u.high for u in unknowns] + [20.0] * own)
+        return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
+
+    def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
+        """Gauss-Newton with Marquardt's damping from p."""
+        low, high, h = self.bounds(p)
+        log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
+        x, first = np.clip(p.x, low, high), p.first_degC.copy()
+        path, shown = self.simulate(p, x, first)
+        cost, damping = self.cost(p, x, shown), 1e-3
+        jacobian = np.empty((self.record.rows, x.size))
+        for iteration in range(steps + 1):
+            self._slopes(p, x, first, shown, high, h, jacobian)
+            if iteration == steps:
+                break
+            by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
+            e = by_first / (0.01 * self.sigma_K)
+            like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+            j = jacobian[self.rows] / self.sigma_K
+            w = like.curvature
+            away, index, scale = self.prior(p, x)
+            gradient = j.T @ like.pull
+            gradient[index] -= scale * away
+            normal = (w[:, None] * j).T @ j
+            normal[index, index] += scale * scale
+            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9
+            pull = np.bincount(self.stretch, e * like.pull, self.stretches)
+            cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
+            reduced = normal - (cross / d) @ cross.T
+            right = gradient - (cross / d) @ pull
+            held = ((x <= low) & (right < 0.0)) | ((x >= high) & (right > 0.0))
+            reduced[held, :] = 0.0
+            reduced[:, held] = 0.0
+            right[held] = 0.0
+            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
+            norm = np.sqrt(diagonal)
+            before = cost
+            for _ in range(7):
+                damped = reduced / np.outer(norm, norm) + damping * np.eye(norm.size)
+                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
+                move = np.linalg.solve(damped, right / norm) / norm
+                trial = np.clip(x + along_values(np.clip(move, -1.5, 1.5), log), low, high)
+                trial_first = first + (pull - cross.T @ (trial - x)) / d
+                trial_path, trial_shown = self.simulate(p, trial, trial_first)
+                trial_cost = self.cost(p, trial, trial_shown)
+                if trial_cost < cost:
+                    x, first, path, shown, cost = trial, trial_first, trial_path, trial_shown, trial_cost
+                    damping = max(0.1 * damping, 1e-10)
+                    break
+                damping = max(10.0 * damping, 1e-8)
+            if before - cost < tolerance:
+                self._slopes(p, x, first, shown, high, h, jacobian)
+                break
+        return self._fit(p, x, first, path, shown, jacobian)
+
+    def at(self, p: PlateParameters) -> TemperatureFit:
+        """The fit that these parameters are, with its slopes."""
+        _, high, h = self.bounds(p)
+        path, shown = self.simulate(p, p.x, p.first_degC)
+        jacobian = np.empty((self.record.rows, p.x.size))
+        self._slopes(p, p.x, p.first_degC, shown, high, h, jacobian)
+        return self._fit(p, p.x, p.first_degC, path, shown, jacobian)
+
+    def _fit(
+        self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
+    ) -> TemperatureFit:
+        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        effects, _, _ = self.split(p, x)
+        final = PlateParameters(p.kind, tuple(effects), x, first)
+        return TemperatureFit(
+            final, path, shown, float(np.sum(like.minus_log)), self.sigma_K, self.step_K, jacobian, like.curvature
+        )
+
+    def _slopes(
+        self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array
+    ) -> None:
+        """d shown / d x by difference quotients, into jacobian (rows, unknowns)."""
+        for k in range(x.size):
+            moved = x.copy()
+            moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+            jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+
+    def residual(self, fit: TemperatureFit) -> Array:
+        """In units of the noise, in the fitted rows."""
+        return normal_residual(
+            self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
+        )
+
+    def noise(self, fit: TemperatureFit) -> float:
+        """The thermometer's noise, from what a fit leaves from row to row."""
+        readings, shown = self.record.temperature_degC[self.rows], fit.shown_degC[self.rows]
+        if self.step_K > 0.0:
+            return lattice_noise(readings, shown, self.step_K)
+        return quick_noise(readings - shown)

@@ -1,0 +1,1 @@
+"""From selected effects to names that may be said."""

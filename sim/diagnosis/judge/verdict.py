@@ -1,0 +1,322 @@
+"""From selected effects to what may be said: names only where the evidence survives whatever else is going on.
+
+Where a fit with the selected effects leaves nothing, each is worth what the likelihood falls by without it. Where it
+leaves something, each has to survive a residual whitened by a discrepancy of its own, and to have explained most of
+what was left without it; else what is left is called unexplained, and not forced on the nearest candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Record, Rows
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.resistance_search import RELAY_STEPS, View
+from sim.diagnosis.search.stepwise import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.validate.adequacy import Adequacy, adequacy
+from sim.diagnosis.validate.discrepancy import cosines, whitened_score
+from sim.diagnosis.validate.held_out import residuals_on
+from sim.effects.effect import Switched
+
+WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clean records reach it
+SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
+BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
+SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
+BENDS_ITSELF = 40.0  # evidence that a bend needs beside a film of another kind: most bend less by themselves
+WEAK = 30.0  # evidence below which they may lose no more than chance lets them
+EXPECTED = 0.25  # share of the evidence needed that an effect beside a film of another kind is expected to bring
+CHANCE = 2.33  # standard deviations: one real effect in a hundred is refused where the rest predicts as well
+SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
+SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
+MOST_LEFT_OF_ALL = 0.4
+CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
+LITTLE_LEFT = 0.2  # of the noise's variance
+BEYOND = 2.0  # times the largest size met: more has no physical meaning
+UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
+UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
+MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing."""
+
+    names: tuple[str, ...]
+    evidence: dict[str, float]
+    temperature: Adequacy | None
+    resistance: Adequacy | None
+
+    @property
+    def clean(self) -> bool:
+        """Whether nothing is left in any channel."""
+        return all(a is None or a.clean for a in (self.temperature, self.resistance))
+
+
+def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
+    """Residual over noise of the thermometer in the fitted rows, and the rows."""
+    a, _ = chain.fits(names)
+    assert a is not None
+    assert chain.first is not None
+    return chain.first.channel.residual(a), chain.first.channel.rows
+
+
+def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
+    """Residual over noise of the ohmmeter in the fitted rows, and the rows."""
+    _, b = chain.fits(names)
+    assert b is not None
+    channel = chain.film_channel(names)
+    return channel.residual(b), channel.rows
+
+
+def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Adequacy | None]:
+    """What the fit with these effects leaves in each channel."""
+    record = chain.record
+    found: list[Adequacy | None] = []
+    if chain.first is not None:
+        z, rows = temperature_residual(chain, names)
+        temperature = chain.fits(names)[0].shown_degC[rows]  # type: ignore[union-attr]
+        current = record.current_A
+        state = {"current": current[np.maximum(rows - 1, 0)]} if current is not None else {}
+        found.append(adequacy(z, record.time_s[rows], temperature, state))
+    else:
+        found.append(None)
+    if record.output is not None:
+        z, rows = resistance_residual(chain, names)
+        temperature = chain.film_channel(names).path.at(record.time_s[rows])
+        state = {"resistance": chain.fits(names)[1].shown[rows]}  # type: ignore[union-attr]
+        if record.test_current_A is not None:
+            state["test current"] = record.test_current_A[rows]
+        found.append(adequacy(z, record.time_s[rows], temperature, state))
+    else:
+        found.append(None)
+    return found[0], found[1]
+
+
+def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
+    """Score of one channel under a discrepancy."""
+    a, b = chain.fits(names)
+    if last:
+        z, rows = resistance_residual(chain, names)
+        assert b is not None
+        channel = chain.film_channel(names)
+        point = channel.point(b.parameters, b.parameters.x, b.coefficients)
+        free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
+    else:
+        z, rows = temperature_residual(chain, names)
+        assert a is not None
+        assert chain.first is not None
+        stretch = chain.first.channel.stretch
+        begins = np.zeros((rows.size, 0))
+        if chain.first.channel.stretches <= 30:
+            begins = (stretch[:, None] == np.arange(chain.first.channel.stretches)).astype(np.float64)
+            along = np.exp(-np.maximum(np.arange(rows.size)[:, None] - np.argmax(begins, axis=0), 0) / 100.0)
+            begins = begins * along
+        free = np.concatenate((a.jacobian[rows], begins), axis=1)
+    z = np.clip(z, -1e4, 1e4)
+    return whitened_score(z, free, cosines(rows.astype(np.float64), chain.record.rows))
+
+
+def judge(chain: Chain, names: frozenset[str]) -> Verdict:
+    """The names that may be said."""
+    while True:
+        temperature, resistance = adequacies(chain, names)
+        evidence: dict[str, float] = {}
+        failing: dict[str, float] = {}
+        for name in sorted(names):
+            rest = names - {name}
+            evidence[name] = chain.loses(names, name)
+            told = told_by_unseen(chain, names, rest)
+            unseen = told.gain if told is not None else None
+            unconfirmed = told is not None and told.gain < -may_lose(evidence[name], told.changed)
+            short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
+            if short or unconfirmed or too_small(chain, names, name):
+                failing[name] = min(evidence[name], WORTH)
+                continue
+            upstream = name in chain.split(names)[0]
+            if not upstream and not _shows_beside(chain, names, name):
+                failing[name] = min(evidence[name], WORTH)
+                continue
+            if not _predicts(chain, names, rest, not upstream):
+                failing[name] = WORTH
+                continue
+            left = temperature if upstream else resistance
+            if not upstream and temperature is not None and not temperature.clean and evidence[name] < BEHIND_UNKNOWN:
+                failing[name] = evidence[name]  # the film's temperature itself is not well known
+                continue
+            if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
+                failing[name] = min(evidence[name], WORTH)  # what is left of the film may bend it, too
+                continue
+            if left is None or left.clean:
+                continue
+            value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
+            now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
+            sure = value - without >= CERTAIN and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
+            alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and sure)
+            together = (
+                now <= MOST_LEFT_OF_ALL * _excess(chain, frozenset(), not upstream)
+                and value - without >= SURVIVES_BESIDE
+                and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
+            )
+            if value - without < SURVIVES or not (alone or together):
+                failing[name] = min(value - without, evidence[name])
+            else:
+                evidence[name] = min(evidence[name], value - without) if value - without > 0 else evidence[name]
+        if not failing:
+            order = tuple(sorted(names, key=lambda n: -evidence[n]))
+            return Verdict(order, evidence, temperature, resistance)
+        names = names - {min(failing, key=lambda n: failing[n])}
+
+
+def may_lose(evidence: float, changed: float) -> float:
+    """What unseen rows may lose by an effect that changes them by so much (sum of squares over the noise's): what
+    chance takes where a film without it tells them as well, or a share of much evidence."""
+    chance = CHANCE * float(np.sqrt(changed + 0.5))
+    return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
+
+
+def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
+    """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
+    of_the_class = name in chain.split(names)[0] or film_of_the_class(chain, names)
+    effect = chain.effects[name]
+    choosy = any(p.choices for p in effect.parameters)
+    if only_bends(effect) and chain.relays_bring(names) >= ABSORBS:
+        return BENDS_ITSELF
+    return (WORTH if of_the_class else ABSORBS) + choosy * CHOICE
+
+
+def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether the film needs no relays beside its play operators, or there is none."""
+    b = chain.fits(names)[1]
+    return b is None or not b.parameters.has_relays
+
+
+def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
+    """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    if film_of_the_class(chain, names):
+        return True
+    unseen = _unseen_square(chain, names, True)
+    return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
+
+
+def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
+    """The effects that bend the reading of a film of another kind which another record shows not to be understood."""
+    bends = frozenset(n for n in names if only_bends(chain.effects[n]))
+    if not bends or chain.facts is None or film_of_the_class(chain, names):
+        return frozenset()
+    left = residuals_on(chain, names, other).get("resistance_dec", np.zeros(1))
+    return bends if np.sqrt(np.nanmean(left**2)) > UNSEEN * chain.facts.sigma_dec else frozenset()
+
+
+def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
+    """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
+    many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
+    Beside a film of the class it is the simpler film that counts. Nor may a film that bends its own output do better.
+    """
+    rest = names - {name}
+    b, without = chain.fits(names)[1], chain.fits(rest)[1]
+    if b is None or without is None or film_of_the_class(chain, names):
+        return True
+    effect = next(e for e in b.effects if e.name == name)
+    if View(chain.film_channel(rest), without).expected(effect) < EXPECTED * ABSORBS:
+        return False
+    return bends_as_it_does(chain.last(chain.split(names)[0]), b, without, name)
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """gain: of the log-likelihood of rows that no fit has seen; changed: what the effects change there, sum of squares
+    over the noise's."""
+
+    gain: float
+    changed: float
+
+
+def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> Unseen | None:
+    """What unseen rows say of the effects that `rest` lacks; None without such rows. Relays tell them better than play
+    operators alone wherever a film is not quite of its class: where the fit without the effects has relays, so has the
+    one with them here."""
+    found = []
+    for last in (False, True):
+        a = _unseen_residual(chain, rest, last)
+        if a is None:
+            continue
+        b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
+        if b is not None:
+            sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
+            changed = a - b
+            found.append((float(a @ a - b @ b) / sigma**2, float(changed @ changed) / sigma**2))
+    return Unseen(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
+
+
+def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> ResistanceFit | None:
+    """The last channel's fit with as wide a prior of relays as the one without the effects has."""
+    fit, without = chain.fits(names)[1], chain.fits(rest)[1]
+    if fit is None or without is None or fit.parameters.has_relays or not without.parameters.has_relays:
+        return fit
+    wide = fit.parameters.with_relays(without.parameters.prior.relay_dec)
+    return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
+
+
+def _told_apart_K(chain: Chain) -> float:
+    assert chain.first is not None
+    return max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
+
+
+def _unseen_residual(
+    chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
+) -> Array | None:
+    """One channel's residual in the rows that no fit has seen, K or decades; None without such rows. other: fit of the
+    last channel than the one with these effects."""
+    record, (a, b) = chain.record, chain.fits(names)
+    b = other if other is not None else b
+    residual = np.empty(0)
+    if last and b is not None and record.output is not None:
+        rows = record.held_out & record.output_used
+        residual = record.output[rows] - b.shown[rows]
+    elif not last and a is not None:
+        rows = record.held_out & record.temperature_used
+        residual = record.temperature_degC[rows] - a.shown_degC[rows]
+    return residual if residual.size else None
+
+
+def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: bool) -> bool:
+    """Whether unseen rows are told to about their noise, or most of what they lack is what the effect gives."""
+    after, before = (_unseen_square(chain, group, last) for group in (names, rest))
+    if after is None or before is None or after < UNSEEN * UNSEEN:
+        return True
+    return after - 1.0 <= MOST_LEFT * (before - 1.0)
+
+
+def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
+    """Mean square of one channel's residual over its noise in the rows that no fit has seen; None without such rows."""
+    residual = _unseen_residual(chain, names, last)
+    if residual is None:
+        return None
+    if last:
+        assert chain.facts is not None
+        sigma = chain.facts.sigma_dec
+    else:
+        assert chain.first is not None
+        sigma = float(np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0)))
+    return float(np.mean(residual**2)) / sigma**2
+
+
+def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
+    """Whether an effect's size is without physical meaning: see `without_meaning`."""
+    least = SMALL if film_of_the_class(chain, names) or name in chain.split(names)[0] else LEAST_BESIDE
+    for fit in chain.fits(names):
+        for e in fit.effects if fit is not None else ():
+            if e.name == name:
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND, least)
+    return False
+
+
+def _excess(chain: Chain, names: frozenset[str], last: bool) -> float:
+    """Mean square residual over the noise's, less one."""
+    z, _ = resistance_residual(chain, names) if last else temperature_residual(chain, names)
+    return max(float(np.mean(z * z)) - 1.0, 0.0)

@@ -1,0 +1,35 @@
+"""What would not have shown: effects of a size that one meets, which the film's own shape hides in this record.
+
+An effect at the terminals is a function of the resistance, a drift one of time: much of what it does, another film does
+too. How much of it is left once the film may follow is what a fit could have seen (the expected log-likelihood ratio).
+"""
+
+from __future__ import annotations
+
+from sim.diagnosis.judge.verdict import least_evidence
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.resistance_search import View, starts_of
+from sim.effects.effect import at_the_terminals
+
+SIZES = 9
+
+
+def hidden_by_the_film(chain: Chain, names: frozenset[str]) -> dict[str, tuple[str, float]]:
+    """By effect of the ohmmeter that is not among the names, and that would not show at the middle of the sizes met:
+    its first parameter's name, and the weakest of these sizes that would (nan: none)."""
+    _, b = chain.fits(names)
+    if b is None:
+        return {}
+    channel = chain.film_channel(names)
+    view, found = View(channel, b), {}
+    for name, effect in chain.effects.items():
+        if name in names or not at_the_terminals(effect):
+            continue
+        needed = least_evidence(chain, names, name)
+        sizes = starts_of(effect, channel, SIZES)
+        from_weak = sizes[::-1] if effect.inverse else sizes
+        shows = [size for size in from_weak if view.expected(size) > needed]
+        if not shows or from_weak.index(shows[0]) > SIZES // 2:
+            weakest = float(shows[0].par[0]) if shows else float("nan")
+            found[name] = effect.parameters[0].name, weakest
+    return found

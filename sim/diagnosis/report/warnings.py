@@ -1,0 +1,100 @@
+"""What a user should know besides: a saturated heat sink, gaps, outliers, what the record lacks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.diagnosis.report.detectability import hidden_by_the_film
+from sim.diagnosis.search.chain import Chain
+
+FEWEST_S = 20.0
+LARGE = 0.8  # of the largest current
+
+
+@dataclass(frozen=True)
+class Warning:
+    """code, and from when to when (s, in the record's own time from its first row; None: all of it)."""
+
+    code: str
+    text: str
+    from_s: float | None = None
+    to_s: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As in the JSON."""
+        return {"code": self.code, "from_s": self.from_s, "to_s": self.to_s, "text": self.text}
+
+
+def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
+    """All that apply."""
+    record, found = chain.record, []
+    found += saturated_sink(chain)
+    gaps, anew = record.after_gaps.size, record.first_rows.size - 1
+    if gaps:
+        longest = float(np.max(np.diff(record.time_s)[record.after_gaps - 1]))
+        found.append(
+            Warning(
+                "gaps",
+                f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state was estimated anew after {anew}",
+            )
+        )
+    if record.uneven:
+        found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
+    for name, count in zip(("temperature_degC", record.quantity.column), record.outliers, strict=True):
+        if count:
+            found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
+    if record.current_A is None:
+        found.append(Warning("no_current", "no current_A: plate, driver and thermometer were not judged"))
+    if record.output is None:
+        found.append(Warning("no_resistance", f"no {record.quantity.column}: film and its meter were not judged"))
+    elif not record.quantity.is_resistance:
+        text = "series resistance, leakage, ranges and self-heating were not judged: they are a resistance's"
+        found.append(Warning("no_resistance", f"{record.quantity.column}: {text}"))
+    elif record.test_current_A is None:
+        found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
+    for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():
+        text = f"{name}: would not have shown at any size met, the film's own shape absorbs it"
+        if np.isfinite(weakest):
+            text = (
+                f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"
+            )
+        found.append(Warning("absorbed_by_the_film", text))
+    return found
+
+
+def saturated_sink(chain: Chain) -> list[Warning]:
+    """Stretches in which the plate warms for long while the current cools at nearly its largest."""
+    record = chain.record
+    if record.current_A is None or np.min(record.current_A) >= 0.0:
+        return []
+    largest = float(np.max(np.abs(record.current_A)))
+    cooling = record.current_A < -LARGE * largest
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], cooling.astype(np.int8), [0]))))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        last = min(int(last), record.rows - 1)
+        t = record.time_s[first:last]
+        v = record.temperature_degC[first:last]
+        if t.size < 8 or t[-1] - t[0] < FEWEST_S:
+            continue
+        half = t.size // 3
+        tail = slice(half, None)
+        good = np.isfinite(v[tail])
+        if np.sum(good) < 5:
+            continue
+        slope = np.polyfit(t[tail][good], v[tail][good], 1)[0]
+        rise = slope * (t[-1] - t[half])
+        if rise > max(0.3, 2.0 * record.step_K):
+            found.append(
+                Warning(
+                    "heat_sink_saturated",
+                    f"the current cools with {LARGE:.0%} of its largest or more, and the plate warms by {rise:.2g} K: "
+                    "the heat sink is saturated; more current cools less",
+                    float(t[half]),
+                    float(t[-1]),
+                )
+            )
+    return found

@@ -1,0 +1,111 @@
+"""What a diagnosis has found, and its JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.judge.verdict import Verdict
+from sim.diagnosis.report.warnings import Warning
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.gain import Gain
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One named effect: parameters by name with their 95 % intervals, evidence, what it cannot be told from, gain by
+    channel."""
+
+    name: str
+    parameters: dict[str, tuple[float, tuple[float, float] | None]]
+    evidence: float
+    false_alarm: float
+    indistinguishable_from: list[str]
+    gain: dict[str, Gain]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel: its noise, the held-out RMSE of the base and of the extended model, and how many rows were held."""
+
+    noise: float
+    rmse_base: float
+    rmse_extended: float
+    samples_holdout: int
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
+    film's form, warnings, what to do next; record and chain: for figures and for the extended model. The keys of
+    channels, gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+
+    verdict: str
+    findings: list[Finding]
+    channels: dict[str, Channel | None]
+    unexplained: dict[str, str | None]
+    film: dict[str, Any] | None
+    warnings: list[Warning]
+    next_experiment: list[str]
+    record: Record
+    chain: Chain
+    judged: Verdict
+    model: str | None = None
+
+    def document(self) -> dict[str, Any]:
+        """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
+        return {
+            "format": "peltier-diagnosis/1",
+            "verdict": self.verdict,
+            "effects": [
+                {
+                    "name": f.name,
+                    "parameters": {
+                        name: {"value": value, "ci95": list(ci) if ci is not None else None}
+                        for name, (value, ci) in f.parameters.items()
+                    },
+                    "evidence": f.evidence,
+                    "false_alarm": f.false_alarm,
+                    "indistinguishable_from": f.indistinguishable_from,
+                    "gain": {
+                        channel: {
+                            "rmse_before": g.rmse_before,
+                            "rmse_after": g.rmse_after,
+                            "reduction_ci95": list(g.reduction_ci95),
+                        }
+                        for channel, g in f.gain.items()
+                    },
+                }
+                for f in self.findings
+            ],
+            "channels": {
+                name: None
+                if c is None
+                else {
+                    "noise": c.noise,
+                    "rmse_base": c.rmse_base,
+                    "rmse_extended": c.rmse_extended,
+                    "samples_holdout": c.samples_holdout,
+                }
+                for name, c in self.channels.items()
+            },
+            "unexplained": self.unexplained,
+            "film": self.film,
+            "warnings": [w.document() for w in self.warnings],
+            "next_experiment": self.next_experiment,
+            "model": self.model,
+        }
+
+
+def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:
+    """clean, explained, partly_unexplained or unexplained."""
+    left = any(text is not None for text in unexplained.values())
+    if findings:
+        return "partly_unexplained" if left else "explained"
+    return "unexplained" if left else "clean"
+
+
+def with_model(diagnosis: Diagnosis, path: str) -> Diagnosis:
+    """The same, with the path of the extended model's file."""
+    return replace(diagnosis, model=path)

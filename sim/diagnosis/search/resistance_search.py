@@ -1,0 +1,357 @@
+"""Which effects the last links need, on one path of the plate's temperature."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_memory import begun, remembered
+from sim.diagnosis.fit.film_start import starting_shape, thinned_path
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.effects.effect import Effect, Reading, Switched, Warming, at_the_terminals, switched
+from sim.model.film_nodes import FilmNodes
+
+FEWEST_ROWS = 30  # on either side of a threshold
+QUICK_STEPS = 4
+SIZES = 4  # of an effect that are looked at
+FINER = 7  # sizes looked at before a descent begins
+BEGUN = 2  # descents begun, the second where its cost is not much larger
+AS_GOOD = 1.2
+WHOLE_STEPS = 20
+RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
+FIRST_RELAY_DEC = 0.03
+WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
+RELAY_STEPS = 6
+RELAY_ROUNDS = 4  # of so many steps, at most, after the first
+SETTLED = 0.5  # log-likelihood that another round brings
+COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
+PAIR_SIZES = 7
+TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
+UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
+RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """How much an effect may bring: gain of the log-likelihood, and the values to begin from; beside: the gain and the
+    values with the film as the fit has it, relays and all."""
+
+    gain: float
+    start: Switched
+    beside: tuple[float, Switched] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class KnownShape:
+    """The envelopes that a global search found: shape (4,), at these nodes, in this output (rows,)."""
+
+    nodes: FilmNodes
+    output: Array
+    shape: Array
+
+    def serves(self, nodes: FilmNodes, output: Array, channel: ResistanceChannel) -> bool:
+        """Whether it would be found again: the same film, and an output that differs by less than the noise."""
+        apart = (output - self.output)[channel.rows] / channel.sigma_dec
+        return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
+
+
+@dataclass
+class ResistanceSearch:
+    """Fits of the last links by the names of their effects, each computed once."""
+
+    channel: ResistanceChannel
+    effects: dict[str, Effect]
+    base: FilmParameters
+    fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
+    known_shape: KnownShape | None = None
+
+    def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
+        """The best fit with exactly these effects; `near`: one to begin from."""
+        if names in self.fits:
+            return self.fits[names]
+        if not names:
+            return self.keep(self.whole(near.parameters if near is not None else self.base))
+        if near is None:
+            near = self.fit(names - {min(names)})
+        missing = sorted(names - {e.name for e in near.effects})
+        if len(missing) == 1:
+            return self.finish(self.quick(near, missing[0]))
+        kept = [e for e in near.effects if e.name in names]
+        for name in missing:
+            kept.append(starts_of(self.effects[name], self.channel)[0])
+        return self.keep(self.whole(self.channel.extended(near.parameters, kept)))
+
+    def quick(self, near: ResistanceFit, name: str, promise: Promise | None = None) -> ResistanceFit:
+        """A few steps with one more effect, from the values that promise most, as if the film were of the class."""
+        promise = promise or self.promise(near, name)
+        plain = near.plain or near.parameters
+        others = [e for e in plain.effects if e.name != name]
+        found = []
+        for start in self.starts(plain, others, name, promise.start):
+            found.append(self.channel.descend(start, QUICK_STEPS))
+        return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
+
+    def finish(self, quick: ResistanceFit) -> ResistanceFit:
+        """To the end from a quick fit."""
+        return self.keep(self.whole(quick.parameters))
+
+    def without(self, fit: ResistanceFit, name: str) -> ResistanceFit:
+        """The best fit without one of a fit's effects, beginning from where the fit is."""
+        plain = fit.plain or fit.parameters
+        rest = [e for e in plain.effects if e.name != name]
+        found = self.whole(self.channel.extended(plain, rest))
+        if fit.parameters.has_relays:  # from where the relays are, too
+            rest = [e for e in fit.effects if e.name != name]
+            wider = self.channel.descend(self.channel.extended(fit.parameters, rest), RELAY_STEPS)
+            found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
+        return self.keep(found)
+
+    def instead(self, fit: ResistanceFit, name: str, other: str) -> ResistanceFit:
+        """Another effect in the place of one of a fit's, from the film as it is there: begun without either of them, it
+        may end in other envelopes."""
+        plain = fit.plain or fit.parameters
+        rest = [e for e in plain.effects if e.name != name]
+        return self.channel.descend(self.starts(plain, rest, other)[0], WHOLE_STEPS)
+
+    def keep(self, fit: ResistanceFit) -> ResistanceFit:
+        """Remember a fit, if it is the best with its effects."""
+        names = frozenset(e.name for e in fit.effects)
+        known = self.fits.get(names)
+        if known is None or fit.score > known.score:
+            self.fits[names] = fit
+        return self.fits[names]
+
+    def starts(
+        self, plain: FilmParameters, others: list[Switched], name: str, *likely: Switched
+    ) -> list[FilmParameters]:
+        """Where to begin: of the likely values and those over the range, the ones at which the film fits best with its
+        envelopes as they are."""
+        channel = self.channel
+        tried: list[tuple[float, int, FilmParameters]] = []
+        for start in (*likely, *starts_of(self.effects[name], channel, FINER)):
+            p = channel.extended(plain.with_relays(0.0), [*others, start])
+            tried.append((channel.point(p, p.x).cost, len(tried), p))
+        tried.sort()
+        return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]
+
+    def whole(self, parameters: FilmParameters) -> ResistanceFit:
+        """To the end: first as if the film were of the class, then with relays where that leaves something."""
+        return self._wide(self.plain(parameters))
+
+    def plain(self, parameters: FilmParameters) -> ResistanceFit:
+        """To the end as if the film were of the class."""
+        fit = self._remembered(self._reshaped(self.channel.descend(parameters.with_relays(0.0), WHOLE_STEPS)))
+        return replace(fit, plain=fit.parameters)
+
+    def _remembered(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with another memory at the first row: the one that was found without an effect may
+        stand in for a part of it."""
+        p = fit.parameters
+        if self.channel.mean_square(fit) > UNDERSTOOD:
+            return fit
+        start = begun(self.channel, p)
+        if start == p.start:
+            return fit
+        other = self.channel.descend(replace(p, start=start), WHOLE_STEPS)
+        return other if other.score > fit.score else fit
+
+    def through_gaps(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with another memory of what the film went through while rows are missing; kept."""
+        p = fit.plain or fit.parameters
+        start = remembered(self.channel, p)
+        return fit if start == p.start else self.keep(self.whole(replace(p, start=start)))
+
+    def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects, in
+        what they leave of the readings: those that were found without them may be far off."""
+        channel, p = self.channel, fit.parameters
+        if channel.mean_square(fit) < RESHAPED_FROM:
+            return fit
+        _, nodes = channel.nodes(p, p.x)
+        film = channel.output - (fit.shown - fit.film_output)  # as an ohmmeter without its effects would read it
+        known = self.known_shape
+        if known is None or not known.serves(nodes, film, channel):
+            thin = thinned_path(nodes, film, channel.fitted, p.start)
+            known = KnownShape(nodes, film, starting_shape(thin, channel.basis.curve is not None)[0])
+            self.known_shape = known
+        x = p.x.copy()
+        x[:4] = known.shape
+        prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)
+        other = channel.descend(replace(p, x=x, prior=prior), WHOLE_STEPS)
+        return other if other.score > fit.score else fit
+
+    def widened(self, fit: ResistanceFit) -> ResistanceFit:
+        """A plain fit with relays, kept."""
+        return self.keep(self._wide(fit))
+
+    def beside(self, fit: ResistanceFit, start: Switched) -> ResistanceFit:
+        """One more effect with the film as the fit has it, relays and all, or without them if that is as good; kept."""
+        others = [e for e in fit.effects if e.name != start.name]
+        wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
+        best = replace(wider, plain=wider.parameters.with_relays(0.0))
+        if isinstance(start.effect.form, Reading):  # whose work relays can do
+            plain = self.channel.descend(wider.parameters.with_relays(0.0), RELAY_STEPS)
+            best = replace(max((wider, plain), key=lambda f: f.score), plain=plain.parameters)
+        return self.keep(best)
+
+    def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
+        """One more effect from where it does the most of the relays' work: a film of the class with it if that leaves
+        nothing, else beside the fit's relays; kept."""
+        plain = self.plain(self.quick(fit, name).parameters)
+        if self.channel.mean_square(plain) <= RELAYS_FROM:
+            return self.keep(plain)
+        return self.beside(fit, next(e for e in plain.effects if e.name == name))
+
+    def absorbed(self, fit: ResistanceFit, effect: Effect, within: float = WITHIN) -> Switched | None:
+        """The size of an effect beside which the film fits about as well as without it, the best; None without one."""
+        others = [e for e in fit.effects if e.name != effect.name]
+        best, value = None, fit.score - within
+        for start in starts_of(effect, self.channel, FINER):
+            p = self.channel.extended(fit.parameters, [*others, start])
+            evidence = self.channel.point(p, p.x).evidence
+            if evidence > value:
+                best, value = start, evidence
+        return best
+
+    def _wide(self, fit: ResistanceFit) -> ResistanceFit:
+        return self._relayed(fit) if self.channel.mean_square(fit) > RELAYS_FROM else fit
+
+    def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one with relays."""
+        if self.channel.relays:
+            wider = self.channel.descend(fit.parameters.with_relays(FIRST_RELAY_DEC), RELAY_STEPS)
+            if wider.score > fit.score:
+                return replace(wider, plain=fit.parameters)
+        return fit
+
+    def ended(self, fit: ResistanceFit) -> ResistanceFit:
+        """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,
+        and what is left on the way (up to 15 of log-likelihood) would be any other fit's evidence."""
+        close = fit.parameters.has_relays and self.channel.mean_square(fit) < COMPARED_BELOW
+        for _ in range(RELAY_ROUNDS if close else 0):
+            again = replace(self.channel.descend(fit.parameters, RELAY_STEPS), plain=fit.plain)
+            if again.score < fit.score + SETTLED:
+                break
+            fit = again
+        return self.keep(fit)
+
+    def relayed(self, names: frozenset[str]) -> ResistanceFit:
+        """The best fit with exactly these effects, relays tried though little is left."""
+        fit = self.fit(names)
+        return self.keep(self._relayed(fit)) if not fit.parameters.has_relays else fit
+
+    def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
+        """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
+        seen = [fit]
+        if fit.plain is not None and fit.parameters.has_relays:
+            seen.append(self.channel.descend(fit.plain, 1))
+        found = {}
+        for name in names:
+            each = [self.promise(f, name) for f in seen]
+            best = max(each, key=lambda p: p.gain)
+            found[name] = Promise(best.gain, best.start, (each[0].gain, each[0].start))
+        return found
+
+    def promise(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> Promise:
+        """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
+        view, effect = View(self.channel, fit), self.effects[name]
+        best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
+        for trial in starts_of(effect, self.channel, sizes):
+            delta = view.left_of(trial)
+            size, along = float(delta @ delta), float(delta @ view.residual)
+            if not size > 1e-9 or not np.isfinite(size):
+                continue
+            if along > 0.0 or any(par.signed for par in effect.parameters):
+                best = max(best, 0.5 * along * along / size)
+            if along - 0.5 * size > nearest:  # what this very size would bring
+                nearest, start = along - 0.5 * size, trial
+        return Promise(best, start)
+
+    def two_at_once(self, fit: ResistanceFit) -> ResistanceFit | None:
+        """The best fit with two more effects of the ohmmeter's terminals: what one bends the other may straighten, so
+        that neither shows alone. None where no two promise anything."""
+        names = frozenset(e.name for e in fit.effects)
+        others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
+        plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
+        view, promised = View(self.channel, plain), []
+        for pair in combinations(others, 2):
+            starts = [starts_of(self.effects[name], self.channel) for name in pair]
+            columns = [[view.left_of(start) for start in of_one] for of_one in starts]
+            for one, other in product(*columns):
+                both = np.stack((one, other), axis=1)
+                if np.all(np.isfinite(both)):
+                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]
+                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
+                        promised.append(pair)
+                        break
+        p = plain.parameters.with_relays(0.0)
+        ends = [self._two(p, pair) for pair in promised]
+        return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
+
+    def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
+        """A plain fit with these two as well, from the sizes of both at which the film fits best."""
+        begin: list[tuple[float, int, FilmParameters]] = []
+        for two in product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair)):
+            trial = self.channel.extended(p, [*p.effects, *two])
+            begin.append((self.channel.point(trial, trial.x).cost, len(begin), trial))
+        begin.sort()
+        fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
+        best = max(fits, key=lambda fit: fit.score)
+        return replace(best, plain=best.parameters)
+
+
+class View:
+    """A fit seen by what is left of it once the film's coefficients and everything fitted may follow."""
+
+    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
+        p = fit.parameters
+        self._channel, self._fit = channel, fit
+        self._point = channel.point(p, p.x, fit.coefficients)
+        rows = channel.rows
+        self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
+        outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
+        norms = np.linalg.norm(outer, axis=0)
+        self._q = (
+            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
+            if np.any(norms > 1e-9)
+            else np.zeros((rows.size, 1))
+        )
+
+    def expected(self, effect: Switched) -> float:
+        """The log-likelihood that a fit which lacks this effect is expected to lose: what of it the film cannot do."""
+        left = self.left_of(effect)
+        return 0.5 * float(left @ left) if np.all(np.isfinite(left)) else 0.0
+
+    def left_of(self, effect: Switched) -> Array:
+        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        others = [e for e in fit.effects if e.name != effect.name]
+        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
+        delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
+
+
+def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:
+    """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
+    axes: list[list[float]] = []
+    for k, p in enumerate(effect.parameters):
+        if p.choices:
+            ohm = channel.record.quantity.ohm(channel.output[channel.rows])
+            inside = [c for c in p.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS]
+            axes.append(inside or [p.choices[0]])
+        elif p.signed:
+            values = np.geomspace(p.smallest, p.largest, sizes)[::2]
+            axes.append([float(v) for v in (*-values[::-1], *values)])
+        else:
+            axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
+    if isinstance(effect.form, Warming) and effect.form.heated and channel.record.test_current_A is not None:
+        ohm = channel.record.quantity.ohm(channel.output[channel.rows])
+        power = channel.record.test_current_A[channel.rows] ** 2 * ohm
+        largest = max(float(np.max(power)), 1e-30)
+        axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
+    return [switched(effect, list(values)) for values in product(*axes)]

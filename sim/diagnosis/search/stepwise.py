@@ -1,0 +1,350 @@
+"""From all effects to those that the record needs: forward, swapped, backward, over both ends of the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.joint_fit import widened
+from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
+from sim.diagnosis.search.temperature_search import TemperatureSearch
+from sim.effects.effect import Reading, Switched, jumps
+
+ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
+ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
+CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
+PROMISING = 4.0
+MOST_EFFECTS = 4
+TRIED = 4  # candidates followed to the end in a round
+ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
+RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
+WIDENED = 2  # candidates that get relays
+HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
+FAR_FROM_NOISE = 30.0  # mean square residual over noise
+LITTLE_CHANGED = 0.7
+NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
+LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
+NEAR = 40.0  # sets this close in score are looked at on the other channel too
+Progress = Callable[[str], None]
+
+
+SMALL = 0.2  # of the smallest size met
+LEAST_TIME = LEAST_BESIDE = 0.5  # the same of a time, and where the film is of another kind
+SHORT = 0.2  # of the sampling interval: shorter delays are one class
+ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
+
+
+def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf, least: float = SMALL) -> bool:
+    """Whether an effect's size has no physical meaning: below `least` of the smallest met (a time: below half, or below
+    a fifth of the sampling interval); or `beyond` times the largest met. Or what it has besides: a creep of some
+    seconds is a lag."""
+    parameters = effect.effect.parameters
+    first = next((k for k, p in enumerate(parameters) if not p.choices), None)
+    if first is None:
+        return False
+    p, value = parameters[first], abs(float(effect.par[first]))
+    for q, other in zip(parameters[first + 1 :], effect.par[first + 1 :], strict=True):
+        if not q.choices and not q.smallest / ELSEWHERE <= abs(float(other)) <= q.largest * ELSEWHERE:
+            return True
+    if effect.effect.inverse:
+        return value > p.largest / least or value < p.smallest / beyond**2
+    if value > beyond * p.largest:
+        return True
+    is_time = p.name.endswith("_s") and "per" not in p.name
+    return value < max(LEAST_TIME * p.smallest, SHORT * interval_s) if is_time else value < least * p.smallest
+
+
+def _hopeless(before: float, after: float, rows: int) -> bool:
+    """Whether the best effect there is changes little of a residual many times the noise: then it is none of these."""
+    square = 2.0 * after / rows
+    return square > FAR_FROM_NOISE and square > LITTLE_CHANGED * 2.0 * before / rows
+
+
+def _in_vain(before: ResistanceFit, after: ResistanceFit, rows: int) -> bool:
+    """Whether the best effect there is leaves what is well beyond the noise as it was."""
+    share = LITTLE_BESIDE if before.parameters.has_relays and after.parameters.has_relays else NOTHING_CHANGED
+    gone = before.minus_log - after.minus_log
+    return 2.0 * after.minus_log / rows > ROUGH and gone < share * (before.minus_log - 0.5 * rows)
+
+
+def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
+    """The effects that the thermometer's channel alone asks for. names: where the search begins."""
+    names = _improved_first(search, names)
+    while len(names) < MOST_EFFECTS:
+        fit = search.fit(names)
+        others = [n for n in search.effects if n not in names]
+        rough = 2.0 * fit.minus_log / search.channel.rows.size > ROUGH
+        promise = {n: search.promise(fit, n) for n in others}
+        order = sorted(others, key=lambda n: -promise[n])
+        tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
+        interval = search.channel.record.interval_s
+        found = {n: search.fit(names | {n}, fit) for n in tried}
+        gains = {
+            n: fit.minus_log - f.minus_log
+            for n, f in found.items()
+            if not any(without_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
+        }
+        if not gains or max(gains.values()) < ENTRY:
+            break
+        best = max(gains, key=lambda n: gains[n])
+        if _hopeless(fit.minus_log, found[best].minus_log, search.channel.rows.size):
+            break
+        names |= {best}
+        search.walked(names)
+        names = _improved_first(search, names)
+    return names
+
+
+def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozenset[str]:
+    """Swaps and removals until none is better."""
+    for _ in range(4):
+        best, changed = search.fit(names).minus_log, names
+        for name in sorted(names):
+            rest = names - {name}
+            fit = search.without(search.fit(names), name)
+            if fit.minus_log - best < ENTRY:
+                return _improved_first(search, rest)
+            if not rest:
+                continue  # the only one was the best of all
+            promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
+            likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
+            for other in likely[:TRIED]:
+                value = search.fit(rest | {other}, fit).minus_log
+                if value < best - 1.0:
+                    best, changed = value, rest | {other}
+        if changed == names:
+            break
+        names = changed
+    return names
+
+
+def entry_of(fit: ResistanceFit, known: frozenset[str] = frozenset()) -> float:
+    """What an effect of the last links, besides those known, has to bring in the fitted rows."""
+    if not fit.parameters.has_relays:
+        return ENTRY
+    choosy = any(p.choices for e in fit.effects if e.name not in known for p in e.effect.parameters)
+    return ABSORBS + choosy * CHOICE
+
+
+def select_last_links(
+    search: ResistanceSearch,
+    names: frozenset[str] = frozenset(),
+    steps: int = MOST_EFFECTS,
+    say: Progress = lambda text: None,
+) -> frozenset[str]:
+    """The effects that the ohmmeter's channel alone asks for. names: where the search begins; steps: how many times one
+    is added, or two at once."""
+    for _ in range(steps):
+        if len(names) >= MOST_EFFECTS:
+            break
+        say(f"temperature to resistance{': besides ' if names else ''}{', '.join(sorted(names))}")
+        fit = search.ended(search.fit(names))
+        found, rows = _one_more(search, fit), search.channel.rows.size
+        if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
+            found = search.ended(found)
+            fit = search.ended(search.without(found, next(e.name for e in found.effects if e.name not in names)))
+        if found is None or found.score - fit.score < entry_of(found, names) or _in_vain(fit, found, rows):
+            found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
+            interval = search.channel.record.interval_s
+            if found is None or any(without_meaning(e, interval) for e in found.effects):
+                break
+            if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit, found, rows):
+                break
+        if _hopeless(fit.minus_log, found.minus_log, rows):
+            break
+        if search.channel.record.first_rows.size > 1:
+            found = search.through_gaps(found)
+        names = frozenset(e.name for e in found.effects)
+        names = _improved_last(search, names)
+    return names
+
+
+def _one_more(
+    search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()
+) -> ResistanceFit | None:
+    """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
+    names = frozenset(e.name for e in fit.effects)
+    others = [n for n in search.effects if n not in names and n not in beside]
+    if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYED:
+        return _one_more_beside(search, fit, others)
+    rough = search.channel.mean_square(fit) > ROUGH
+    promises = search.promises(fit, others)
+    tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    quick = [search.quick(fit, n, promises[n]) for n in (tried if rough else tried[:TRIED])]
+    quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
+    ends = [search.plain(q.parameters) for q in quick[:TRIED]]
+    interval = search.channel.record.interval_s
+    ends = [e for e in ends if np.isfinite(e.score) and not any(without_meaning(x, interval) for x in e.effects)]
+    ends = sorted(ends, key=lambda e: -e.score)
+    if not ends:
+        return None
+    if search.channel.mean_square(ends[0]) <= RELAYS_FROM:
+        return search.keep(ends[0])
+    found = [search.widened(e) for e in ends[:WIDENED]]
+    far = search.channel.mean_square(fit) > FAR_FROM_NOISE
+    if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
+        likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
+        begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
+        readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
+        begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
+        found += [search.beside(fit, start) for start in begin]
+    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+    return max(sound, key=lambda e: e.score) if sound else None
+
+
+def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
+    """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
+    interval = search.channel.record.interval_s
+    promises = {n: search.promise(fit, n, FINER) for n in others}
+    likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
+    for name in others:
+        if isinstance(search.effects[name].form, Reading):
+            found.append(search.in_their_place(fit, name))
+    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+    return max(sound, key=lambda e: e.score) if sound else None
+
+
+def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    """With another lag or skew in the place of one that fits worse, the film as it is there: what alike effects were
+    fitted to may differ by more than they do."""
+    for name in sorted(names & TIMING):
+        best = search.fit(names)
+        others = sorted((TIMING & search.effects.keys()) - names)
+        if not others or search.channel.mean_square(best) > FAR_FROM_NOISE:
+            return names
+        found = [search.instead(best, name, other) for other in others]
+        interval = search.channel.record.interval_s
+        sound = [f for f in found if not any(without_meaning(e, interval) for e in f.effects)]
+        better = max(sound, key=lambda f: f.score, default=best)
+        if better.score > best.score + 1.0:
+            names = frozenset(e.name for e in search.finish(better).effects)
+    return names
+
+
+def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    names = _best_timed(search, names)
+    for _ in range(3):
+        best = search.fit(names)
+        too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
+        if len(names) < 2 or search.channel.mean_square(best) > too_much_left:
+            return names  # as long as something large is missing, whatever is there may stand in for it
+        changed: ResistanceFit | None = None
+        for name in sorted(names):
+            fit = search.without(best, name)
+            if best.score - fit.score < entry_of(best):
+                return _improved_last(search, names - {name})
+            if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
+                continue  # nothing else can do as much and leave nothing
+            other = _one_more(search, fit, frozenset({name}))
+            if other is not None and other.score > (changed or best).score + 1.0:
+                changed = other
+        if changed is None:
+            return names
+        names = frozenset(e.name for e in changed.effects)
+    return names
+
+
+def select(chain: Chain, say: Progress) -> frozenset[str]:
+    """The effects that the whole record asks for."""
+    upstream: frozenset[str] = frozenset()
+    if chain.first is not None:
+        say("current to temperature")
+        upstream = select_first_links(chain.first)
+        if chain.renoised_first(upstream):
+            upstream = select_first_links(chain.first, upstream)
+    names = upstream
+    if chain.record.output is not None:
+        names = upstream | _selected_last(chain, upstream, say)
+        if chain.first is not None:
+            say("both together")
+            names = _joint(chain, names)
+            chain.together = True
+            names = _told_by_the_film(chain, names)
+    return names
+
+
+def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
+    """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
+    is too large would let further effects do what another film does."""
+    names: frozenset[str] = frozenset()
+    for steps in (1, MOST_EFFECTS):
+        before = names
+        names = select_last_links(chain.last(upstream), names, steps, say)
+        understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
+        changed = understood and chain.renoised(upstream | names)
+        if names == before and not changed:
+            break  # the same search would find the same
+    return select_last_links(chain.last(upstream), names, say=say) if changed else names
+
+
+def worth(chain: Chain, names: frozenset[str]) -> float:
+    """Score less what each effect has to bring."""
+    return chain.score(names) - ENTRY * len(names)
+
+
+def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+    """What delays temperature and what delays resistance look alike in one channel: try each in place of the other."""
+    first = chain.first
+    assert first is not None
+    for _ in range(3):
+        upstream, downstream = chain.split(names)
+        moving = [n for n in first.effects if first.effects[n].link != "plate"]
+        timing = sorted(downstream & TIMING)
+        base = first.fit(upstream)
+        options = []
+        for n in moving:
+            if n in upstream or not timing:
+                continue
+            if first.promise(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
+                options.append(upstream | {n})
+        for a in moving:
+            for b in moving:
+                if a in upstream and b not in upstream:
+                    option = (upstream - {a}) | {b}
+                    if first.fit(option).minus_log - base.minus_log < NEAR:
+                        options.append(option)
+        best, value = names, worth(chain, names)
+        for option in options:
+            for rest in [downstream, *[downstream - {n} for n in timing]]:
+                trial = option | rest
+                if worth(chain, trial) > value + 0.5:
+                    best, value = trial, worth(chain, trial)
+        if best == names:
+            return names
+        names = best
+    return names
+
+
+def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+    """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
+    while len(names) < MOST_EFFECTS:
+        pair = chain.pair(names)
+        if pair is None or chain.first is None:
+            return names
+        found: dict[str, tuple[float, Switched]] = {}
+        for name, effect in chain.first.effects.items():
+            if name not in names and not jumps(effect):
+                found[name] = pair.promised(effect)
+        likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
+        best, value = names, chain.score(names) + ENTRY
+        for name in likely:
+            trial = widened(pair, found[name][1])
+            if trial is None or any(without_meaning(e, chain.record.interval_s) for e in trial.a.effects):
+                continue
+            chain.keep(names | {name}, trial)
+            if chain.score(names | {name}) > value:
+                best, value = names | {name}, chain.score(names | {name})
+        if best == names:
+            return names
+        added, names = best - names, best
+        for name in sorted(names - added):  # what stood in for it goes
+            if chain.score(names) - chain.score(names - {name}) < ENTRY:
+                names -= {name}
+    return names
+
+
+TIMING = frozenset({"film_lag", "meter_lag", "timestamp_skew"})

@@ -1,0 +1,282 @@
+"""Which effects the first links need: the base fit from many starts, then effects forward, swapped and backward."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.heat_balance import Stretch, rough_balances
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.unknowns import fitted_parameters
+from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched
+
+ROUGH_STEPS = 12
+EXCHANGED_STEPS = 40
+FAR_STEPS = 10  # of all else, at values all over the range
+BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
+WORSE_ON_END = 6  # cells that end a walk
+SEARCHED = 28  # values that a search looks at
+APART, DISTINCT = 1.001, 1.000001  # ratio of two jumps that are not one: of a search, and of its last steps
+LEFT = 1.05  # mean square residual over noise
+NOTHING = 0.05  # of the smallest size met
+BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
+
+
+@dataclass
+class TemperatureSearch:
+    """Fits of the first links by the names of their effects, each computed once."""
+
+    channel: TemperatureChannel
+    effects: dict[str, Effect]
+    base: TemperatureFit
+    fits: dict[frozenset[str], TemperatureFit] = field(default_factory=dict)
+
+    def fit(self, names: frozenset[str], near: TemperatureFit | None = None) -> TemperatureFit:
+        """The best fit with exactly these effects; `near`: one with all but one of them to begin from."""
+        if names in self.fits:
+            return self.fits[names]
+        if not names:
+            self.fits[names] = self.channel.descend(self.base.parameters)
+            return self.fits[names]
+        begin = [near] if near is not None else [self.fit(names - {name}) for name in sorted(names)]
+        found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
+        best = self._exchanged(min(found, key=lambda fit: fit.minus_log))
+        known = self.fits.get(names)
+        if known is None or best.minus_log < known.minus_log:
+            self.fits[names] = best
+        return self.fits[names]
+
+    def walked(self, names: frozenset[str]) -> None:
+        """Look again for an effect whose cost jumps, where something is left: found without the others it may be some
+        cells off, and no descent leaves its cell."""
+        fit = self.fit(names)
+        for found in fit.effects:
+            effect = self.effects[found.name]
+            if jumps(effect) and 2.0 * fit.minus_log > LEFT * self.channel.rows.size:
+                fit = self._walked(fit, effect)
+        self.fits[names] = fit
+
+    def without(self, fit: TemperatureFit, name: str) -> TemperatureFit:
+        """The best fit without one of a fit's effects, beginning from where the fit is."""
+        rest = [e for e in fit.effects if e.name != name]
+        trial = self.channel.descend(self.channel.extended(fit.parameters, rest), 40)
+        names = frozenset(e.name for e in rest)
+        if names not in self.fits or trial.minus_log < self.fits[names].minus_log:
+            self.fits[names] = trial
+        return self.fits[names]
+
+    def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
+        effect = self.effects[name]
+        if jumps(effect):
+            return self._searched(fit, effect)
+        found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
+        best = min(found, key=lambda trial: trial.minus_log)
+        best = self.channel.descend(best.parameters, 60)
+        if best.minus_log > fit.minus_log:  # nothing found that is better: begin where the effect is next to nothing
+            nothing = [NOTHING * p.smallest for p in effect.parameters]
+            if effect.inverse:
+                nothing[0] = effect.parameters[0].largest / NOTHING
+            other = self.channel.descend(self._descend(fit, switched(effect, nothing), 10).parameters, 30)
+            best = min((best, other), key=lambda trial: trial.minus_log)
+        return best
+
+    def _exchanged(self, fit: TemperatureFit) -> TemperatureFit:
+        """The better of a fit and the one with the plate's time constant 1/g and the thermometer's in each other's
+        place: two first-order lags in a row show the same in either order, but for what is not linear."""
+        best, p = fit, fit.parameters
+        for effect in fit.effects:
+            if not (isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]):
+                continue
+            s, r, g, q, ambient = p.plate()
+            tau, met = float(effect.par[0]), effect.effect.parameters[0]
+            if min(tau, 1.0 / g) < met.smallest or max(tau, 1.0 / g) > BEYOND * met.largest:
+                continue
+            times = 1.0 / (g * tau)
+            driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
+            base = [*driven, 1.0 / tau, ambient]
+            effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
+            x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
+            trial = self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
+            best = min((best, trial), key=lambda other: other.minus_log)
+        return best
+
+    def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:
+        parameters = self.channel.extended(fit.parameters, [*fit.effects, effect])
+        return self.channel.descend(self.channel.awakened(parameters), steps)
+
+    def _searched(self, fit: TemperatureFit, effect: Effect) -> TemperatureFit:
+        """An effect whose cost jumps: values over the whole range tried, each with a short descent of all else, then
+        neighbours of the best, nearer and nearer."""
+        edges = cells(effect, self.channel.record)
+        values = np.sqrt(edges[:-1] * edges[1:])
+        coarse = np.unique(np.searchsorted(edges, searched_values(effect), side="right") - 1)
+        coarse = coarse[(coarse >= 0) & (coarse < values.size)]
+        begin = replace(fit, parameters=self.channel.awakened(fit.parameters))
+        tried = {int(k): self.held(begin, effect, float(values[k]), FAR_STEPS) for k in coarse}
+        at = min(tried, key=lambda k: tried[k].minus_log)
+        best = tried[at]
+        stride = int(max(np.max(np.diff(coarse), initial=1) // 2, 1))
+        while stride:
+            for k in (at - stride, at + stride):
+                if 0 <= k < values.size and k not in tried:
+                    tried[k] = self.held(best, effect, float(values[k]), 4)
+            near = min((k for k in (at - stride, at, at + stride) if k in tried), key=lambda k: tried[k].minus_log)
+            if near == at:
+                stride //= 2
+            at, best = near, tried[near]
+        return self._walked(self.held(best, effect, float(values[at]), 15), effect)  # what was far had not come down
+
+    def _walked(self, best: TemperatureFit, effect: Effect) -> TemperatureFit:
+        """The best of a fit and those in the cells beside its own, as far as they become better."""
+        for apart in (APART, DISTINCT):
+            edges = cells(effect, self.channel.record, apart)
+            for side in (-1, 1):
+                worse = 0
+                for _, other in self.walk(best, effect, edges, side, 6):
+                    worse = 0 if other.minus_log < best.minus_log else worse + 1
+                    best = min(best, other, key=lambda fit: fit.minus_log)
+                    if worse == WORSE_ON_END:
+                        break
+        return best
+
+    def walk(
+        self, fit: TemperatureFit, effect: Effect, edges: Array, side: int, steps: int
+    ) -> Iterator[tuple[int, TemperatureFit]]:
+        """From the cell of a fit on to that side, cell by cell: the fit with the effect's value held there, all else
+        following from the cell before."""
+        value = next(float(e.par[0]) for e in fit.effects if e.name == effect.name)
+        k = cell_of(value, edges) + side
+        while 0 <= k < edges.size - 1:
+            fit = self.held(fit, effect, float(np.sqrt(edges[k] * edges[k + 1])), steps)
+            yield k, fit
+            k += side
+
+    def held(self, fit: TemperatureFit, effect: Effect, value: float, steps: int) -> TemperatureFit:
+        """A fit with the effect's value held."""
+        others = [e for e in fit.effects if e.name != effect.name]
+        held = Switched(held_effect(effect), np.array([value]))
+        return self.channel.descend(self.channel.extended(fit.parameters, [*others, held]), steps)
+
+    def promise(self, fit: TemperatureFit, name: str) -> float:
+        """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
+        unknowns free (score test); of an effect that has to be searched for, the best of its values."""
+        effect = self.effects[name]
+        form = effect.form
+        if jumps(effect):
+            values = [[float(v)] for v in searched_values(effect)]
+        elif isinstance(form, HeatFlow) and form.own_rate is not None:
+            values = starting_values(effect, fit)
+        else:
+            values = [
+                [
+                    0.03 * v if k == 0 or par.signed else v
+                    for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))
+                ]
+                for start in starting_values(effect, fit)
+            ]
+        channel = self.channel
+        p = fit.parameters
+        rows = channel.rows
+        like_residual = channel.residual(fit)
+        columns = [fit.jacobian[rows] / channel.sigma_K]
+        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
+        e = moved / (0.01 * channel.sigma_K)
+        d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
+        nuisance = columns[0] - e[:, None] * np.stack(
+            [(np.bincount(channel.stretch, e * c, channel.stretches) / d)[channel.stretch] for c in columns[0].T],
+            axis=1,
+        )
+        norms = np.linalg.norm(nuisance, axis=0)
+        q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
+        best = 0.0
+        for value in values:
+            trial = channel.extended(p, [*fit.effects, switched(effect, list(value))])
+            shown = channel.simulate(trial, trial.x, p.first_degC)[1]
+            delta = (shown[rows] - fit.shown_degC[rows]) / channel.sigma_K
+            delta = delta - e * (np.bincount(channel.stretch, e * delta, channel.stretches) / d)[channel.stretch]
+            delta = delta - q @ (q.T @ delta)
+            size = float(delta @ delta)
+            if size > 1e-9 and np.isfinite(size):
+                best = max(best, 0.5 * float(delta @ like_residual) ** 2 / size)
+        return best
+
+
+def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
+    """The edges between which a parameter's value makes no difference to this record, rising, and as far apart."""
+    parameter, form = effect.parameters[0], effect.form
+    assert isinstance(form, Command)
+    assert form.jumps is not None
+    assert record.current_A is not None
+    low, high = 0.3 * parameter.smallest, 3.0 * parameter.largest
+    jumps = np.unique(form.jumps(record.current_A))
+    edges = [low]
+    for jump in jumps[(jumps > low) & (jumps < high)]:
+        if jump > apart * edges[-1]:
+            edges.append(float(jump))
+    return np.array([*edges, high])
+
+
+def cell_of(value: float, edges: Array) -> int:
+    """The cell that a value lies in."""
+    return int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, edges.size - 2))
+
+
+def searched_values(effect: Effect) -> Array:
+    """The values of an effect that has to be searched for."""
+    parameter = effect.parameters[0]
+    return np.geomspace(0.3 * parameter.smallest, 3.0 * parameter.largest, SEARCHED)
+
+
+def held_effect(effect: Effect) -> Effect:
+    """The same effect with parameters that no descent moves."""
+    if all(p.choices for p in effect.parameters):
+        return effect
+    parameters = tuple(
+        type(p)(p.name, p.smallest, p.largest, p.signed, (p.smallest, p.largest)) for p in effect.parameters
+    )
+    return Effect(
+        effect.name, effect.link, parameters, effect.form, effect.changes, effect.remedy, effect.order, effect.inverse
+    )
+
+
+def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[list[float]]:
+    """Where descents for an effect begin: within the sizes met, of both signs where it has one."""
+    if any(p.signed for p in effect.parameters):
+        middle = [0.3 * (p.smallest * p.largest) ** 0.5 for p in effect.parameters]
+        return [middle, [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]]
+    starts = [[float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH]
+    if fit is not None and isinstance(effect.form, HeatFlow) and effect.name == "radiative_loss":
+        g = fit.parameters.plate()[2]
+        starts = [[0.05 * g / 1.2e8], [0.5 * g / 1.2e8]]
+    assert fitted_parameters(effect) or effect.parameters
+    return starts
+
+
+def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] = ("peltier",)) -> TemperatureFit:
+    """The plate alone, from the balance integrated over windows and from typical plates."""
+    assert record.current_A is not None
+    stretches = []
+    edges = [*record.first_rows.tolist(), record.rows]
+    for first, last in itertools.pairwise(edges):
+        used = record.temperature_used[first:last]
+        if np.sum(used) >= 3:
+            part = slice(first, last)
+            temperature = np.where(used, record.temperature_degC[part], 0.0)
+            steps = np.diff(record.time_s[part])
+            stretches.append(Stretch(0, first, steps, record.current_A[part], temperature, used))
+    found: list[TemperatureFit] = []
+    for kind in kinds:
+        for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
+            s, r, g, q, h = (float(v) for v in rough[:5])
+            ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)
+            base = (
+                [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
+            )
+            found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
+    best = min(found, key=lambda fit: fit.minus_log)
+    return channel.descend(best.parameters, 60)

@@ -1,0 +1,1 @@
+"""What a fit leaves: residuals, held-out rows and records, structure."""

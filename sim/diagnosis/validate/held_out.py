@@ -1,0 +1,44 @@
+"""A fit on another record of the same rig: the model held, what belongs to that record fitted (`sim.model.own_fit`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Mask, Record, told_of
+from sim.diagnosis.fit.fitted_chain import FittedChain
+from sim.diagnosis.fit.path_estimate import measured_path
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.residuals import read_within
+from sim.model.links import links_of
+from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, fit_own
+from sim.model.record_own import FilmStart
+
+
+def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask | None = None) -> dict[str, Array]:
+    """Residuals of the fit with these effects in the other record's rows, in K and decades; nan without a reading.
+
+    rows: those by which what belongs to the record is fitted, nan in the residuals; None: all of them, none left out.
+    """
+    a, b = chain.fits(names)
+    driven = a is not None and other.current_A is not None
+    read = b is not None and other.output is not None
+    last = chain.film_channel(names) if read else None
+    fitted = FittedChain(a, b, last)
+    told = told_of(other, a.sigma_K if a is not None else LEAST_NOISE_K, last.sigma_dec if last else LEAST_NOISE_DEC)
+    if not read:
+        told = replace(told, output=None)
+    path = None if driven else measured_path(other)
+    memory = FilmStart(b.parameters.start.initial) if b is not None else FilmStart()
+    own, path = fit_own(fitted, other, told if rows is None else told.only(rows), memory, path)
+    unseen = np.ones(other.rows, dtype=np.bool_) if rows is None else ~rows
+    out: dict[str, Array] = {}
+    if driven:
+        left = told.temperature_degC - fitted.plate(other, own).shown_degC
+        out["temperature_K"] = np.where(unseen, left, np.nan)
+    if read and b is not None and told.output is not None:
+        known = unseen & read_within(other, links_of(b.effects).taken(other.taken_s))
+        out["resistance_dec"] = np.where(known, told.output - fitted.shown(other, path, own), np.nan)
+    return out

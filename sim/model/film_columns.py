@@ -1,0 +1,106 @@
+"""The film as a linear problem: what each coefficient adds to the film's own output, node by node.
+
+With the temperature of the film given, the output is linear in the weights of the play operators and in the
+coefficients of D; filters (creep, a meter's lag) act on each column alone. Only the envelopes and the effects' own
+parameters are not linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.legendre import legval
+from scipy.interpolate import BSpline
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.operator_outputs import envelope_values, operator_outputs
+from sim.model.film_nodes import FilmNodes
+
+KNOTS = 7
+SIMPLE = 3  # degree of what D has of simple form
+GRID = 400
+
+
+def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
+    """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
+    inputs, side = nodes.film_degC, nodes.side
+    if nodes.previous_degC is not None:
+        inputs = np.concatenate(([nodes.previous_degC], inputs))
+        turn = np.int8(np.sign(inputs[1] - inputs[0]))
+        side = np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
+    gamma = envelope_values(inputs, side, shape[None, :])
+    rows = nodes.points + (inputs.size - nodes.time_s.size)
+    out = np.empty((rows.size, radii.size))
+    operator_outputs(gamma, side, radii, np.zeros(radii.size, dtype=np.int64), 1.0, rows, out)
+    return out
+
+
+def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
+    """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
+    side, inputs = nodes.side, nodes.film_degC
+    if nodes.previous_degC is not None:
+        inputs = np.concatenate(([nodes.previous_degC], inputs))
+        side = np.concatenate((side[:1], [np.int8(np.sign(inputs[1] - inputs[0]))], side[1:])).astype(np.int8)
+    plays = np.empty((nodes.taken.size, half_width_K.size))
+    order = np.argsort(nodes.taken, kind="stable")
+    rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)
+    part = np.empty_like(plays)
+    group = np.zeros(half_width_K.size, dtype=np.int64)
+    operator_outputs(np.ascontiguousarray(inputs[:, None]), side, half_width_K, group, np.inf, rows, part)
+    plays[order] = part
+    return plays
+
+
+def classical_columns(nodes: FilmNodes, centre: Array, slope: Array, half_width_K: Array) -> Array:
+    """tanh(slope (F_h[T] - centre)) at the rows' readings, shape (rows, operators): relays spread over the plane."""
+    widths, place = np.unique(half_width_K, return_inverse=True)
+    return np.asarray(np.tanh(slope * (play_outputs(nodes, widths)[:, place] - centre)), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothCurve:
+    """Any smooth D(T) on a range: cubic splines, as many as tell any of the named forms within 1e-4 of its span.
+
+    Its columns are Legendre's polynomials of degree 1 to 3 over the range, and then what else the splines can do, each
+    of mean square 1 about: a curve of simple form has coefficients of the first few only. mix: from these to splines.
+    """
+
+    knots: Array
+    mix: Array
+
+    @classmethod
+    def over(cls, low: float, high: float, count: int = KNOTS) -> SmoothCurve:
+        inner = np.linspace(low, high, count)
+        knots = np.concatenate(([low] * 3, inner, [high] * 3))
+        design = _splines(knots, np.linspace(low, high, GRID))
+        x = np.linspace(-1.0, 1.0, GRID)
+        simple = np.stack([legval(x, [0.0] * k + [1.0]) for k in range(SIMPLE + 1)], axis=1)
+        simple = np.linalg.qr(simple)[0] * np.sqrt(GRID)
+        others = np.linalg.svd(design - simple @ (simple.T @ design) / GRID, full_matrices=False)[0]
+        wanted = np.concatenate((simple[:, 1:], np.sqrt(GRID) * others[:, : design.shape[1] - SIMPLE]), axis=1)
+        mix = np.linalg.lstsq(np.column_stack((design, np.ones(GRID))), wanted, rcond=None)[0][:-1]
+        return cls(knots, np.asarray(mix, dtype=np.float64))
+
+    @property
+    def count(self) -> int:
+        return self.knots.size - 5
+
+    def columns(self, temperature: Array) -> Array:
+        """Shape (samples, count): without the constant."""
+        return np.asarray(_splines(self.knots, temperature) @ self.mix, dtype=np.float64)
+
+    def values(self, temperature: Array, coefficients: Array) -> Array:
+        """The columns times coefficients, shape (samples,)."""
+        inside = np.clip(temperature, self.knots[0], self.knots[-1])
+        of_splines = self.mix @ coefficients
+        spline = BSpline(self.knots, np.concatenate(([0.0], of_splines)), 3)
+        return np.asarray(spline(inside) - float(np.sum(of_splines)) / (self.count + 1), dtype=np.float64)
+
+
+def _splines(knots: Array, temperature: Array) -> Array:
+    """Cubic B-splines but the first, less their mean; beyond the ends constant."""
+    inside = np.clip(temperature, knots[0], knots[-1])
+    count = knots.size - 4
+    design = BSpline(knots, np.eye(count), 3)(inside)
+    return np.asarray(design[:, 1:] - 1.0 / count, dtype=np.float64)

@@ -1,0 +1,148 @@
+"""From the recorded current to the plate's and the thermometer's temperature: one simulation of the first links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+from sim.model.links import Links, followed
+from sim.model.plate_balance import heat_flows, run
+from sim.model.recorded import COARSE, Mask, Recorded, Rows, Spacing
+
+MOST_NODES = 3_000_000  # beyond them rows and commands alone are nodes: 24 MB an array
+
+
+@dataclass(frozen=True, eq=False)
+class PlatePath:
+    """Plate temperature: time_s, plate_degC of shape (nodes,), slopes (nodes, 2) after and before each node."""
+
+    time_s: Array
+    plate_degC: Array
+    slopes: Array
+    turning_s: Array = field(default_factory=lambda: np.empty(0))
+
+    def at(self, time: Array) -> Array:
+        """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
+        k = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, self.time_s.size - 2)
+        t0, h = self.time_s[k], self.time_s[k + 1] - self.time_s[k]
+        x = np.clip((time - t0) / np.maximum(h, 1e-12), 0.0, 1.0)
+        a, b = self.plate_degC[k], self.plate_degC[k + 1]
+        cubic = _cubic(x, a, b - a, h * self.slopes[k, 0], h * self.slopes[k + 1, 1])
+        late = np.maximum(time - self.time_s[-1], 0.0)
+        return np.asarray(cubic + late * self.slopes[-1, 1], dtype=np.float64)
+
+    def finer(self, begins: Mask, parts: int) -> tuple[Array, Array]:
+        """Times and temperatures at so many times as many nodes: what a lag follows bends between two. begins: where a
+        stretch does, shape (nodes,); before those straight."""
+        h = np.diff(self.time_s)[:, None]
+        a, d = self.plate_degC[:-1, None], np.diff(self.plate_degC)[:, None]
+        known = ~begins[1:, None]
+        p = np.where(known, h * self.slopes[:-1, :1], d)
+        q = np.where(known, h * self.slopes[1:, 1:], d)
+        x = np.arange(parts) / parts
+        time = self.time_s[:-1, None] + x * h
+        return np.append(time, self.time_s[-1]), np.append(_cubic(x, a, d, p, q), self.plate_degC[-1])
+
+
+def _cubic(x: Array, begin: Array, change: Array, p: Array, q: Array) -> Array:
+    """Between two nodes, x from 0 to 1, with the slopes p and q over the whole at its ends (Hermite)."""
+    bend = 3.0 * change - 2.0 * p - q
+    return np.asarray(begin + x * (p + x * (bend + x * (p + q - 2.0 * change))), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Times at which the current may change, or is read: time_s, current_A (nodes,), rows: which node a row is."""
+
+    time_s: Array
+    current_A: Array
+    rows: NDArray[np.int64]
+
+
+def plate_nodes(record: Recorded, links: Links, spacing: Spacing = COARSE) -> Nodes:
+    """The record's rows, the moments at which its commands act, and times between them."""
+    acts, amounts = links.sent(*record.commands)
+    time = np.union1d(record.time_s, acts[(acts >= record.time_s[0]) & (acts <= record.time_s[-1])])
+    if float(np.max(np.diff(time), initial=0.0)) > 1.01 * spacing.longest_s:
+        count = np.ceil(np.diff(time) / spacing.longest_s - 1e-6).astype(np.int64)
+        if np.sum(count) < MOST_NODES:
+            inside = [
+                time[:-1][count > j] + np.diff(time)[count > j] * j / count[count > j] for j in range(1, count.max())
+            ]
+            time = np.unique(np.concatenate([time, *inside]))
+    place = np.searchsorted(acts, time, side="right") - 1
+    current = np.where(place >= 0, amounts[np.maximum(place, 0)], 0.0)
+    return Nodes(time, current, np.searchsorted(time, record.time_s))
+
+
+@dataclass(frozen=True, eq=False)
+class PlateRun:
+    """One simulation: the plate's path, and what an ideal thermometer behind the thermometer's filters shows in each
+    row, degC, shape (rows,)."""
+
+    path: PlatePath
+    shown_degC: Array
+
+
+def simulate_plate(
+    record: Recorded,
+    nodes: Nodes,
+    plate: Array,
+    links: Links,
+    first_degC: Array,
+    anew: Rows,
+    own_degC: Array,
+    late_K: Array,
+    spacing: Spacing = COARSE,
+) -> PlateRun:
+    """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
+    and others of those that begin stretches. own_degC: there, of the effects on the plate, nan: as it was before,
+    (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters)."""
+    heat = heat_flows(links.plate)
+    n = nodes.time_s.size
+    reset = np.full(n, np.nan)
+    reset[nodes.rows[record.first_rows]] = first_degC
+    temperature, slopes = np.empty(n), np.empty((n, 2))
+    begins, bodies = nodes.rows[anew], own_degC[0]
+    for begin, end, own in zip(begins, [*begins[1:] + 1, n], own_degC, strict=True):
+        part = slice(begin, end)  # up to the next begin, whose slope before it is kept
+        before, bodies = slopes[begin, 1], np.where(np.isnan(own), bodies, own)
+        run(
+            plate,
+            heat.terms,
+            heat.values,
+            nodes.time_s[part],
+            nodes.current_A[part],
+            reset[part],
+            bodies,
+            temperature[part],
+            slopes[part],
+        )
+        if begin > 0:
+            slopes[begin, 1] = before
+    path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
+    if not links.thermometer:
+        return PlateRun(path, temperature[nodes.rows])
+    parts = spacing.lag_parts
+    time, shown = path.finer(np.isfinite(reset), parts) if parts > 1 else (nodes.time_s, temperature)
+    for lag, behind in zip(links.thermometer, late_K.T, strict=True):
+        out = np.empty(time.size)
+        for begin, end, late in zip(parts * begins, [*parts * begins[1:], time.size], behind, strict=True):
+            part = slice(begin, end)
+            out[part], _ = followed(lag, time[part], shown[part], np.array([shown[begin] - late]))
+        shown = out
+    return PlateRun(path, shown[parts * nodes.rows])
+
+
+def _turning(nodes: Nodes, temperature: Array) -> Array:
+    """Times between the rows at which the temperature turns round: the film remembers them."""
+    if nodes.time_s.size == nodes.rows.size:
+        return np.empty(0)
+    step = np.diff(temperature)
+    turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
+    between = np.ones(nodes.time_s.size, dtype=np.bool_)
+    between[nodes.rows] = False
+    return nodes.time_s[turn[between[turn]]]

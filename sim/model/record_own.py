@@ -1,0 +1,72 @@
+"""What belongs to a record and not to a model: the room, and what plate, sink, thermometer and film began with.
+
+A model is a rig's and stays; the room's temperature, first temperatures and the film's memory are another day's. They
+are fitted with every record by `sim.model.own_fit`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from compensator.hysteresis.film import Initial
+from compensator.hysteresis.functions import Array
+from sim.model.film_side import Film
+from sim.model.recorded import Recorded, Rows
+
+SATURATED_DEGC = {"cooled": 1000.0, "heated": -270.0}  # where a film came from that is saturated wherever it begins
+SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
+MOST_ANEW = 10  # long gaps after which what has a temperature of its own begins anew; with more of them it goes through
+
+
+@dataclass(frozen=True)
+class FilmStart:
+    """What the film remembers at the first row: saturation at one end, and the turning point since, if any; and what
+    it went through in each gap of the rows, up to two temperatures one after the other (nan: nothing beyond the ends).
+    """
+
+    initial: Initial = "heated"
+    previous_degC: float | None = None
+    passed_degC: tuple[tuple[float, float], ...] = ()
+
+    def memory(self, film: Film) -> Any:
+        """That of a film, before it comes to its first temperature."""
+        before = self.previous_degC if self.previous_degC is not None else SATURATED_DEGC[self.initial]
+        return film.initial_memory(before, self.initial)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordOwn:
+    """ambient_degC: the room's temperature. plate_degC: where each stretch of rows begins, (stretches,).
+
+    bodies_degC: of each body on the plate's balance with a temperature of its own, by effect; thermometer_late_K: by
+    how much each filter of the thermometer is behind, by effect; both at the rows of `anew_rows`, (beginnings,). film:
+    its memory at the first row; late: how far each filter of the film's temperature (K), of its hysteretic part and of
+    log R (decades of -log10 R) is behind there, by effect. What is not named is at rest: at the room's temperature,
+    and after a gap where it was, or behind by nothing.
+    """
+
+    ambient_degC: float
+    plate_degC: Array
+    bodies_degC: Mapping[str, Array] = field(default_factory=dict)
+    thermometer_late_K: Mapping[str, Array] = field(default_factory=dict)
+    film: FilmStart = field(default_factory=FilmStart)
+    late: Mapping[str, float] = field(default_factory=dict)
+
+
+def anew_rows(record: Recorded) -> Rows:
+    """The first row, and those after gaps so long that bodies and thermometer begin anew, too."""
+    long = long_gaps(record)
+    return np.append(0, long if long.size <= MOST_ANEW else long[:0]).astype(np.int64)
+
+
+def long_gaps(record: Recorded) -> Rows:
+    """The rows after gaps in which a plate may have turned round."""
+    first = record.first_rows[1:]
+    if not first.size:
+        return first
+    interval_s = float(np.median(np.diff(record.time_s)))
+    return first[record.time_s[first] - record.time_s[first - 1] > SHORT * interval_s]

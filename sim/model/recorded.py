@@ -1,0 +1,53 @@
+"""What the chain asks of a record: when things were commanded and read, never what was read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class Recorded(Protocol):
+    """time_s: of the rows, from the first one on, (rows,). first_rows: those at which the plate's temperature begins
+    anew, the first row among them. commands: when a current was commanded and which, s and A, (commands,). taken_s:
+    what the resistances are stamped with, (rows,). test_current_A: of the ohmmeter up to each row, None where none is
+    known.
+    """
+
+    @property
+    def time_s(self) -> Array: ...
+
+    @property
+    def first_rows(self) -> Rows: ...
+
+    @property
+    def commands(self) -> tuple[Array, Array]: ...
+
+    @property
+    def taken_s(self) -> Array: ...
+
+    @property
+    def test_current_A(self) -> Array | None: ...
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How close the nodes of a record lie. longest_s: between two nodes of the plate; lag_parts: into how many parts
+    their distance is cut where a thermometer lags; film_parts: into how many that of two rows where the film or the
+    ohmmeter lags (1: at the plate's nodes)."""
+
+    longest_s: float
+    lag_parts: int
+    film_parts: int
+
+
+COARSE = Spacing(0.5, 8, 2)  # of fits: within a tenth of a usual noise, 1 mK and 2e-4 dec, of FINE
+FINE = Spacing(0.02, 1, 1)  # of simulations: what a lag makes of a plate's curved course is right to 1e-6 K
+EVENTS = Spacing(np.inf, 1, 1)  # rows and commands alone: exact where nothing lags

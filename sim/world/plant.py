@@ -1,0 +1,161 @@
+"""The simulated world that two instruments share: current -> plate -> thermometer and film -> ohmmeter.
+
+Time is a parameter: `advance_to` runs what is scheduled up to a moment; the physics follows when something is read or
+changed. With the current held, and no effect that says otherwise, the plate's temperature is monotone between two
+events and the film does not depend on the rate, so that a node at every event is exact.
+
+A reading that was taken later than it is stamped (timestamp_skew below 0) cannot be had live: it is the present one
+here, and whoever writes the record stamps it anew (`stamp_s`).
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.model.chain import Chain, ChainState
+from sim.model.film_side import Film
+from sim.model.links import links_of
+from sim.world.world import World, noises
+
+__all__ = ["Film", "SimulatedPlant", "World"]
+KEPT_S = 1.0  # of the past, beyond what a reading reaches back
+
+
+class SimulatedPlant:
+    """The state of the simulated rig: temperatures, film memory, currents, and what is due.
+
+    current_A: what was commanded; with effects on the driver the plate gets another, or later.
+    """
+
+    def __init__(self, world: World, start_s: float = 0.0) -> None:
+        self.world = world
+        self.time_s = start_s
+        self.current_A = 0.0
+        self.test_current_A = 0.0
+        self._start_s = start_s
+        self._chain = Chain(world.model)
+        self._state: ChainState = self._chain.start(world.first_degC, None, world.film_initial)
+        self._links = self._chain.links
+        self._sink = self._links.own_number("heat_sink_warmup")
+        self._plate_current_A = 0.0
+        self._solved_s = -math.inf  # of the chain's last node, in its own time
+        self._thermometer_degC = world.first_degC
+        self._past: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+        self._thermometer_noise, self._ohmmeter_noise = noises(world.seed)
+        self._due: list[tuple[float, int, Callable[[float], None]]] = []
+        self._scheduled = 0
+
+    @property
+    def temperature_degC(self) -> float:
+        """The plate's true temperature now."""
+        self._solve()
+        return self._state.plate_degC
+
+    def schedule(self, time_s: float, callback: Callable[[float], None]) -> None:
+        """Call `callback(time_s)` when the plant has reached that time (at once, if it has)."""
+        self._scheduled += 1
+        heapq.heappush(self._due, (max(time_s, self.time_s), self._scheduled, callback))
+
+    def advance_to(self, time_s: float) -> None:
+        """Let time pass, and run what is due; a moment in the past changes nothing."""
+        while self._due and self._due[0][0] <= time_s:
+            due_s, _, callback = heapq.heappop(self._due)
+            self.time_s = max(self.time_s, due_s)
+            callback(due_s)
+        self.time_s = max(self.time_s, time_s)
+
+    def set_current_A(self, current: float) -> None:
+        """Current through the Peltier from now on; the driver holds it within its limit."""
+        limit = self.world.current_limit_A
+        self.current_A = min(max(current, -limit), limit)
+        if not self._links.commands:
+            self._drive(self.current_A)
+            return
+        acts, amounts = self._links.sent(np.array([self.time_s]), np.array([self.current_A]))
+        for when, amount in zip(acts.tolist(), amounts.tolist(), strict=True):
+            if when <= self.time_s:
+                self._drive(amount)
+            else:
+                self.schedule(when, lambda _, amount=amount: self._drive(amount))  # type: ignore[misc]
+
+    def set_test_current_A(self, current: float) -> None:
+        """The ohmmeter's test current from now on."""
+        if current == self.test_current_A:
+            return
+        if self._links.heated and self._solved_s > -math.inf:
+            self._solve()
+            self._solved_s = math.nextafter(self._solved_s, -math.inf)  # the film jumps here
+        self.test_current_A = current
+
+    def read_temperature_degC(self) -> float:
+        """The thermometer's reading now."""
+        self._solve()
+        value = self._thermometer_degC + self.world.thermometer_noise_K * self._thermometer_noise.draw()
+        if not self._links.temperature_readings:
+            return value
+        return float(self._links.shown_degC(np.array([value]))[0])
+
+    def sink_temperature_degC(self) -> float:
+        """The far side's temperature: the sink's where it has one, else the ambient."""
+        if self._sink is None:
+            return self.world.plate.ambient_degC
+        self._solve()
+        return float(self._state.own_degC[self._sink])
+
+    def read_voltage_V(self) -> float:
+        """The detector's voltage at a voltmeter now; 0 where there is none."""
+        detector = self.world.detector
+        if detector is None:
+            return 0.0
+        self._solve()
+        return detector.voltage_V(float(self._past[1][-1]), self._ohmmeter_noise.draw())
+
+    def read_resistance_ohm(self, test_current_A: float) -> float:
+        """The ohmmeter's reading of the film now."""
+        self.set_test_current_A(test_current_A)
+        self._solve()
+        time, output = self._past
+        value = output[-1]
+        if self._links.reading_times:
+            taken = self._links.taken(np.array([self.time_s - self._start_s]))[0]
+            value = np.interp(taken, time, output)
+        noise = self.world.ohmmeter_noise_dec * self._ohmmeter_noise.draw()
+        if not self._links.readings:
+            return float(10.0 ** (noise - value))
+        return float(self._links.shown_ohm(np.array([10.0**-value]))[0] * 10.0**noise)
+
+    def _drive(self, current: float) -> None:
+        """What the plate gets from now on."""
+        self._solve()  # the temperature may turn round here
+        self._plate_current_A = current
+
+    def _solve(self) -> None:
+        """Bring temperatures and film up to now."""
+        now = self.time_s - self._start_s
+        if now <= self._solved_s:
+            return
+        time = self._chain.nodes(max(self._solved_s, 0.0), now)
+        current, test_current = np.empty(time.size), np.empty(time.size)
+        current.fill(self._plate_current_A)
+        test_current.fill(self.test_current_A)
+        stretch, self._state = self._chain.advance(self._state, time, current, test_current)
+        self._thermometer_degC = float(stretch.thermometer_degC[-1])
+        self._solved_s = now
+        if self._links.reading_times:
+            earliest = min(float(self._links.taken(time[-1:])[0]), now) - KEPT_S
+            kept = max(int(np.searchsorted(self._past[0], earliest)) - 1, 0)
+            past = np.concatenate((self._past[0][kept:], time)), np.concatenate((self._past[1][kept:], stretch.output))
+            self._past = past
+        else:
+            self._past = time, stretch.output
+
+
+def stamp_s(world: World, time_s: Array) -> Array:
+    """What a record calls the times at which a simulated rig took its resistances, where that is earlier."""
+    ahead = links_of(world.effects).taken(time_s) - time_s
+    return time_s - np.maximum(ahead, 0.0)

@@ -1,0 +1,83 @@
+"""Every case comes back once, whatever becomes of the processes; what was shared is read once a worker."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from rig.core.faults import Faults
+from rig.many.cases import Case, Ended, each_ended
+from rig.many.engine import EngineChoice, opened
+from tests.many.work import doubled, fails, kills_itself, read_from, size_of, slow
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="kills processes")
+
+
+def _all(cases: list[Case], workers: int = 2) -> dict[int, Ended]:
+    with opened(EngineChoice(workers=workers), len(cases)) as engine:
+        ended = list(each_ended(cases, engine))
+    assert sorted(e.number for e in ended) == [case.number for case in cases]
+    return {e.number: e for e in ended}
+
+
+def test_what_fails_and_what_dies_stops_nothing_else() -> None:
+    cases = [Case(k, doubled, (k,)) for k in range(12)]
+    cases[3] = Case(3, fails, (3,))
+    cases[5] = Case(5, kills_itself, (5,))
+    ended = _all(cases)
+    assert {k: e.value for k, e in ended.items() if k not in (3, 5)} == {k: 2 * k for k in range(12) if k not in (3, 5)}
+    assert ended[3].fault.startswith("ValueError: no value for 3")
+    assert "died" in ended[5].fault
+    assert ended[5].value is None
+
+
+def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path) -> None:
+    cases = [Case(k, slow, (k, 0.15, tmp_path)) for k in range(16)]
+    killed: list[int] = []
+
+    def kill() -> None:
+        while len(killed) < 3:
+            time.sleep(0.4)
+            marks = sorted(tmp_path.iterdir(), key=lambda mark: mark.stat().st_mtime_ns)
+            if marks and (worker := int(marks[-1].name.split("_")[1])) not in killed:
+                os.kill(worker, signal.SIGKILL)
+                killed.append(worker)
+
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    ended = _all(cases)
+    killer.join(timeout=1)
+    assert killed
+    assert {k: e.value for k, e in ended.items()} == {k: 2 * k for k in range(16)}
+
+
+def test_what_is_shared_is_read_once_a_worker() -> None:
+    value = list(range(1000))
+    with opened(EngineChoice(workers=1), 4) as engine:
+        shared = [engine.share(value), engine.share(list(value))]
+        assert shared[0] == shared[1]  # by content
+        assert next(each_ended([Case(0, size_of, (shared[0],))], engine)).value == 1000
+        read = {e.value for e in each_ended([Case(k, read_from, (shared[k % 2],)) for k in range(4)], engine)}
+    assert len(read) == 1
+
+
+def test_a_choice_that_cannot_be_is_refused() -> None:
+    for words in ({"name": "ray"}, {"workers": 0}, {"address": "tcp://localhost:1"}):
+        with pytest.raises(Faults, match="expected"):
+            EngineChoice(**words)  # type: ignore[arg-type]
+
+
+def test_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    cases = [Case(k, doubled, (k,)) for k in range(6)] + [Case(6, fails, (6,)), Case(7, size_of, ())]
+    with opened(EngineChoice("dask", 2), len(cases)) as engine:
+        cases[7] = Case(7, size_of, (engine.share([1, 2, 3]),))
+        ended = {e.number: e for e in each_ended(cases, engine)}
+    assert {k: ended[k].value for k in range(6)} == {k: 2 * k for k in range(6)}
+    assert ended[6].fault.startswith("ValueError: no value for 6")
+    assert ended[7].value == 3

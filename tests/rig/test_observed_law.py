@@ -1,0 +1,136 @@
+"""A law that knows its chain's effects, on a plant that was written apart from `sim`: as good as without them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks._hidden_effects import EffectPlant, Hidden
+from benchmarks._tracked_plant import Plate
+from compensator.control.design import design_temperature
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Command, Inputs, LawState
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.inverse.inverse import Inverse
+from compensator.thermal.plate import PlateModel
+from rig.experiment.extended_model import chain_observer
+from sim.effects.catalogue import catalogue
+from sim.effects.effect import switched
+
+FILM = FilmModel(
+    np.arange(1, 11) / 11.0,
+    np.full(10, 0.08),
+    Envelope("tanh", 0.2, -12.4),
+    Envelope("tanh", 0.2, -11.6),
+    Memoryless("linear", 1.0, 0.008, -0.48, -4.0),
+)
+PLATE = PlateModel(0.05 / 30.0, 2.0 / 30.0, 0.5 / 30.0, 25.0)
+PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080
+TEST_A = 1e-4
+TIMES, WANTED = [0.0, 20.0, 60.0, 75.0, 110.0, 120.0], [-4.2, -4.2, -3.8, -3.8, -4.1, -4.1]
+SECONDS, SETTLED_S = 115, 15.0
+EFFECTS = {
+    "none": (Hidden(), {}),
+    "film_lag": (Hidden(film_lag_s=2.0), {"film_lag": {"tau_s": 2.0}}),
+    "sensor_lag": (Hidden(sensor_lag_s=2.0), {"sensor_lag": {"tau_s": 2.0}}),
+    "self_heating": (Hidden(theta_K_per_W=3000.0), {"self_heating": {"theta_K_per_W": 3000.0}}),
+    "actuator_delay": (Hidden(delay_s=1.0), {"actuator_delay": {"delay_s": 1.0}}),
+    "film_drift": (Hidden(film_drift_K_per_h=20.0), {"film_drift": {"drift_K_per_h": 20.0}}),
+    "heat_sink_warmup": (
+        Hidden(sink_capacity_ratio=10.0, sink_conductance_ratio_per_s=0.167),
+        {"heat_sink_warmup": {"sink_capacity_ratio": 10.0, "sink_conductance_ratio_per_s": 0.167}},
+    ),
+}
+
+
+class TrueFilm:
+    """The model's film as the plant asks for one."""
+
+    def __init__(self) -> None:
+        self._memory = FILM.initial_memory(85.0, "heated")
+
+    def log_ohm(self, degC: float) -> float:
+        output, self._memory = FILM.step(degC, self._memory)
+        return -output
+
+
+def law_for(name: str, known: bool) -> Law:
+    effects = [switched(catalogue()[effect], values) for effect, values in EFFECTS[name][1].items()] if known else []
+    observer = chain_observer(effects, PLATE, FILM, PERIOD_S)
+    gains = design_temperature(PERIOD_S, PERIOD_S + (observer.delay_s if observer else 0.0), 1.4).gains
+    return Law(LawSettings("full", PERIOD_S, 4.0, 10.0, 95.0, gains), PLATE, FILM, observer)
+
+
+def error_dec(name: str, known: bool) -> float:
+    """RMS of the film's own error over the course, after it has settled."""
+    law, hot = law_for(name, known), FILM.initial_memory(85.0, "heated")
+    first = Inverse(FILM, 10.0, 95.0).solve(WANTED[0], hot)
+    hidden = EFFECTS[name][0]
+    plant = EffectPlant(Plate(), TrueFilm(), 1, 0.0, hidden)
+    plant.film = TrueFilm()  # from the hot end, not from where the plant was made
+    plant.test_current_A, plant.log_ohm = TEST_A, plant.film.log_ohm(first.temperature_degC)
+    plate_degC = first.temperature_degC - hidden.theta_K_per_W * TEST_A**2 * 10.0**plant.log_ohm
+    plant.degC = plant.shown_degC = plant.lagged_degC = plate_degC
+    memory = FILM.step(first.temperature_degC, hot)[1]
+    state, ahead = law.start(plate_degC, memory, test_current_A=TEST_A), law.preview_times_s()
+    for k in range(round(SECONDS / PERIOD_S)):
+        tick_s = k * PERIOD_S
+        plant.advance_to(tick_s + OHMMETER_S)
+        output = -math.log10(plant.read_resistance_ohm(TEST_A))
+        plant.advance_to(tick_s + THERMOMETER_S)
+        reading = plant.read_temperature_degC()
+        now, coming = (np.interp(tick_s + t, TIMES, WANTED) for t in (THERMOMETER_S, COMMAND_S + ahead))
+        ages = THERMOMETER_S - OHMMETER_S, COMMAND_S - THERMOMETER_S
+        command, state = law.step(state, Inputs(reading, output, float(now), coming, *ages, TEST_A))
+        plant.advance_to(tick_s + COMMAND_S)
+        plant.set_current_A(command.current_A)
+    time, _, log_ohm = np.array(plant.course).T
+    settled = time > SETTLED_S
+    return float(np.sqrt(np.mean((log_ohm + np.interp(time, TIMES, WANTED))[settled] ** 2)))
+
+
+@pytest.fixture(scope="module")
+def without() -> float:
+    return error_dec("none", known=True)
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "none"])
+def test_a_known_effect_costs_next_to_nothing(name: str, without: float) -> None:
+    late = 1.6 if name == "actuator_delay" else 1.3  # what noise has made of the plate is mended a second later
+    assert error_dec(name, known=True) < late * without
+
+
+@pytest.mark.parametrize("name", ["film_lag", "sensor_lag", "actuator_delay"])
+def test_an_unknown_one_costs_much(name: str, without: float) -> None:
+    """Or the test above would say nothing."""
+    assert error_dec(name, known=False) > 1.5 * without
+
+
+def test_any_step_can_be_repeated_from_its_state() -> None:
+    law = law_for("film_lag", known=True)
+    states, rows, coming = [law.start(58.0, None)], [], np.full(law.preview_times_s().size, -4.0)
+    chance = np.random.default_rng(1)
+    for _ in range(30):
+        inputs = Inputs(
+            58.0 + 0.01 * chance.normal(), -4.05 + 0.002 * chance.normal(), -4.0, coming, 0.03, 0.02, TEST_A
+        )
+        command, after = law.step(states[-1], inputs)
+        states.append(after)
+        rows.append((inputs, command))
+    for k in (20, 3, 11, 20):  # in any order
+        command, after = law.step(states[k], rows[k][0])
+        assert command == rows[k][1]
+        assert numbers(after) == numbers(states[k + 1])
+    assert isinstance(states[5], LawState)
+    assert isinstance(command, Command)
+    with pytest.raises(ValueError, match="read-only"):
+        states[5].plays[0] = 0.0
+
+
+def numbers(state: LawState) -> tuple[object, ...]:
+    """What a state holds, to compare bit for bit."""
+    seen = state.observer
+    values = (state.temperature_degC, *state.reference, state.disturbance, *state.pid, state.warming_K)
+    return *values, *state.plays.tolist(), *state.estimate.covariance, seen.time_s, seen.film_degC, seen.shown_output
