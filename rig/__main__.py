@@ -31,6 +31,8 @@ VERBS = {
     "check": "does it answer, and is it what the configuration says",
     "emulate": "simulated instruments on pseudo-terminals",
     "serve": "the bench daemon: queue, history, page",
+    "epics": "an EPICS server beside the daemon",
+    "overview": "one page for several daemons, with a STOP for each",
     "status": "what the bench daemon's bench is doing",
     "watch": "the same as a live table",
     "stop": "output off, the running job ended, the queue held",

@@ -14,7 +14,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
 from rig.core.faults import Faults
+from rig.files.epics_table import EpicsTable
 from rig.files.model_file import MemorylessTable, PlateTable
+from rig.files.reachable_name import ReachableName
 from rig.files.secret_keys import without_secrets
 from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
@@ -243,12 +245,6 @@ class SimulationTable(Table):
         return data
 
 
-def _reachable_name(text: str) -> str:
-    if not re.fullmatch(r"(https?://)?([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", text):
-        raise ValueError("expected a name, as in bench.lab.example, or an origin, as in https://bench.lab.example")
-    return text
-
-
 def _web_address(secret: SecretStr) -> SecretStr:
     if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
         raise ValueError("expected an address that begins with http:// or https://")
@@ -272,7 +268,7 @@ class ServeTable(Table):
     stop_port: int | None = Field(default=None, ge=0, le=65535)
     token: Annotated[SecretStr, Field(min_length=16)] | None = None
     metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    hosts: list[Annotated[str, AfterValidator(_reachable_name)]] = []
+    hosts: list[ReachableName] = []
     folder: str | None = None
     configurations: str = "."
     idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
@@ -295,6 +291,7 @@ class Configuration(Table):
     simulation: SimulationTable = SimulationTable()
     sweep: SweepTable = SweepTable()
     serve: ServeTable = ServeTable()
+    epics: EpicsTable = EpicsTable()
 
     @model_validator(mode="after")
     def _whole(self) -> Configuration:
