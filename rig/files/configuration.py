@@ -132,7 +132,11 @@ class LimitsTable(Table):
 
 
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words."""
+    """[experiment]: what to do. target: a CSV file, or a profile in words.
+
+    repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
+    missed. learned: the folder of a run whose learned.csv the first one begins with.
+    """
 
     kind: Literal["track_resistance", "temperature_profile", "current_profile", "hold"] = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
@@ -142,6 +146,8 @@ class ExperimentTable(Table):
     period_s: Period = 0.1
     compare: list[Literal["pid", "feedforward", "instrument_pid"]] = []
     settle_s: Wait = 10.0
+    repeat: Annotated[int, Field(ge=1, le=100)] = 1
+    learned: str | None = None
 
 
 class ControlTable(Table):
