@@ -47,7 +47,7 @@ def test_memory_is_known_when_conditioning_has_ended_and_not_before() -> None:
     desk = SimpleNamespace(
         memory_since_s=None, label_s=lambda: 7.0, clock=SimpleNamespace(now_s=lambda: 0.0), changed=lambda: None
     )
-    job = cast(JobRun, SimpleNamespace(_desk=desk, _conditioning=False))
+    job = cast(JobRun, SimpleNamespace(_desk=desk, _conditioning=False, _coming=[], expect=lambda phases: None))
     for name, known in (("polarity", None), ("condition", None), ("condition", None), ("approach", 7.0)):
         JobRun.phase(job, name, 1.0)
         assert desk.memory_since_s == known, name
@@ -67,7 +67,8 @@ def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch
     told = [re.sub(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ", "", line) for line in lines]
     assert all(a != b for a, b in zip(lines, told, strict=True))  # each begins with the time of day
     order = [f"job {job} config (current_profile): queued", f"job {job} config (current_profile): running"]
-    assert told[:2] == order
+    assert told[0] == order[0]
+    assert told[1].startswith(f"{order[1]}; ")  # and the folder in which its rows are
     stop = next(line for line in told if line.startswith("STOP by a test: output off, confirmed in"))
     reset, trip = told.index("reset: looked at it"), told.index("TRIPPED, a_cause: what was wrong")
     assert 2 <= told.index(stop) < reset < trip
