@@ -81,7 +81,7 @@ class Planned(NamedTuple):
 
 
 @njit(cache=True)
-def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
+def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, held_degC: float, temperatures: Array) -> bool:
     """Temperatures (degC) for the coming targets from the present memory.
 
     To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
@@ -91,6 +91,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
     """
     first_reached, toward, band = True, turn.toward, turn.band
     v, memory, settings = film.degC, film.plays.copy(), film.settings
+    side = toward  # of the film's way so far
     limits = settings[0]
     envelopes, radii, weights, code, par = film.model
     work = workspace(film.model)
@@ -99,7 +100,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
         wanted = targets[i]
         gap = wanted - output
         if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
-            temperatures[i] = v
+            temperatures[i] = v if v != film.degC or (held_degC - v) * side > 0.0 else held_degC
             continue
         toward = math.copysign(1.0, gap)
         found, v_next, _, _ = solve(wanted, v, film.model, settings, memory, work)
@@ -188,7 +189,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     """
     count = targets.size
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, turn, film, wanted)
+    reached = wanted_temperatures(targets, turn, film, now.film_degC, wanted)
     latest_departures(wanted, reach, departures)
     envelopes, radii, weights, code, par = film.model
     before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
