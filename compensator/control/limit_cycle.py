@@ -3,12 +3,12 @@
     1 + N(A) L(e^(j omega h)) = 0
 
 N: what the part makes of a sine of amplitude A, its first harmonic over A; L: the loop without it, broken where it is.
-Source: Gelb and Vander Velde, Multiple-Input Describing Functions (McGraw-Hill 1968), ch. 3. It holds as far as the loop
-is a low-pass: to some per cent here.
+Source: Gelb and Vander Velde, Multiple-Input Describing Functions (McGraw-Hill 1968), ch. 3. It holds as far as the
+loop is a low-pass.
 
 play           a film whose loop is wider than the model's by 2 b K:  the describing function of backlash
 steps          a thermometer that reads in steps of q:                0 below q / 2, at most 4 / pi above it
-dead band      a driver that gives nothing below b:                   from 0 to 1
+dead band      a driver that gives nothing below b, swinging about 0:  from 0 to 1
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def limit_cycles(broken: Broken, part: Part, least: float, period_s: float) -> l
     broken: the loop's response at frequencies (rad/s). part: N(A); least: the amplitude at which it begins to answer.
     """
     omega = frequencies(period_s, 600)
-    amplitudes = least * 1.001 * 1.06 ** np.arange(AMPLITUDES)
+    amplitudes: Array = least * 1.001 * 1.06 ** np.arange(AMPLITUDES, dtype=np.float64)
     response, harmonic = broken(omega), np.array([part(float(a)) for a in amplitudes])
 
     if np.all(harmonic.imag == 0.0):

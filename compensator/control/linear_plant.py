@@ -1,4 +1,4 @@
-"""What a law sees of the bench at an operating point, as a linear system from one reading of the thermometer to the next.
+"""What a law sees of the bench at an operating point: a linear system from one reading of the thermometer to the next.
 
     x' = A x + B u,   (dT, dy) = C x
 

@@ -13,7 +13,6 @@ steps small beside a period's own move, both ways.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any

@@ -32,7 +32,7 @@ SETTLED = 400  # readings after which the thermometer's estimator is
 @dataclass(frozen=True, eq=False)
 class Point:
     """A law and its plant, linear at one operating point; slope: of the model's film there, per K; noise_K: of the
-    thermometer, as the law knows it."""
+    thermometer, as the law knows it; setpoints: the law sends them to a controller's own PID."""
 
     way: Way
     degC: float
@@ -41,6 +41,7 @@ class Point:
     plant: LinearPlant
     period_s: float
     noise_K: float
+    setpoints: bool = False
 
 
 def operating_points(
@@ -113,7 +114,7 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
     else:
         plant = plate_plant(law.plate, here, current_A, slope, timing)
     name: Way = "heating" if way > 0 else "cooling" if way < 0 else "at rest"
-    return Point(name, here, slope, linear, plant, h, noise_K)
+    return Point(name, here, slope, linear, plant, h, noise_K, own is not None)
 
 
 def _read(law: Law, state: LawState, now_s: float, output: float, speed: float, aged: tuple[float, float]) -> Inputs:

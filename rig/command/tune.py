@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from compensator.control.design import Design
     from compensator.control.law import Law
     from compensator.control.limit_cycle import LimitCycle
-    from rig.experiment.tuning import OwnTuning, WholeLaw
+    from rig.experiment.own_pid import OwnTuning
+    from rig.experiment.tuning import WholeLaw
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,9 +34,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.experiment.own_pid import own_tuning
     from rig.experiment.summaries import design_table
     from rig.experiment.tracking import law_and_design, timing_of
-    from rig.experiment.tuning import film_cycles, law_table, own_table, own_tuning, tuned_law
+    from rig.experiment.tuning import film_cycles, law_table, own_table, tuned_law
     from rig.files.configuration import read_configuration
     from rig.files.model_file import read_model
 
@@ -53,10 +55,10 @@ def main(options: argparse.Namespace) -> int:
         if value is not None and not 0.0 <= value <= configuration.experiment.period_s:
             raise fault("the command line", flag, f"{value:g} s: expected 0 to a period")
     timing = timing_of(configuration, options.output_age, options.acts_after)
-    own = own_tuning(configuration, model)
+    own = own_tuning(configuration, model.film, model.plate)
     chosen = configuration.experiment.law
     name = chosen if chosen == "instrument_pid" else "full"
-    found, law, design = tuned_law(configuration, model, name, timing, own.pid)
+    found, law, design = tuned_law(configuration, model, name, timing)
     _, by_output = law_and_design("pid", configuration, model.film, model.plate)
     cycles = film_cycles(model.film, by_output, *configuration.limits.temperature_degC)
     if name == "full":
@@ -100,16 +102,17 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
 
     t = found.timing
     voice.say(
-        f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate and film), "
-        "the least margins of its way up and down the film's loop and at rest"
+        f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
+        "  the least margins of its way up and down the film's loop and at rest"
     )
     voice.say(
-        f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off; it is "
-        f"read {1e3 * t.output_age_s:.0f} ms before the thermometer, a command acts {1e3 * t.acts_after_s:.0f} ms after it"
+        f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off;\n"
+        f"  it is read {1e3 * t.output_age_s:.0f} ms before the thermometer, "
+        f"a command acts {1e3 * t.acts_after_s:.0f} ms after it"
         + (f" and {1e3 * t.late_s:.0f} ms that nobody tells" if t.late_s else "")
     )
-    voice.say("  film's slope over   gain    phase margin   Ms, at     Ms, at        Ms, at     disk margin")
-    voice.say("  the model's         margin  deg            command    thermometer   ohmmeter   gain x, phase deg")
+    voice.say("  film's slope over   gain    phase margin   Ms of      Ms, at        Ms, at     disk margin")
+    voice.say("  the model's         margin  deg            the law    thermometer   ohmmeter   gain x, phase deg")
     for row in found.rows:
         m = row.margins
         if not m.stable:
@@ -117,11 +120,11 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
             continue
         voice.say(
             f"  {row.ratio:<19g} {m.gain_margin:<7.2f} {m.phase_margin_deg:<14.0f} {m.ms:<10.2f} "
-            f"{m.at_thermometer:<13.2f} {m.at_ohmmeter:<10.2f} {m.disk_gain:.2f}, {m.disk_phase_deg:.0f}"
+            f"{_or_dash(m.at_thermometer):<13} {m.at_ohmmeter:<10.2f} {m.disk_gain:.2f}, {m.disk_phase_deg:.0f}"
         )
     voice.say(
-        f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, or a plate that answers "
-        f"{_times(found.rings_at_gain)} as much"
+        f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, "
+        f"or a plate that answers {_times(found.rings_at_gain)} as much"
     )
     words = {
         "play": (f"swings by a film's loop that is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),
@@ -136,6 +139,10 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
 def law_unit(law: Law) -> str:
     """The unit of what a law commands."""
     return "A" if law.plate.kind == "peltier" else "of full drive"
+
+
+def _or_dash(value: float) -> str:
+    return "-" if value != value else f"{value:.2f}"
 
 
 def _times(ratio: float) -> str:

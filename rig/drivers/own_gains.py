@@ -1,6 +1,6 @@
 """A controller's own PID in the instrument's own fields: what each gain is called there, in which unit, how fine.
 
-    Kp in A/K, Ti and Td in s  ->  options of the driver, which it sets and reads back, and the commands that do the same
+    Kp in A/K, Ti and Td in s  ->  options of the driver, which it sets and reads back, and commands that do it
 
 Sources: the manuals that the drivers name. Not verified on an instrument: TIGN and TDGN of the LDC501 (their names, and
 that TIGN is 1/s of the proportional gain), and the law inside each: a textbook PID is taken.
@@ -9,7 +9,7 @@ that TIGN is 1/s of the proportional gain), and the law inside each: a textbook 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from compensator.control.own_pid import OwnPid
@@ -39,8 +39,16 @@ def own_fields(driver: str, options: Mapping[str, Any], pid: OwnPid, limit: floa
     return made(options, pid, limit) if made is not None else None
 
 
+def configured_pid(driver: str, options: Mapping[str, Any], limit: float) -> OwnPid | None:
+    """What a configuration's options set; None where they do not give all of it."""
+    fields = own_fields(driver, options, OwnPid(1.0, 1.0), limit)
+    if fields is None or any(options.get(field.option) is None for field in fields):
+        return None
+    return set_pid([replace(field, value=float(options[field.option])) for field in fields], driver, limit)
+
+
 def set_pid(fields: Fields, driver: str, limit: float) -> OwnPid:
-    """What the rounded fields come to."""
+    """What the fields come to."""
     given = {field.option: field.value for field in fields}
     if driver == "meerstetter":
         return OwnPid(given["kp_percent_per_K"] * limit / PER_CENT, given["ti_s"], given["td_s"])

@@ -111,9 +111,9 @@ class TeTechnologyController(SetpointOnly):
 
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
     (the manual advises a delay; not verified how long). drain_s: how long the line has to be silent after doubt.
-    units: "degC" or "degF" where the model cannot be asked. alarm_type: None leaves the alarms as they are. bandwidth_K,
-    integral_per_min, derivative_min: of its own regulation (1d, 1e, 1f), as `peltier tune` prints them; None leaves
-    them as they are.
+    units: "degC" or "degF" where the model cannot be asked. alarm_type: None leaves the alarms as they are.
+    bandwidth_K, integral_per_min, derivative_min: of its own regulation (1d, 1e, 1f), as `peltier tune` prints them;
+    None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line

@@ -29,6 +29,7 @@ from rig.control.resistance import ohm
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
+from rig.experiment.own_pid import own_pid
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
@@ -93,7 +94,8 @@ def law_and_design(
     if name in FED_BACK:
         share = control.most_share
         if share is None:
-            share = max(share_within(Law(settings, plate, film), timing_of(configuration)), LEAST_SHARE)
+            own = own_pid(configuration, film, plate) if name == "instrument_pid" else None
+            share = max(share_within(Law(settings, plate, film), timing_of(configuration), own), LEAST_SHARE)
         settings = replace(settings, most_share=share)
     return warmed_up(Law(settings, plate, film, observer)), design
 

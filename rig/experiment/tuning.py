@@ -1,4 +1,4 @@
-"""`peltier tune`: gains, the margins of the whole law at every slope of the film, limit cycles, the controller's own PID.
+"""`peltier tune`: gains, the margins of the whole law at the film's slopes, limit cycles, the controller's own PID.
 
 It refuses gains whose margins do not hold, and says which to lower, to what value: the share of a reading that the
 resistance's feedback takes, or, where that is not enough, the temperature's gains.
@@ -26,22 +26,23 @@ from compensator.control.limit_cycle import (
     limit_cycles,
     steps,
 )
-from compensator.control.linear_plant import Timing, heated_by
+from compensator.control.linear_plant import Timing
 from compensator.control.operating_points import Point, operating_points
-from compensator.control.own_pid import OwnPid, design_own_pid
+from compensator.control.own_pid import OwnPid
 from compensator.control.whole_law import (
     NOISES_K,
     RATIOS,
     LoopMargins,
     critical_gain,
     critical_ratio,
+    least,
     loop_margins_at,
     share_within,
     worst_ms,
 )
 from compensator.hysteresis.film import FilmModel
-from rig.drivers.own_gains import OwnField, own_fields, set_pid
 from rig.experiment.extended_model import COMPENSATED, chain_observer
+from rig.experiment.own_pid import OwnTuning, own_pid
 from rig.experiment.tracking import law_and_design
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
@@ -52,7 +53,7 @@ PLAY_K = 0.1  # half a width: by so much a calibrated film's loop is wider or na
 
 @dataclass(frozen=True)
 class Row:
-    """The least margins of all operating points at one ratio of slopes, and where they are."""
+    """The least of each margin over all operating points at one ratio of slopes, and where Ms is largest."""
 
     ratio: float
     margins: LoopMargins
@@ -77,23 +78,14 @@ class WholeLaw:
     refused: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class OwnTuning:
-    """The controller's own PID: gains, the design that they come from, and the instrument's fields (None: not known)."""
-
-    pid: OwnPid
-    design: Design
-    fields: list[OwnField] | None
-
-
 def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timing, own: OwnPid | None) -> WholeLaw:
     """The law's margins over the plate's range and the film's slopes."""
     points = [point for noise_K in NOISES_K for point in operating_points(law, timing, noise_K, own)]
     rows = []
     for ratio in RATIOS:
-        sizes = [worst_ms([point], ratio) for point in points]
-        point = points[sizes.index(max(sizes))]
-        rows.append(Row(ratio, loop_margins_at(point, ratio), point.way, point.degC, point.noise_K))
+        each = [loop_margins_at(point, ratio) for point in points]
+        point = points[max(range(len(each)), key=lambda k, each=each: each[k].ms)]  # type: ignore[misc]
+        rows.append(Row(ratio, least(each), point.way, point.degC, point.noise_K))
     name = law.settings.name
     found = WholeLaw(
         name,
@@ -174,33 +166,18 @@ def _film(law: Law) -> FilmModel:
     return law.film
 
 
-def own_tuning(configuration: Configuration, model: Model) -> OwnTuning:
-    """Gains of the controller's own PID for this plate, where it answers most within the film's range."""
-    assert model.plate is not None
-    assert model.film is not None
-    limit = configuration.limits.current_A
-    low, high = configuration.limits.temperature_degC
-    _, middle = steepest_slope(model.film, low, high)
-    hold = model.plate.current_for_rate_A(middle, 0.0, limit)
-    gain, pole = heated_by(model.plate, middle, hold)
-    tick = OwnPid(1.0, 1.0).tick_s
-    pid, design = design_own_pid(gain, max(pole, 0.0), tick, tick, configuration.control.ms, NOISES_K[0], limit)
-    controller = configuration.bench.controller
-    fields = own_fields(controller.driver, controller.options, pid, limit)
-    return OwnTuning(set_pid(fields, controller.driver, limit) if fields is not None else pid, design, fields)
-
-
 def tuned_law(
-    configuration: Configuration, model: Model, name: LawName, timing: Timing, own: OwnPid | None
+    configuration: Configuration, model: Model, name: LawName, timing: Timing
 ) -> tuple[WholeLaw, Law, Design]:
-    """A law as a run would have it, with its margins. own: of the controller, for "instrument_pid"."""
+    """A law as a run would have it, with its margins; "instrument_pid" with the controller's PID in it."""
     assert model.plate is not None
     assert model.film is not None
     observer = None
     if name in COMPENSATED:
         observer = chain_observer(model.switched(), model.plate, model.film, timing.period_s)
     law, design = law_and_design(name, configuration, model.film, model.plate, observer)
-    return whole_law(configuration, model, law, timing, own if name == "instrument_pid" else None), law, design
+    own = own_pid(configuration, model.film, model.plate) if name == "instrument_pid" else None
+    return whole_law(configuration, model, law, timing, own), law, design
 
 
 def film_cycles(film: FilmModel, design: Design, low_degC: float, high_degC: float) -> list[LimitCycle]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 import numpy as np
 
-from compensator.control.whole_law import RATIOS, bearable_ms, frequencies, loops
+from compensator.control.whole_law import bearable_ms, frequencies, judged, worst_ms
 from rig.files.run_folder import plain_json
 from rig.report.diagnosis_figures import grid
 from rig.report.figures import saved
@@ -48,10 +48,10 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
 
 
 _MEANING = (
-    "A film is steeper or flatter than its model on minor loops, and no model has the right slope everywhere. Ms is the "
-    "largest sensitivity: 1 / Ms is the least distance of the loop from -1, where it rings on. The gain margin is what "
-    "the loop's gain, the disk margin what gain and phase together may be wrong by. Each row is the least of the film's "
-    "way up, its way down and at rest, with a quiet and with a usual thermometer."
+    "A film is steeper or flatter than its model on minor loops, and no model has the right slope everywhere. Ms is "
+    "the largest sensitivity: 1 / Ms is the least distance of the loop from -1, where it rings on. The gain margin is "
+    "what the loop's gain, the disk margin what gain and phase together may be wrong by. Each number is the worst of "
+    "the film's way up, its way down and at rest, with a quiet and with a usual thermometer."
 )
 
 
@@ -86,16 +86,18 @@ def _figure(folder: Path, found: WholeLaw) -> str:
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)
     shades = mpl.colormaps["viridis"](np.linspace(0.05, 0.85, len(SHOWN)))
-    for ratio, shade in zip(SHOWN, shades, strict=True):
-        row = found.rows[RATIOS.index(ratio)]
-        point = next(p for p in found.points if p.way == row.way and p.degC == row.degC and p.noise_K == row.noise_K)
-        loop = sum(loops(point, ratio, omega))
-        nyquist.plot(loop.real, loop.imag, color=shade, label=f"slope ratio {ratio:g}")
-        bode.plot(omega, 1.0 / np.abs(1.0 + loop), color=shade, label=f"slope ratio {ratio:g}")
+    moving = [p for p in found.points if p.way != "at rest"]
+    resting = [p for p in found.points if p.way == "at rest"]
+    curves = [(moving, ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in zip(SHOWN, shades, strict=True)]
+    for points, ratio, label, shade in [*curves, (resting, 1.0, "at rest", "#c8553d")]:
+        point = max(points, key=lambda p, ratio=ratio: worst_ms([p], ratio))  # type: ignore[misc]
+        loop = judged(point, ratio, omega)
+        nyquist.plot(loop.real, loop.imag, color=shade, label=label)
+        bode.plot(omega, 1.0 / np.abs(1.0 + loop), color=shade, label=label)
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    for ms, style in ((1.6, "--"), (2.0, ":")):
+    for ms, style, side in ((1.6, "--", 1.0), (2.0, ":", -1.0)):
         nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color="#8b94a3", linewidth=1.0)
-        nyquist.annotate(f"Ms {ms:g}", (-1.0, -1.0 / ms), ha="center", va="bottom", fontsize=8.5, color="#5b6472")
+        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color="#5b6472")
         bode.axhline(ms, linestyle=style, color="#8b94a3", linewidth=1.0)
     nyquist.plot([-1.0], [0.0], "+", color="#1c2330", markersize=9)
     nyquist.set(xlim=(-2.5, 1.0), ylim=(-2.5, 1.0), xlabel="Re L", ylabel="Im L", aspect="equal")
