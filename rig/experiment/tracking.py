@@ -36,7 +36,7 @@ from rig.files.target import Target
 
 HOT_DWELL_S = 3.0
 FED_BACK: tuple[LawName, ...] = ("full", "instrument_pid")  # the laws that the resistance is fed back to
-LEAST_SHARE = 0.05  # where not even that keeps the margins, it is the temperature's gains that are too large
+LEAST_SHARE = 0.02  # where not even that keeps the margins, it is the temperature's gains that are too large
 OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,8 @@ from rig.experiment.tracking import law_and_design
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 
-LARGEST_MS, LEAST_PHASE_DEG = 2.0, 30.0  # beyond: an error of half the loop's gain, or a third of a period, rings on
+LARGEST_MS, LEAST_PHASE_DEG = 2.0, 30.0  # Ms 2: L keeps half its distance to -1, and bears a factor of 2 in gain
+MILDEST_MS = 1.1  # milder gains hardly follow
 PLAY_K = 0.1  # half a width: by so much a calibrated film's loop is wider or narrower than its model's
 
 
@@ -119,26 +121,32 @@ def _steepest(points: Sequence[Point]) -> float:
 
 
 def _refused(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid | None) -> list[str]:
-    """A line for each ratio at which the margins do not hold, and one that says what to lower."""
+    """A line for each ratio, or run of ratios, at which the margins do not hold, and one that says what to lower."""
     lines = []
-    for row in found.rows:
-        m = row.margins
-        where = f"slope ratio {row.ratio:g} ({row.way}, {row.degC:.1f} degC, thermometer noise {row.noise_K:g} K)"
+    failing = [row for row in found.rows if not _holds(row.margins)]
+    for _, same in groupby(failing, key=lambda row: (row.way, row.degC, row.noise_K, round(row.margins.ms, 2))):
+        rows = list(same)
+        m = rows[0].margins
+        ratios = f"slope ratio {rows[0].ratio:g}" + (f" to {rows[-1].ratio:g}" if len(rows) > 1 else "")
+        where = f"{ratios} ({rows[0].way}, {rows[0].degC:.1f} degC, thermometer noise {rows[0].noise_K:g} K)"
         if not m.stable:
             lines.append(f"{where}: the loop rings on by itself; expected one that settles")
-        elif m.ms > LARGEST_MS or m.phase_margin_deg < LEAST_PHASE_DEG:
-            lines.append(
-                f"{where}: Ms {m.ms:.2f}, phase margin {m.phase_margin_deg:.0f} deg; expected at most "
-                f"{LARGEST_MS:g} and at least {LEAST_PHASE_DEG:g} deg"
-            )
+            continue
+        lines.append(
+            f"{where}: Ms {m.ms:.2f}, phase margin {m.phase_margin_deg:.0f} deg; expected at most "
+            f"{LARGEST_MS:g} and at least {LEAST_PHASE_DEG:g} deg"
+        )
     return [*lines, _lower(configuration, law, found, own)] if lines else []
+
+
+def _holds(margins: LoopMargins) -> bool:
+    return margins.stable and margins.ms <= LARGEST_MS and margins.phase_margin_deg >= LEAST_PHASE_DEG
 
 
 def _lower(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid | None) -> str:
     """Which gain, to what value."""
-    bare = Law(law.settings, law.plate, law.film)
-    share = math.floor(100.0 * share_within(bare, found.timing, own)) / 100.0
-    if share > 0.0 and share < found.most_share:
+    share = math.floor(100.0 * share_within(Law(law.settings, law.plate, law.film), found.timing, own)) / 100.0
+    if 0.0 < share < found.most_share:
         return f"lower control.most_share from {found.most_share:.2f} to {share:.2f}"
     if own is not None:
         return "lower the controller's own Kp: set the gains printed below"
@@ -152,9 +160,6 @@ def _lower(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid 
             kp = f"the temperature's Kp from {law.settings.gains.kp:.3g} to {design.gains.kp:.3g} 1/s"
             return f"lower control.ms from {configuration.control.ms:g} to {ms:g}: {kp}"
     return "no gain helps: shorten control.dead_time_s (a faster line), or lengthen experiment.period_s"
-
-
-MILDEST_MS = 1.1
 
 
 def _with_ms(configuration: Configuration, ms: float) -> Configuration:
