@@ -78,14 +78,14 @@ def behind_the_instruments(made: Callable[[float], Any]) -> Iterator[list[Any]]:
 
 @contextlib.contextmanager
 def noted_phase(is_it: Callable[[str], bool], now: Callable[[], float]) -> Iterator[list[float]]:
-    """When the first phase began whose name is the one asked for."""
+    """When the phases began whose name is the one asked for."""
     from rig.control.loop import Loop
 
     begin_s: list[float] = []
     whole = Loop._phase
 
     def noting(self: Loop, name: str, *rest: Any) -> None:
-        if is_it(name) and not begin_s:
+        if is_it(name):
             begin_s.append(now())
         whole(self, name, *rest)
 

@@ -2,9 +2,10 @@
 
     ./peltier benchmark disobedient [--driver meerstetter] [--fault deaf] [--way stopped] [--json FILE]
 
-Each case is a real `peltier run` under its guard on pseudo-terminals, by a real clock; when its output is on the
-controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the process
-that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds it.
+Each case is a real `peltier run` under its guard on pseudo-terminals, by a real clock; when its output has been on for
+40 s the controller begins not to obey (`tests/instruments/disobedient.py`), and the run is stopped (SIGTERM), or the
+process that holds the port is killed (SIGKILL). Its dead man, where it has one, works: every frame that it hears feeds
+it.
 
 Asked: exit status 11, or a confirmation that is true (withdrawn where it is not), every time; where there is a dead
 man, the current is gone within its time and 1 s of the first "off". A controller without a dead man that is deaf stays
@@ -35,9 +36,10 @@ from tests.instruments.disobedient import FAULTS, Disobedient  # noqa: E402
 
 DRIVERS = ("meerstetter", "te_technology")
 WAYS = {"stopped": signal.SIGTERM, "killed": signal.SIGKILL}
+TRIALS = 4
 MORE_S = 3.0  # that is waited for beyond the dead man's time and 1 s
-WAIT_S, PULSE_S = 0.5, 40.0  # from the output's coming on, or from the first pulse, until it stops obeying
-PULSE_SHARE = 0.25  # by default a run begins with a pulse, from which it knows its plate
+KNOWN_S = 40.0  # from the output's coming on until it stops obeying: a pulse is over, a setpoint is held
+PULSE_SHARE = 0.25  # as by default: a run begins with a pulse, from which it knows its plate
 
 
 @dataclass(frozen=True)
@@ -60,21 +62,30 @@ class Case:
 
 
 def one(driver: str, fault: str, way: str) -> tuple[Case, float]:
-    """One case, and the dead man's time (0 for none), s."""
+    """`_one`; on a busy computer an emulator may answer too late for a run to begin, hence more trials, each anew."""
+    for _ in range(TRIALS - 1):
+        try:
+            return _one(driver, fault, way)
+        except RuntimeError as error:
+            print(f"once more: {error}", file=sys.stderr)
+    return _one(driver, fault, way)
+
+
+def _one(driver: str, fault: str, way: str) -> tuple[Case, float]:
+    """One case, and the dead man's time (0 for none), s. Raises RuntimeError where the run does not begin."""
     made: list[Disobedient] = []
 
     def wrapped(controller: Any) -> Disobedient:
         made.append(Disobedient(controller, fault))
         return made[0]
 
-    share = PULSE_SHARE if way == "stopped" and driver == "meerstetter" else 0.0
-    with tempfile.TemporaryDirectory() as folder, KilledRuns(Path(folder), driver, wrapped, share) as runs:
+    with tempfile.TemporaryDirectory() as folder, KilledRuns(Path(folder), driver, wrapped, PULSE_SHARE) as runs:
         table = read_configuration(runs.path).content.bench.controller
         dead_man_s = table.dead_man_s if driver == "meerstetter" else 0.0
         process = runs.start()
         pid, _ = holder(runs.port)
         assert pid is not None
-        time.sleep(PULSE_S if share else WAIT_S)
+        time.sleep(KNOWN_S)
         made[0].begin()
         runs.witness.told_s.clear()
         begin_s = time.monotonic()

@@ -1,6 +1,6 @@
 """How near the film's own resistance comes to the wanted one, on a plate and films that no part of the program wrote.
 
-    ./peltier benchmark tracking [--seeds N] [--only class|outside] [--laws full,feedforward] [--current 4]
+    ./peltier benchmark tracking [--seeds N] [--only class|outside] [--laws full,feedforward] [--current 4] [--repeat N]
     ./peltier benchmark tracking --laws instrument_pid,instrument_pid+tune      the controller's own PID, told setpoints
 
 The plant (`_tracked_plant`) is behind the emulated instruments, on the virtual clock: 30 J/K, 0.5 W/K, 0.05 V/K, 2 ohm,
@@ -49,6 +49,7 @@ kind = "track_resistance"
 target = "target.csv"
 model = "{model}"
 law = "{law}"
+repeat = {repeat}
 period_s = 0.1
 [calibration]
 temperature_degC = [{low}, {high}]
@@ -89,11 +90,11 @@ def course(low: float, high: float, seed: int) -> tuple[list[float], list[float]
     return times, values
 
 
-def tracked(case: tuple[str, int, tuple[str, ...], float, float]) -> dict[str, Any]:
+def tracked(case: tuple[str, int, tuple[str, ...], float, float, int]) -> dict[str, Any]:
     """Calibrate and run with each law: RMS and largest error of the film, in n."""
     from rig.__main__ import main
 
-    kind, seed, laws, current_A, noise = case
+    kind, seed, laws, current_A, noise, repeat = case
     folder = Path(tempfile.mkdtemp(prefix="tracking-"))
     low, high = span(FILMS[kind](seed))
     times, values = course(low, high, seed)
@@ -106,8 +107,10 @@ def tracked(case: tuple[str, int, tuple[str, ...], float, float]) -> dict[str, A
         for verb, law in (("calibrate", "full"), *(("run", law) for law in laws)):
             path = folder / "config.toml"
             model = "target.csv" if verb == "calibrate" else "cal/MODEL.toml"
-            name = law.removesuffix(TUNED)
-            text = CONFIGURATION.format(current=current_A, model=model, law=name, low=COLD_DEGC, high=HOT_DEGC)
+            times_over, name = 1 if verb == "calibrate" else repeat, law.removesuffix(TUNED)
+            text = CONFIGURATION.format(
+                current=current_A, model=model, law=name, low=COLD_DEGC, high=HOT_DEGC, repeat=times_over
+            )
             path.write_text(text)
             if law.endswith(TUNED):
                 path.write_text(text + own_gains(path))
@@ -120,7 +123,9 @@ def tracked(case: tuple[str, int, tuple[str, ...], float, float]) -> dict[str, A
                 found["text"] = f"{verb} {law}: {err.getvalue()[-300:]}"
                 break
             if verb == "run":
-                found[law] = error(plants[-1], begin_s[0], times, values)
+                errors = [error(plants[-1], begin, times, values) for begin in begin_s]
+                found[law] = errors[-1]
+                found[f"{law}, repetitions"] = [rms for rms, _ in errors]
     shutil.rmtree(folder, ignore_errors=True)
     return found
 
@@ -152,18 +157,24 @@ def main() -> int:
     parser.add_argument("--laws", default="full,feedforward")
     parser.add_argument("--current", type=float, default=4.0, help="limit, A")
     parser.add_argument("--noise", type=float, default=1.0, help="of both instruments, in times")
+    parser.add_argument(
+        "--repeat", type=int, default=1, help="repetitions that learn; the errors are those of the last"
+    )
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     laws = tuple(options.laws.split(","))
     kinds = [options.only] if options.only else list(FILMS)
     seeds = range(options.first, options.first + options.seeds)
-    cases = [(kind, seed, laws, options.current, options.noise) for kind in kinds for seed in seeds]
+    cases = [(kind, seed, laws, options.current, options.noise, options.repeat) for kind in kinds for seed in seeds]
     with ProcessPoolExecutor(options.workers) as pool:
         found = list(pool.map(tracked, cases))
     print(f"errors of the film in n = {NOISE_DEC} decades: RMS (largest)")
     for result in found:
         words = "   ".join(f"{law} {result[law][0]:5.2f} ({result[law][1]:5.2f})" for law in laws if law in result)
         print(f"{result['film']:8s} {result['seed']:3d}   {words}   {json.dumps(result.get('text', ''))}")
+        for law in laws if options.repeat > 1 else ():
+            each = result.get(f"{law}, repetitions", [])
+            print(f"{'':15s}{law}: " + ", ".join(f"{rms:.2f}" for rms in each) + " n, repetition by repetition")
     for kind in kinds:
         for law in laws:
             rms = [r[law][0] for r in found if r["film"] == kind and law in r]

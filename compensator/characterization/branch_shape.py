@@ -28,6 +28,9 @@ FEWEST_IN_WINDOW: Final = 16  # rows: more than twice the fit's coefficients
 PLACES: Final = 201  # over the branch, and again about the peak
 NEAR_WIDTHS: Final = 1.5  # of the width to either side of the peak: where it is looked at closely
 DRAWS: Final = 400
+LEAST_LEFT: Final = 0.05  # of the variance of white noise: where a fit leaves less, its residuals say nothing
+MIDDLE_SHARE: Final = 0.5  # of the window, for a value: a derivative's window bends the curve of a film of few grains
+MIDDLE_DEGREE: Final = 3
 END_DEGREE: Final = 2  # where a window has readings to one side only, higher ones run away
 UNSURE: Final = 0.5  # of the width: a steepest place that is known no better is none
 
@@ -65,9 +68,15 @@ class BranchShape:
         found = _crossing(places, curve, 0.5 * (low + high))
         if found is None:
             return untold("the branch does not go through the middle between its ends")
-        k = int(np.argmin(np.abs(places - found)))
-        slope = float(np.gradient(curve, places)[k])
-        moved = self.noise @ fit[k] - 0.5 * (low_draws - low + high_draws - high)
+        slope = float(np.interp(found, places, np.gradient(curve, places)))
+        reach = float(np.sort(np.abs(x - found))[min(FEWEST_IN_WINDOW, x.size) - 1])
+        half = max(MIDDLE_SHARE * self.window_K, reach)
+        closely = np.linspace(max(low_degC, found - half), min(high_degC, found + half), PLACES)
+        value = local_fit(x, closely, half, MIDDLE_DEGREE).value
+        near = _crossing(closely, value @ self.branch.output, 0.5 * (low + high))
+        found = found if near is None else near
+        row = local_fit(x, np.array([found]), half, MIDDLE_DEGREE).value[0]
+        moved = self.noise @ row - 0.5 * (low_draws - low + high_draws - high)
         return told(found, found - moved / slope)
 
 
@@ -85,7 +94,7 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
     peak = float(places[np.argmax(sign * slope)])
     reach = np.sort(np.abs(x - peak))[min(FEWEST_IN_WINDOW, x.size - 1)]
     window = max(WINDOW_WIDTHS * width, float(reach))
-    noise = _noise(x, y, RESIDUAL_SHARE * window, seed)
+    noise, of_values = _noise(branch, RESIDUAL_SHARE * window, seed)
     fit = local_fit(x, places, window, DEGREE)
     near = np.linspace(max(low, peak - NEAR_WIDTHS * width), min(high, peak + NEAR_WIDTHS * width), PLACES)
     by_readings = sign * local_fit(x, near, window, DEGREE).slope
@@ -105,22 +114,37 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
         steepest,
         _width(near, around, around + drawn) if steepest.value is not None else untold(steepest.reason),
         draws,
-        noise,
+        of_values,
         sign,
     )
 
 
-def _noise(x: Array, y: Array, half: float, seed: int) -> Array:
-    """Noise of which the fit leaves residuals like those that it left, shape (DRAWS, rows)."""
-    fit = local_fit(x, x, half, DEGREE).value
+def _noise(branch: MajorBranch, half: float, seed: int) -> tuple[Array, Array]:
+    """Noise of which the fit leaves residuals like those that it left, shape (DRAWS, rows); and the same with what a
+    thermometer's rounding does so slowly that the fit takes it with it, and leaves none. Values are told with the
+    second alone: places of a slope, which are known far less closely, have intervals that hold it.
+
+    Towards the ends a fit follows the readings more closely and leaves less of their noise; its local size is taken
+    over what the fit leaves of white noise there.
+    """
+    x, y = branch.temperature_degC, branch.output
+    both = local_fit(x, x, half, DEGREE)
+    fit = both.value
 
     def left_over(readings: Array) -> Array:
         return readings - readings @ fit.T
 
     residual = left_over(y[None])[0]
-    square = local_fit(x, x, half, 0).value @ residual**2
+    smooth = local_fit(x, x, half, 0).value
+    left = np.sum((np.eye(x.size) - fit) ** 2, axis=1)
+    square = (smooth @ residual**2) / np.maximum(smooth @ left, LEAST_LEFT)
     scale = np.sqrt(np.maximum(square, 1e-6 * float(np.max(square)) + 1e-30))
-    return draw_noise(residual, scale, left_over, DRAWS, seed)
+    noise = draw_noise(residual, scale, left_over, DRAWS, seed)
+    rounding = branch.rounding_K
+    if not rounding.shape[0]:
+        return noise, noise
+    slow = (rounding * (both.slope @ y)) @ fit.T
+    return noise, noise + slow[np.random.default_rng(seed).integers(0, rounding.shape[0], DRAWS)]
 
 
 def _width_about(x: Array, slope: Array, else_K: float) -> float:

@@ -14,6 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from compensator.characterization.rounding import last_digit, rounding_errors
 from compensator.hysteresis.functions import Array
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
@@ -23,6 +24,7 @@ WHOLE: Final = 0.85  # of the record's range: a first sweep from a room somewhat
 RIPPLE: Final = 0.02  # of the range: a controller's overshoot, no reversal that was meant
 RIPPLE_NOISE: Final = 3.0  # standard deviations of the thermometer's noise
 FEWEST_ROWS: Final = 20  # of a branch, below which it has no shape
+DRAWS: Final = 50  # places of the thermometer's lattice that are tried
 MOST_ROWS: Final = 600  # of a branch: of more the means of neighbours are taken, far finer than any transition
 
 
@@ -38,13 +40,15 @@ class Run:
 @dataclass(frozen=True, eq=False)
 class MajorBranch:
     """The readings of all runs in one sense, in the order of time: degC (what is behind the thermometer's noise) and
-    output, shape (rows,) each, means of neighbouring rows where there are many; how many runs; the median rate, K/s."""
+    output, shape (rows,) each, means of neighbouring rows where there are many; how many runs; the median rate, K/s.
+    rounding_K: what the thermometer's last digit may have added to these means, shape (DRAWS, rows), or (0, rows)."""
 
     sense: Sense
     temperature_degC: Array
     output: Array
     runs: int
     rate_K_per_s: float
+    rounding_K: Array
 
 
 def runs_of(path: TemperaturePath) -> list[Run]:
@@ -68,6 +72,7 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
     v = path.temperature_degC
     good = np.isfinite(y) & np.isfinite(np.asarray(temperature_degC, dtype=np.float64))
     good[lone_outliers(y, np.isfinite(y))] = False
+    digit = last_digit(np.asarray(temperature_degC, dtype=np.float64))
     found: dict[Sense, MajorBranch] = {}
     senses: tuple[Sense, Sense] = ("heating", "cooling")
     for sense in senses:
@@ -83,7 +88,11 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
         rates = [_rate(time[row], v[row]) for row in rows]
         groups = [group for row in rows for group in _groups(row, max(MOST_ROWS // len(rows), FEWEST_ROWS))]
         means = [np.array([float(np.mean(values[group])) for group in groups]) for values in (v, y)]
-        found[sense] = MajorBranch(sense, means[0], means[1], len(whole), float(np.median(rates)))
+        rounding = np.zeros((0, len(groups)))
+        if digit > 0.0:
+            errors = rounding_errors(v, digit, path.noise_K, DRAWS, seed=0)
+            rounding = np.stack([np.mean(errors[:, group], axis=1) for group in groups], axis=1)
+        found[sense] = MajorBranch(sense, means[0], means[1], len(whole), float(np.median(rates)), rounding)
     return found
 
 

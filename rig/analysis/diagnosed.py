@@ -1,4 +1,8 @@
-"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused."""
+"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
+
+With another record held out, the extended model's error there is that of the very model that is handed over, run as
+`predict --initial fitted` runs it.
+"""
 
 from __future__ import annotations
 
@@ -7,33 +11,40 @@ from dataclasses import replace
 
 import numpy as np
 
+from compensator.hysteresis.functions import Array
+from rig.analysis.film_sense import rising
+from rig.analysis.predicted import predicted
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
+from rig.files.film_output import FALLING_RESISTANCE
+from rig.files.model_file import Model
 from rig.files.record_file import Record
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.result import Diagnosis
 
-RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
-
 
 def diagnosed(
     record: Record,
     base: str | None = None,
+    output: str = FALLING_RESISTANCE,
     holdout: Record | None = None,
     plate: str | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
-    record = _falling(record, say)
-    columns, notes = telling_columns(record)
+    """The diagnosis of one record, with the film's form found; output: of the film, as in a model file. Raises Faults
+    where nothing can be said."""
+    output = rising([record], output, say)
+    columns, notes = telling_columns(record, output)
     for note in notes:
         say(note)
     try:
         diagnosis = diagnose(
             columns,
             base=base,
+            output=output,
             holdout=holdout.columns if holdout is not None else None,
+            as_predicted=True,
             kinds=_kinds(record, plate),
             say=say,
         )
@@ -43,23 +54,31 @@ def diagnosed(
         raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    return with_film(diagnosis, extended), extended
+    diagnosis = with_film(diagnosis, extended)
+    return diagnosis if holdout is None else with_prediction(diagnosis, model_of(extended), holdout), extended
 
 
-def _falling(record: Record, say: Callable[[str], None]) -> Record:
-    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
-    falls. Raises Faults where nothing else is left."""
-    if not record.has("resistance_ohm"):
-        return record
-    output, degC = record.output(), record["temperature_degC"]
-    good = np.isfinite(output) & np.isfinite(degC)
-    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
-        return record
-    text = "rises with temperature; a diagnosis knows films whose resistance falls"
-    if not record.has("current_A"):
-        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
-    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
-    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
+def model_of(extended: ExtendedModel) -> Model:
+    """An extended model as a model file has it: of a record with current, the current drives the film."""
+    drive = "current" if extended.plate is not None else None
+    return Model(extended.film, extended.plate, tuple(extended.effects), drive)  # type: ignore[arg-type]
+
+
+def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Record) -> Diagnosis:
+    """The diagnosis with the extended model's errors on another record as `predict --initial fitted` measures them."""
+    found = predicted(model, holdout, holdout.source, initial="fitted")
+    errors: dict[str, Array] = {}
+    if found.temperature_degC is not None:
+        errors["temperature_K"] = found.temperature_degC - holdout["temperature_degC"]
+    if found.output is not None and model.film is not None:
+        errors[diagnosis.record.quantity.channel] = found.output - holdout.output(model.film.output)
+    channels = dict(diagnosis.channels)
+    for name, error in errors.items():
+        channel, scored = channels.get(name), error[~found.told & np.isfinite(error)]
+        if channel is not None and scored.size:
+            rmse = float(np.sqrt(np.mean(scored**2)))
+            channels[name] = replace(channel, rmse_extended=rmse, samples_holdout=int(scored.size))
+    return replace(diagnosis, channels=channels)
 
 
 def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:

@@ -36,24 +36,23 @@ def sizes(effect: dict[str, Any]) -> str:
     return f"{effect['name']}:{values}"
 
 
-def of_fits(film: Any, plate: Any, unit: str) -> dict[str, Any]:
-    """film: a `FilmFit` or None; plate: a `PlateFit` or None; unit: of the film's output."""
+def of_identification(document: dict[str, Any]) -> dict[str, Any]:
+    """Kinds and errors of film and plate, their parameters and the transition's numbers, each with .low and .high of
+    its 95 % interval. document: peltier-identification/1, of one record."""
     row: dict[str, Any] = {}
+    film, plate = document.get("film"), document.get("plate")
     if film is not None:
-        row |= {
-            "film": film.model.kind,
-            "memoryless": film.model.memoryless.function,
-            "operators": film.active_operators,
-        }
-        row |= {f"film_rmse_{unit}": film.rmse, f"film_held_out_rmse_{unit}": film.held_out_rmse}
+        row |= {"film": f"{film['kind']}, D(T) {film['memoryless']}", "operators": film["active_operators"]}
+        row |= {f"film_{name.partition('rmse')[0]}rmse": value for name, value in film.items() if "rmse_" in name}
+    quantities = dict(document["transition"][0]) if document.get("transition") else {}
     if plate is not None:
-        row |= {"plate": plate.model.kind, "plate_rmse_K": plate.rmse_K, "plate_noise_K": plate.noise_K}
-        for name, value, error in zip(plate.names, plate.values, plate.standard_errors, strict=True):
-            row |= {
-                name: float(value),
-                f"{name}.low": float(value - 1.96 * error),
-                f"{name}.high": float(value + 1.96 * error),
-            }
+        row |= {"plate": plate["kind"], "plate_rmse_K": plate["rmse_K"], "plate_noise_K": plate["noise_K"]}
+        quantities |= plate["parameters"]
+    for name, found in quantities.items():
+        if isinstance(found, dict) and found.get("value") is not None:
+            row[name] = found["value"]
+            if found.get("ci95"):
+                row[f"{name}.low"], row[f"{name}.high"] = found["ci95"]
     return {name: value for name, value in row.items() if not is_missing(value)}
 
 

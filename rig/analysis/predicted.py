@@ -12,18 +12,20 @@ from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
+from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.record import Mask, read_columns, told_of
 from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
-from sim.effects.effect import Switched, Warming
+from sim.effects.effect import Switched, Warming, of_resistances
 from sim.model.chain import ChainModel
 from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
+from sim.world.films.rising import RisingFilm, film_of_world
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
@@ -56,9 +58,9 @@ def predicted(
 
     drive: what drives the film; None: as the model file says, else the current where the model has effects. initial: of
     the film's memory, None: the model's; "fitted": with room and first temperatures, to the first rows (first_s seconds
-    of each stretch; None: 30 s or 20 rows, whichever is more). Raises Faults.
+    of each stretch; None: 30 s or 20 rows, whichever is more). where: the model's file. Raises Faults.
     """
-    rows = _rows(record, where)
+    rows = _rows(record)
     if initial == "fitted":  # what a command sent in a gap may still change tells nothing of the record's own
         rows = rows.commanded_in_sight(catalogue().values())
     plate = model.plate is not None and record.has("current_A")
@@ -70,8 +72,10 @@ def predicted(
     told = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
     readings = _readings(rows, record, model.film)
     if fitted and model.film is not None and readings.output is None:
-        raise fault(where, model.film.output, "missing; --initial fitted needs readings to fit to")
-    chain = RecordRun(ChainModel(model.plate or NO_PLATE, model.film, effects))
+        raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
+    film = film_of_world(model.film) if model.film is not None else None
+    sense = -1.0 if isinstance(film, RisingFilm) else 1.0  # an ohmmeter reads -log10 of a film that rises, too
+    chain = RecordRun(ChainModel(model.plate or NO_PLATE, film, effects))
     start = _start(model.film, initial, readings)
     own, path, shown = None, None, None
     if plate:
@@ -86,7 +90,7 @@ def predicted(
         return Prediction(None, shown, None, told, own)
     if drive == "temperature":
         effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
-        chain = RecordRun(ChainModel(NO_PLATE, model.film, effects))
+        chain = RecordRun(ChainModel(NO_PLATE, film, effects))
         path = _as_read(rows, record, chain.spacing.longest_s)
         of_film = RecordOwn(chain.ambient_degC, np.zeros(1), film=start)
         if fitted:
@@ -97,7 +101,7 @@ def predicted(
     else:
         assert path is not None
         output, known = chain.shown(rows, path, first), _covered(rows, readings)
-    return Prediction(np.where(known, output, math.nan), shown, drive, told, own)
+    return Prediction(np.where(known, sense * output, math.nan), shown, drive, told, own)
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -108,22 +112,22 @@ def needs_test_current(effects: tuple[Switched, ...]) -> bool:
 def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
     """The model's effects. Raises Faults for one that the film's output cannot have."""
     effects = model.switched()
-    if model.film is not None and model.film.output != "minus_log10_ohm":
+    if model.film is not None and not in_decades(model.film.output):
         for e in effects:
-            if e.effect.link == "ohmmeter" or needs_test_current((e,)):
+            if of_resistances(e.effect):
                 text = f"{e.name}: has no meaning for the film output {model.film.output!r}"
                 raise fault(where, "effects", text)
     return effects
 
 
-def _rows(record: Record, where: object) -> Rows:
+def _rows(record: Record) -> Rows:
     """When the record's rows were commanded and read, gaps found as a diagnosis finds them."""
     asked = ("time_s", "temperature_degC", "current_A", "resistance_ohm", "meter_current_A", "resistance_time_s")
     try:
         rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)
     except ValueError as error:
         name, _, text = str(error).splitlines()[0].partition(": ")
-        raise fault(where, name, text) from None
+        raise fault(record.source, name, text) from None
     if rows.current_A is None and record.has("current_A"):
         rows = replace(rows, current_A=np.zeros(rows.rows))
     return rows
@@ -136,8 +140,10 @@ def _readings(rows: Rows, record: Record, film: FilmModel | None) -> Told:
     if film is not None and record.has_output(film.output):
         output = np.asarray(record.output(film.output), dtype=np.float64)
         output = np.where(np.isfinite(output), output, np.nan)
-        if told.output is not None and film.output == "minus_log10_ohm":
-            output = told.output
+        if told.output is not None and in_decades(film.output):
+            output = told.output  # without what stands out of its neighbours
+        elif film.output == RISING_RESISTANCE:
+            output = -output
     return replace(
         told,
         output=output,

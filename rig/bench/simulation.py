@@ -8,7 +8,7 @@ from __future__ import annotations
 from rig.core.faults import fault
 from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
 from rig.files.effect_tables import switched_effects
-from rig.files.film_output import RISING_RESISTANCE
+from rig.files.film_output import in_decades
 from rig.files.model_file import read_model
 from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
@@ -16,7 +16,7 @@ from sim.model.film_side import Film
 from sim.model.links import links_of
 from sim.world.detector import Detector
 from sim.world.films.preisach import PreisachFilm
-from sim.world.films.rising import RisingFilm
+from sim.world.films.rising import film_of_world
 from sim.world.world import World
 
 
@@ -26,7 +26,11 @@ def simulated_film(file: ConfigurationFile) -> tuple[Film, str]:
     if isinstance(table, ModelFilmTable):
         model = read_model(file.beside(table.model), needs=("film",)).film
         assert model is not None
-        return RisingFilm(model) if model.output == RISING_RESISTANCE else model, model.initial
+        meter = file.content.bench.meter
+        if meter is not None and meter.quantity == "resistance" and not in_decades(model.output):
+            text = f"its film's output is {model.output!r}; expected a resistance to be read in ohms, or a meter"
+            raise fault(file.path, "simulation.film.model", f"{text} with quantity = 'voltage'")
+        return film_of_world(model), model.initial
     assert isinstance(table, RelayFilmTable)
     film = PreisachFilm.bell_shaped(
         table.seed,

@@ -3,19 +3,23 @@
 The base model is fitted to the record, then every effect of the catalogue with it; those are named that the record
 needs, and what they gain is measured on rows that no fit has seen. What is left over is called unexplained. A record
 without resistance is diagnosed as far as the plate goes, one without current as far as the film goes.
+
+Several records are diagnosed side by side, each by itself. --report DIR then has a folder for each, a table of all in
+report.html, diagnoses.csv and diagnoses.nc, what matters first; begun again with the same DIR, whatever interrupted it,
+the diagnosis goes on with the records that are missing.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rig.command.many_arguments import add_engine_arguments, engine_choice
 from rig.command.record_arguments import (
     add_json_argument,
+    add_output_argument,
     add_record_arguments,
     read_records,
     writable_file,
@@ -26,16 +30,14 @@ from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
 
 if TYPE_CHECKING:
-    from sim.diagnosis.extended_model import ExtendedModel
-    from sim.diagnosis.result import Diagnosis
-
-
-RISES = -0.5  # correlation of -log10 R with temperature, below which a film's resistance rises
+    from rig.report.diagnosed_record import Asked
+    from rig.report.told import Told
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
     add_record_arguments(parser)
+    add_output_argument(parser)
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="a film without D(T) in it restricts the base")
     parser.add_argument(
         "--base",
@@ -60,6 +62,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
     parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
+    add_engine_arguments(parser)
     add_json_argument(parser)
 
 
@@ -76,27 +79,17 @@ def main(options: argparse.Namespace) -> int:
         from rig.files.effect_tables import add_effect_files
 
         add_effect_files(options.effect_file)
-    base = _base(options)
+    from rig.report.diagnosed_record import Asked
+
+    asked = Asked(_base(options), options.output, options.plate, tuple(path.absolute() for path in options.effect_file))
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)
     holdout = read_records([options.holdout], options)[0] if options.holdout is not None else None
-    documents: list[dict[str, Any]] = []
-    faults: list[str] = []
-    for path, record in zip(options.records, records, strict=True):
-        try:
-            diagnosis, extended = _diagnosed(record, base, holdout, options.plate)
-        except Faults as found:
-            faults += found.lines
-            continue
-        folder = options.report / path.stem if options.report is not None and several else options.report
-        documents.append(_told(diagnosis, extended, record, folder, options.out, voice, several))
-    if faults and documents:
-        for line in faults:
-            print(line, file=sys.stderr)
-    elif faults:
-        raise Faults(faults)
-    voice.report(documents if several else documents[0])
+    if several:
+        voice.report(_several(records, asked, holdout, options, voice))
+    else:
+        voice.report(_single(records[0], asked, holdout, options, voice))
     return 0
 
 
@@ -115,100 +108,59 @@ def _base(options: argparse.Namespace) -> str | None:
     return "generalized_pi"
 
 
-def _diagnosed(
-    record: Record, base: str | None, holdout: Record | None, plate: str | None
-) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found. Raises Faults where nothing can be said."""
-    import numpy as np
-
-    from rig.analysis.telling import telling_columns
-    from sim.diagnosis.diagnose import diagnose
-    from sim.diagnosis.extended_model import extended_model, with_film
+def _single(
+    record: Record, asked: Asked, holdout: Record | None, options: argparse.Namespace, voice: Voice
+) -> dict[str, Any]:
+    """One record, with progress on stderr; its document. Raises Faults."""
+    from rig.report.diagnosed_record import told
+    from rig.report.told import MODEL
 
     def say(text: str) -> None:
         print(f"{record.source}: {text}", file=sys.stderr, flush=True)
 
-    record = _falling(record, say)
-    columns, notes = telling_columns(record)
-    for note in notes:
-        say(note)
-    try:
-        diagnosis = diagnose(
-            columns,
-            base=base,
-            holdout=holdout.columns if holdout is not None else None,
-            kinds=_kinds(record, plate),
-            say=say,
-        )
-        extended = extended_model(diagnosis)
-    except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
-        text = f"no fit could be made of this record ({type(error).__name__}: {error})"
-        raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
-    except ValueError as error:
-        raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    return with_film(diagnosis, extended), extended
-
-
-def _falling(record: Record, say: Callable[[str], None]) -> Record:
-    """The record, without a resistance that rises with temperature: the films of the diagnosis are those of which it
-    falls. Raises Faults where nothing else is left."""
-    import numpy as np
-
-    if not record.has("resistance_ohm"):
-        return record
-    output, degC = record.output(), record["temperature_degC"]
-    good = np.isfinite(output) & np.isfinite(degC)
-    if int(np.sum(good)) < 3 or not np.corrcoef(degC[good], output[good])[0, 1] < RISES:
-        return record
-    text = "rises with temperature; a diagnosis knows films whose resistance falls"
-    if not record.has("current_A"):
-        raise fault(record.source, "resistance_ohm", f"{text}, and without current_A nothing else is left of it")
-    say(f"resistance_ohm: {text}: the plate alone is diagnosed")
-    return replace(record, columns={name: c for name, c in record.columns.items() if name != "resistance_ohm"})
-
-
-def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
-    """The kinds of plate to try: a drive that never cools may be a heater's."""
-    if plate is not None:
-        return (plate,)
-    if record.drive == "pwm255":  # a switched heater's drive is its power
-        return ("heater",)
-    if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
-        return ("peltier", "heater")
-    return ("peltier",)
-
-
-def _told(
-    diagnosis: Diagnosis,
-    extended: ExtendedModel,
-    record: Record,
-    folder: Path | None,
-    out: Path | None,
-    voice: Voice,
-    several: bool,
-) -> dict[str, Any]:
-    """Files and lines; returns the JSON."""
-    from rig.files.model_file import Drive, Model, write_model
-    from rig.report.diagnosis_words import lines
-    from sim.diagnosis.result import with_model
-
-    if several:
-        voice.say(f"{record.source}:")
-    for line in lines(diagnosis):
+    folder = options.report
+    path = options.out if options.out is not None else folder / MODEL if folder is not None else None
+    found = told(record, asked, None if path is None else str(path), holdout, folder is not None, say)
+    if found.faults:
+        raise Faults(found.faults)
+    for line in found.lines:
         voice.say(line)
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-    paths = [path for path in (out, folder / "model.toml" if folder is not None else None) if path is not None]
-    drive: Drive | None = "current" if extended.plate is not None else None
-    model = Model(extended.film, extended.plate, tuple(extended.effects), drive)
-    for path in paths:
-        write_model(path, model, f"extended model of the diagnosis of {Path(record.source).name}")
-    if paths:
-        diagnosis = with_model(diagnosis, str(paths[0]))
-        voice.say(f"model: {paths[0]}")
+        found.write_files(folder)
+    if options.out is not None:
+        options.out.write_bytes(found.files[MODEL])
+    if path is not None:
+        voice.say(f"model: {path}")
     if folder is not None:
-        from rig.report.diagnosis import write_diagnosis_report
-
-        write_diagnosis_report(folder, diagnosis, record.source)
         voice.say(f"report: {folder / 'report.html'}")
-    return diagnosis.document()
+    return found.document
+
+
+def _several(
+    records: list[Record], asked: Asked, holdout: Record | None, options: argparse.Namespace, voice: Voice
+) -> list[dict[str, Any]]:
+    """Each by itself, side by side; the documents in the order of the records. Raises Faults where there is none."""
+    from rig.command.many_progress import ManyProgress
+    from rig.report.diagnosed_record import diagnoses
+    from rig.report.many_records import each_record
+
+    with ManyProgress() as progress:
+
+        def tell(done: int, of: int, record: Record, found: Told) -> None:
+            for line in found.faults:
+                progress.say(line)
+            if found.lines:
+                progress.clear()
+                voice.say(f"{record.source}:")
+            for line in found.lines:
+                voice.say(line)
+            progress.show(done, of)
+
+        documents, faults = each_record(
+            records, diagnoses(asked, holdout), options.report, engine_choice(options), tell
+        )
+    if not documents:
+        raise Faults(faults)
+    if options.report is not None:
+        voice.say(f"report: {options.report / 'report.html'}")
+    return documents

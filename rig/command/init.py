@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from rig.core.faults import Faults
+from rig.files.written import write_text
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +27,6 @@ def main(options: argparse.Namespace) -> int:
         raise Faults(there)
     folder.mkdir(parents=True, exist_ok=True)
     for item in templates:
-        (folder / item.name).write_text(item.read_text(encoding="utf-8"), encoding="utf-8")
+        write_text(folder / item.name, item.read_text(encoding="utf-8"))
         print(folder / item.name)
     return 0

@@ -6,8 +6,8 @@ import sys
 import time
 from types import TracebackType
 
-from rig.command.progress import clock
 from rig.core.terminal_line import TerminalLine
+from rig.daemon.words import clock
 
 
 class ManyProgress:
@@ -33,7 +33,11 @@ class ManyProgress:
             to_go_s = since_s * (of - done) / max(done - self._first, 1)
             self._line.show(f"{done} of {of} cases   {clock(since_s)}, {clock(to_go_s)} to go")
 
+    def clear(self) -> None:
+        """Nothing is shown any more; what is printed next begins a line of its own."""
+        self._line.clear()
+
     def say(self, text: str) -> None:
         """A line that stays."""
-        self._line.clear()
+        self.clear()
         print(text, file=sys.stderr, flush=True)

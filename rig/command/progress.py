@@ -7,9 +7,9 @@ import math
 from rig.control.loop import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import PatientLine, TerminalLine
-from rig.daemon.words import number, resistance
+from rig.daemon.words import clock, number, resistance
 from rig.drivers.heater_drive import OF_FULL_DRIVE
-from rig.experiment.expected import Phases
+from rig.experiment.expected import Phases, still_to_come
 
 
 class Progress:
@@ -30,9 +30,7 @@ class Progress:
     def phase(self, name: str, done_s: float, of_s: float) -> None:
         """A phase goes on; those that were expected before it are over."""
         if done_s == 0.0:
-            names = [expected for expected, _ in self._coming]
-            if name in names:
-                self._coming = self._coming[names.index(name) + 1 :]
+            self._coming = still_to_come(self._coming, name)
         self._now = (name, done_s, of_s)
 
     def tick(self, tick: Tick) -> None:
@@ -71,10 +69,3 @@ class Progress:
 
 def _value(reading: Reading | None) -> float:
     return reading.value if reading is not None and reading.is_number else math.nan
-
-
-def clock(seconds: float) -> str:
-    """Minutes and seconds, with hours where there are any: 4:05, 1:02:30."""
-    whole = max(0, round(seconds))
-    hours, rest = divmod(whole, 3600)
-    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"

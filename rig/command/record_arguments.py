@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.core.faults import Faults, fault
+from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
@@ -54,6 +55,17 @@ def read_records(
 
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
+
+
+def add_output_argument(parser: argparse.ArgumentParser) -> None:
+    """--output COLUMN."""
+    parser.add_argument(
+        "--output",
+        default=FALLING_RESISTANCE,
+        metavar="COLUMN",
+        help="the film's output where it is not a resistance on a log scale: a column with its unit, as "
+        "curvature_per_m or resistance_ohm",
+    )
 
 
 def parsed_limits(text: str) -> tuple[float, float]:

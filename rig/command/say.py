@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import writable_file
 from rig.files.run_folder import plain_json
+from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from rig.command.progress import Progress
@@ -37,7 +38,7 @@ class Voice:
             sys.stdout.write(plain_json(value) + "\n")
             sys.stdout.flush()
         elif self._json is not None:
-            Path(self._json).write_text(plain_json(value) + "\n", encoding="utf-8")
+            write_text(Path(self._json), plain_json(value) + "\n")
 
     @contextmanager
     def progress(self, virtual: bool = False) -> Iterator[Progress | None]:

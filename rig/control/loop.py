@@ -25,6 +25,7 @@ from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output
 from rig.files.run_folder import RunFolder
+from rig.safety.after_off import Courses
 from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, check_test_current
@@ -32,6 +33,7 @@ from rig.safety.switching_off import switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
+TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
 
 COLUMNS = [
     "time_s",
@@ -173,11 +175,11 @@ class Loop:
         self.sent = OFF
         self._measured_s = -math.inf
         self._read_s: float | None = None  # the last reading with a current on
+        self._told_s = -math.inf
 
-    @property
-    def last_A(self) -> float:
-        """The current that was on last, A; nan where it is not known, 0 where nothing was."""
-        return self.sent.current_A if self.sent.armed else 0.0
+    def after_off(self) -> Courses | None:
+        """What the thermometer would show if the output went off now; None where no reading could choose."""
+        return self.watch.after_off(self.sent.current_A)
 
     def elapsed_s(self) -> float:
         """Time of the run, s."""
@@ -215,6 +217,7 @@ class Loop:
             if not verdict.confirmed:
                 raise NotConfirmedOff(verdict.text)
         self.sent, self._read_s = OFF, None
+        self.watch.rests()
         self.bench.guard.idle()
         begin_s = self.elapsed_s()
         yield
@@ -299,11 +302,19 @@ class Loop:
         if not self.bench.virtual:
             self.folder.flush()
         self.ticks.done += 1
-        self.bench.guard.alive()
+        self._tell_guard(now)
         if self._on_tick is not None:
             current_A = self.sent.current_A
             self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
         return decision.done
+
+    def _tell_guard(self, now: float) -> None:
+        """That the loop lives, and what would follow if it did not."""
+        guard = self.bench.guard
+        guard.alive()
+        if guard.guarding and now - self._told_s >= TOLD_EVERY_S:
+            self._told_s = now
+            guard.expects(self.after_off())
 
     def _count_gap(self, now: float) -> None:
         """How long nobody read with a current on: from one reading to the next."""

@@ -33,7 +33,8 @@ class Follow:
     """A law following a target; holds the law's state between ticks, and gives it to the next phase.
 
     The target's quantity says what it is: a temperature for the law "temperature", else a resistance. setpoints: the
-    reference goes to the controller's own PID instead of a current to its output.
+    reference goes to the controller's own PID instead of a current to its output. correction: what is added to the
+    target of a resistance for the law, -log10 R; the target that is recorded stays as it is.
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class Follow:
         self.target = target
         self.state = state
         self.setpoints = setpoints
+        self.correction: Target | None = None
         self._memory = memory
         # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
         self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
@@ -63,10 +65,13 @@ class Follow:
         sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
-        coming = sign * np.asarray(self.target.at(at_s + read.acts_after_s + self._ahead), dtype=np.float64)
+        ahead_s = at_s + read.acts_after_s + self._ahead
+        asked, coming = now, np.asarray(self.target.at(ahead_s), dtype=np.float64)
+        if self.correction is not None:
+            asked, coming = now + float(self.correction.at(at_s)), coming + self.correction.at(ahead_s)
         read_so = read.output_age_s, read.acts_after_s, read.test_current_A
         command, self.state = law.step(
-            self.state, Inputs(temperature_degC, self._sign * output, sign * now, coming, *read_so)
+            self.state, Inputs(temperature_degC, self._sign * output, sign * asked, sign * coming, *read_so)
         )
         predicted = self._sign * command.output_model
         return Decision(

@@ -13,9 +13,10 @@ from rig.core.faults import fault
 
 NEEDS = {
     "serve": ("a guard process, Unix sockets and file locks", "`peltier run` and `peltier calibrate` work without it"),
+    "epics": ("the bench daemon, which needs Unix sockets", "there is no daemon without them"),
     "emulate": ("pseudo-terminals", 'ports "sim://" simulate the same instruments inside `peltier run`'),
 }
-MODULES = {"serve": "fcntl", "emulate": "pty"}
+MODULES = {"serve": "fcntl", "epics": "fcntl", "emulate": "pty"}
 
 
 def require(verb: str) -> None:

@@ -21,9 +21,9 @@ from rig.files.toml_file import Table
 from rig.files.toml_text import parsed_toml, read_text, shown
 
 LARGEST_FILE = 1_000_000  # bytes
-# What to do and how to compute it. [simulation] is of a rig that is built already, [serve] is the daemon's own: a job's
-# has no effect.
-FREE_TABLES = {"experiment", "control", "calibration", "simulation", "sweep", "serve"}
+# What to do and how to compute it. [simulation] is of a rig that is built already, [serve] is the daemon's own, [epics]
+# of the server beside it: a job's has no effect.
+FREE_TABLES = {"experiment", "control", "calibration", "simulation", "sweep", "serve", "epics"}
 FREE = {
     "bench.time",  # a daemon's is always real
     "bench.controller.serial_number",  # where it is given, it has to be that of the instrument that answered

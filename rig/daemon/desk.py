@@ -21,6 +21,7 @@ from rig.core.faults import Faults
 from rig.core.outcome import Tripped
 from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
+from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
 from rig.daemon.job import Job, JobStopped, Queue, new_id
@@ -73,7 +74,7 @@ class Desk:
         self.ticks = Ticks()
         self.output, self.confirmed = "unknown", False
         self.after_off: AfterOff | None = None  # what the temperature says of an output that went off
-        self.contradicted = False  # it says that the output is not off: nobody is believed until a reset
+        self._not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
         self.online = False
         self.offline_because = ""
         self.in_loop = False
@@ -85,6 +86,8 @@ class Desk:
         self.drive_unit = "A"
         self.stop_port: int | None = None  # of STOP's own listener
         self.phase: tuple[str, float, float] | None = None  # name, began (clock's s), lasts s
+        self.job_began_s = clock.now_s()
+        self.coming_s = 0.0  # that the job's phases after this one are expected to last
         self.last_cycle_s = clock.now_s()
         self.gaps = Gaps(self.steady_s())
         self._began_s = self.steady_s()
@@ -96,6 +99,11 @@ class Desk:
         self.writer.open()
         found = found_at_start(self.folder / LATCH, was_there, self.writer.store, self.label_s())
         self.latching = Latching(self.folder / LATCH, *found)
+        if self._not_off is not None:
+            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+            self.latching.keep()
+        # whether the temperature says that the output is not off: nobody is believed until a reset
+        self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
 
     @property
     def latch(self) -> Latch | None:
@@ -139,6 +147,7 @@ class Desk:
         jobs = store.jobs()
         for job in jobs:
             if job["state"] in ("queued", "running"):
+                self._not_off = self._not_off or not_confirmed_off(job["folder"])
                 job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
                 store.save_job(job)
         return jobs
@@ -325,7 +334,9 @@ class Desk:
         if job is not None:
             name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
             doing = {"id": job.id, "name": job.name, "kind": job.kind, "phase": name}
-            doing |= {"done_s": min(now_s - began_s, total_s), "total_s": total_s}
+            done_s = min(now_s - began_s, total_s)
+            doing |= {"done_s": done_s, "total_s": total_s}
+            doing |= {"elapsed_s": now_s - self.job_began_s, "to_go_s": total_s - done_s + self.coming_s}
         return {
             "time_s": label_s,
             "version": __version__,
@@ -353,6 +364,10 @@ class Desk:
             "warnings": self.warnings(),
             "cycle_age_s": now_s - self.last_cycle_s,
         }
+
+    def is_idle(self) -> bool:
+        """Whether nothing runs, and nothing is about to."""
+        return self.queue.running is None and (len(self.queue) == 0 or bool(self.no_job_because()))
 
     def no_job_because(self) -> list[str]:
         """What keeps the next job from starting; nothing where it may."""

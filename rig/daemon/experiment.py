@@ -9,6 +9,7 @@ from typing import Any
 from rig.bench.assembly import Bench
 from rig.control.loop import Tick
 from rig.experiment.calibration import Calibration
+from rig.experiment.expected import Phases, expected_calibration, expected_run
 from rig.experiment.session import Result, Session, calibrate, run_on, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, prepared_folder
@@ -21,6 +22,9 @@ class Watcher:
 
     def began(self) -> None:
         """A loop has the bench from now on."""
+
+    def expect(self, phases: Phases) -> None:
+        """The phases to come, each with its seconds."""
 
     def phase(self, name: str, duration_s: float) -> None:
         """A phase begins, of so many seconds."""
@@ -37,6 +41,7 @@ def run_watched(
 ) -> Result:
     """The experiment that a configuration asks for, into a folder. Raises Faults, RigError, Outcome."""
     target, model = wanted(file, say)
+    watcher.expect(expected_run(file.content, target, model))
     with prepared_folder(path):
         return run_on(_watched(bench, file, say, watcher), path, target, model)
 
@@ -45,6 +50,7 @@ def calibrate_watched(
     bench: Bench, file: ConfigurationFile, path: Path, say: Callable[[str], None], watcher: Watcher
 ) -> Calibration:
     """The calibration that a configuration asks for, into a folder. Raises as `run_watched`."""
+    watcher.expect(expected_calibration(file.content))
     with prepared_folder(path):
         return calibrate(_watched(bench, file, say, watcher), path)
 

@@ -22,10 +22,11 @@ from rig.daemon.gate import StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.experiment.calibration import Calibration
+from rig.experiment.expected import Phases, still_to_come
 from rig.experiment.summaries import calibration_summary, summary
 from rig.files.run_folder import part_of
-from rig.safety.after_off import NO_VOICE, after_off
-from rig.safety.plate_watch import PlateWatch
+from rig.safety.after_off import NO_VOICE, AfterOff
+from rig.safety.bench_watch import BenchWatch
 
 CONDITION = "condition"  # the phase of a run that drives the film to its hot end
 LOOK_S = 30.0  # that the temperature is looked at after a job
@@ -61,12 +62,14 @@ class JobRun(Watcher):
             watched_after=True,
         )
         self._conditioning = False
-        self._last: tuple[PlateWatch, float] | None = None  # of the last tick: what watches the plate, and the current
+        self._coming: Phases = []
+        self._last: tuple[BenchWatch, float] | None = None  # of the last tick: what watches, and the current
 
     def work(self) -> None:
         """The job from its beginning to its end, whatever that is."""
         desk, job = self._desk, self._job
-        job.state, job.started_s = "running", desk.label_s()
+        job.state, job.started_s, job.folder = "running", desk.label_s(), part_of(job.out)
+        desk.job_began_s, desk.coming_s = desk.clock.now_s(), 0.0
         desk.job_changed(job)
         desk.model = model_of(job.file) or desk.model
         self._conclude(self._end())
@@ -126,8 +129,8 @@ class JobRun(Watcher):
             write_missing_reports(part_of(job.out))
         job.state, job.reason, job.exit_status = end.state, end.reason, end.exit_status
         job.ended_s = desk.label_s()
-        if job.folder is None and part_of(job.out).is_dir():
-            job.folder = part_of(job.out)
+        if end.state != "done":
+            job.folder = part_of(job.out) if part_of(job.out).is_dir() else None
         desk.queue.keep(job)
         desk.job_changed(job)
         desk.wake.set()
@@ -154,6 +157,11 @@ class JobRun(Watcher):
         self._desk.output, self._desk.confirmed = "on", True
         self._desk.changed()
 
+    def expect(self, phases: Phases) -> None:
+        """The phases to come."""
+        self._coming = phases
+        self._desk.coming_s = sum(seconds for _, seconds in phases)
+
     def phase(self, name: str, duration_s: float) -> None:
         """A phase begins. With the first that follows `condition`, which may come in parts, the film's memory is known:
         the conditioning has ended, at its hot end."""
@@ -161,13 +169,14 @@ class JobRun(Watcher):
         if self._conditioning and name != CONDITION and desk.memory_since_s is None:
             desk.memory_since_s = desk.label_s()
         self._conditioning = name == CONDITION
+        self.expect(still_to_come(self._coming, name))
         desk.phase = (name, desk.clock.now_s(), duration_s)
         desk.changed()
 
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
         desk, decision, resistance = self._desk, tick.decision, tick.resistance
-        self._last = (tick.watch.plate, tick.current_A)
+        self._last = (tick.watch, tick.current_A)
         known = tick.temperature.is_number
         seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
         meter = self._bench.meter
@@ -194,7 +203,9 @@ class JobRun(Watcher):
         desk = self._desk
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         if confirmed and self._last is not None:
-            desk.after_off = after_off(*self._last, self._bench.clock.now_s(), LOOK_S)
+            watch, current_A = self._last
+            courses = watch.after_off(current_A, LOOK_S)
+            desk.after_off = AfterOff(courses, self._bench.clock.now_s()) if courses is not None else None
         desk.ticks.missed += int(ticks.get("missed", 0))
         desk.ticks.unwatched_s = max(desk.ticks.unwatched_s, float(ticks.get("unwatched_s", 0.0)))
         desk.in_loop, desk.phase = False, None

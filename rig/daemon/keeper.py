@@ -16,6 +16,7 @@ from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.reading import Quality, Reading, missing
 from rig.daemon.desk import Desk
+from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.job_run import JobRun
 from rig.daemon.row import quality_of
 from rig.daemon.systemd import Notifier
@@ -103,7 +104,7 @@ class Keeper:
         desk.identities = dict(bench.identities)
         desk.has_dead_man = bench.controller.has_dead_man
         desk.confirms_off_by, desk.drive_unit = confirmed_by(bench.controller), drive_unit(bench.controller)
-        desk.output, desk.confirmed = "off", True
+        desk.output, desk.confirmed = ("unknown", False) if desk.contradicted else ("off", True)
         desk.online, desk.offline_because = True, ""
         desk.live_by(bench.clock)
         self._notifier.ready("the bench is held, the output is off")
@@ -276,11 +277,11 @@ class _Idle:
         if look is None:
             return
         look.take(self._bench.clock.now_s(), temperature.value if temperature.is_number else math.nan)
-        if look.agrees is not None:
+        if look.over:
             desk.after_off = None
         if look.agrees is False:
             desk.output, desk.confirmed, desk.contradicted = "unknown", False, True
-            desk.trip("off_contradicted", look.text)
+            desk.trip(OFF_CONTRADICTED, look.text)
 
     def _reading(self, name: str, read: object) -> Reading:
         assert callable(read)

@@ -37,6 +37,14 @@ def socket_to_make(name: str) -> Path:
     return folder / f"{name}.sock"
 
 
+def socket_of(name: str) -> Path:
+    """The socket at which the daemon of a name listens, or would: whoever waits for it may ask again."""
+    given = os.environ.get("PELTIER_SOCKET")
+    if given:
+        return Path(given)
+    return next((path for path in sockets_there() if path.stem == name), _folders()[0] / f"{name}.sock")
+
+
 def sockets_there() -> list[Path]:
     """Sockets that daemons may be listening at, the user's own first."""
     given = os.environ.get("PELTIER_SOCKET")

@@ -15,6 +15,7 @@ from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
 from rig.daemon.log import Log
+from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import Notifier
 from rig.daemon.web_process import WebProcess, stop_listener
@@ -99,5 +100,9 @@ def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
         for web in _web_processes(file, place, desk, stack):
             stack.callback(web.stop)
             web.start()
+        if file.content.serve.diagnose == "nightly":
+            nightly = Nightly(desk.folder, file.content.serve.diagnose_hour, desk.is_idle, desk.note)
+            stack.callback(nightly.stop)
+            nightly.start()
         Keeper(file, desk, notifier, guard).keep()
     return 0

@@ -32,10 +32,18 @@ def span(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
+def clock(seconds: float) -> str:
+    """Minutes and seconds, with hours where there are any: 4:05, 1:02:30."""
+    whole = max(0, round(seconds))
+    hours, rest = divmod(whole, 3600)
+    return f"{hours}:{rest // 60:02d}:{rest % 60:02d}" if hours else f"{rest // 60}:{rest % 60:02d}"
+
+
 def in_a_line(row: dict[str, Any], job: dict[str, Any], told_s: float) -> str:
-    """How far a job's phase is by a row of its readings, and these; told_s: when the job's state was told, Unix s."""
-    done_s = min(job["done_s"] + max(row["time_s"] - told_s, 0.0), job["total_s"])
-    done = f"{span(done_s)} of {span(job['total_s'])}" if job["total_s"] else ""
+    """How far a job is by a row of its readings, and these; told_s: when the job's state was told, Unix s."""
+    since_s = max(row["time_s"] - told_s, 0.0)
+    elapsed_s, to_go_s = job["elapsed_s"] + since_s, max(job["to_go_s"] - since_s, 0.0)
+    done = f"{clock(elapsed_s)} of about {clock(elapsed_s + to_go_s)}, {clock(to_go_s)} to go"
     parts = [f"{job['phase']:<9} {done}", number(row.get("temperature_degC"), "degC", 2)]
     drive = number(row.get("current_A"), job.get("drive_unit", "A"), 2)
     return "   ".join([*parts, resistance(row.get("resistance_ohm")), drive])
@@ -54,6 +62,8 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
             found.append((key, f"{state[key]['text']} ({span(state['time_s'] - state[key]['at_s'])} ago)"))
     if job is not None:
         done = f", {span(job['done_s'])} of {span(job['total_s'])}" if job["total_s"] else ""
+        if job["to_go_s"] > 0.0:
+            done += f"; in all about {span(job['to_go_s'])} to go"
         found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
     wanted, unit = number(reading.get("setpoint_degC"), "degC", 3), state.get("drive_unit", "A")
     unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading with a current on"

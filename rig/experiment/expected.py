@@ -34,6 +34,12 @@ class Onlooker(Protocol):
     def tick(self, tick: Tick) -> None: ...
 
 
+def still_to_come(phases: Phases, name: str) -> Phases:
+    """Of the phases that were expected, those after the one of this name, which begins; all where none has it."""
+    names = [expected for expected, _ in phases]
+    return phases[names.index(name) + 1 :] if name in names else phases
+
+
 def expected_calibration(configuration: Configuration) -> Phases:
     """Of `rig.experiment.calibration`."""
     c = configuration.calibration
@@ -70,7 +76,8 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     first = [("polarity", POLARITY_S)] if model is not None else expected_calibration(configuration)
     laws = [e.law, *[name for name in e.compare if name != e.law]]
     each = [("condition", way_s), ("approach", way_s + e.settle_s), ("settle", e.settle_s)]
-    return [*first, *[phase for _ in laws for phase in (*each, ("track", target.duration_s))]]
+    runs = len(laws) + e.repeat - 1
+    return [*first, *[phase for _ in range(runs) for phase in (*each, ("track", target.duration_s))]]
 
 
 def _rate(plate: PlateModel | None, configuration: Configuration, high_degC: float) -> float:

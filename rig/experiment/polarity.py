@@ -40,6 +40,13 @@ TRIALS = 3
 LATER_S, LATER_SHARE = 1.0, 0.5  # than the model says, for the pulse's own lag to be believed instead
 
 
+class Rest:
+    """The policy of a controller that takes no current: nothing is sent, and the temperature drifts by itself."""
+
+    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
+        return Decision(wait=True)
+
+
 class PolarityPulse:
     """The policy of the phase. current_A: of the pulse, its sign the way that it is to go.
 
@@ -156,6 +163,8 @@ def check_polarity(
         rehearsed(loop.limits, period_s)
     if limits.polarity_share == 0.0 or not loop.bench.controller.commands_current:
         loop.folder.event(loop.elapsed_s(), "polarity", "not checked")
+        if not loop.bench.controller.commands_current:  # how it drifts is all that is known of such a plate
+            loop.phase("rest", Rest(), max(REST_S, FEWEST * period_s), period_s)
         if model is not None:
             loop.know_plate(model)
         return model

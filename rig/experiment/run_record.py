@@ -21,7 +21,7 @@ from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.drivers.heater_drive import drive_unit
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
-from rig.safety.after_off import NO_VOICE, contradiction
+from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
 from rig.safety.signals import SignalStop
 
@@ -65,6 +65,7 @@ def recorded(
         "guarded": bench.guard.guarding,
     }
     folder = make_folder(path, start, file.text, columns_of(bench))
+    bench.guard.records(str(folder.part.absolute()))
     loop = Loop(bench, limits_of(file), folder, progress, on_tick)
     output = OutputOff(bench.controller, signals, bench.guard)
     try:
@@ -97,11 +98,15 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
     """
     if not output.confirmed or bench.watched_after or getattr(error, "cause", "") in NO_VOICE:
         return
-    text = contradiction(loop.watch.plate, loop.last_A, bench.controller, bench.clock)
-    if text is not None:
+    courses, controller, clock = loop.after_off(), bench.controller, bench.clock
+    if courses is None:
+        return
+    dead_man_s = float(getattr(controller, "dead_man_s", 0.0)) if controller.has_dead_man else 0.0
+    look = looked_at(courses, controller, clock, clock.now_s(), dead_man_s)
+    if look.agrees is False:
         output.confirmed = False
         bench.guard.given_up()
-        raise NotConfirmedOff(text) from error
+        raise NotConfirmedOff(look.text) from error
 
 
 def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:

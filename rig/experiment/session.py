@@ -28,6 +28,7 @@ from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, own_target, plate_observer
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.polarity import check_polarity
+from rig.experiment.repeated import LEARNED, USED, Learning, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
@@ -75,6 +76,7 @@ class Result:
     folder: Path
     calibration: Calibration | None = None
     scores: list[Score] = field(default_factory=list)
+    repeated: list[Score] = field(default_factory=list)
     designs: dict[str, Design] = field(default_factory=dict)
     model: Model | None = None
     target: Target | None = None
@@ -185,6 +187,11 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
+    if (e.repeat > 1 or e.learned is not None) and e.kind != "track_resistance":
+        text = f"kind {e.kind!r}; expected 'track_resistance': a resistance is what repetitions learn"
+        raise fault(file.path, "experiment.repeat", text)
+    if e.learned is not None:
+        read_correction(file.beside(e.learned) / LEARNED)
     if model is not None:
         _check_feasible(file, target, model, say)
     return target, model
@@ -247,8 +254,14 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
     folders: dict[LawName, RunFolder] = {}
     try:
+        learning = _repetitions(session, inner, result)
         for name in names:
-            folders[name] = _one_law(session, path if name == e.law else inner / name, result, name)
+            if name == e.law:
+                folders[name] = _one_law(session, path, result, name, learning.next)
+                learning.take(folders[name], target, learning.next, e.period_s)
+                _keep_learned(folders[name], learning)
+            else:
+                folders[name] = _one_law(session, inner / name, result, name)
     except BaseException:
         with suppress(Exception):  # why it ended is what has to be told
             _reports(session, folders, e.law)
@@ -259,8 +272,36 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
 
 
-def _one_law(session: Session, where: Path, result: Result, name: LawName) -> RunFolder:
-    """One law on the target, into a folder of its own."""
+def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
+    """All repetitions but the last, each in a folder of its own, and what they have taught."""
+    file, target = session.file, result.target
+    assert target is not None
+    e, learning = file.content.experiment, Learning()
+    if e.learned is not None:
+        learning.next = read_correction(file.beside(e.learned) / LEARNED)
+    for k in range(1, e.repeat):
+        used = learning.next
+        folder = _one_law(session, inner / f"repeat_{k}", result, e.law, used)
+        learning.take(folder, target, used, e.period_s)
+        _keep_learned(folder, learning)
+        session.report(folder)
+        folder.finish()
+        result.repeated.append(result.scores.pop())
+        if learning.over:
+            session.say(f"repeat {k}: not better than {learning.best_rms_dec:.4f} dec: that correction is kept")
+    return learning
+
+
+def _keep_learned(folder: RunFolder, learning: Learning) -> None:
+    """What a next repetition would add to its target, beside the rows."""
+    if learning.next is not None:
+        write_correction(folder.part / LEARNED, learning.next)
+
+
+def _one_law(
+    session: Session, where: Path, result: Result, name: LawName, correction: Target | None = None
+) -> RunFolder:
+    """One law on the target, into a folder of its own. correction: of the target."""
     file, target, model = session.file, result.target, result.model
     assert target is not None
     assert model is not None
@@ -268,6 +309,7 @@ def _one_law(session: Session, where: Path, result: Result, name: LawName) -> Ru
     e = file.content.experiment
     known = known_plate(model.plate, model.switched())
     plan = plan_tracking(file.content, target, model, name, watchable_rate_K_per_s(known))
+    plan = replace(plan, correction=correction)
     with one_run(session, where, f"law {name}") as (loop, folder):
         if name == e.law and result.calibration is None:
             check_polarity(loop, file.content, e.period_s, known)
@@ -276,6 +318,10 @@ def _one_law(session: Session, where: Path, result: Result, name: LawName) -> Ru
         score = track(loop, file.content, plan)
     folder.result(law=name, score=score.table(), design=design_table(plan.design))
     _keep(folder, target, model)
+    if correction is not None:
+        write_correction(folder.part / USED, correction)
+    if result.repeated:
+        folder.result(repeated_rms_dec=[one.rms_dec for one in result.repeated])
     result.scores.append(score)
     result.designs[name] = plan.design
     session.say(f"{name}: {score.in_words()}")

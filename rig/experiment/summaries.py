@@ -67,6 +67,7 @@ def summary(result: Result) -> dict[str, Any]:
         "format": "peltier-run-result/1",
         "folder": result.folder,
         "scores": {score.law: score.table() for score in result.scores},
+        "repeated": [score.table() for score in result.repeated],
         "designs": {name: design_table(design) for name, design in result.designs.items()},
         "calibration": None
         if calibration is None

@@ -105,7 +105,7 @@ class Plan:
     """What a tracking run needs, made before anything is switched on.
 
     law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
-    resistance. inverse: of the film.
+    resistance. inverse: of the film. correction: what is added to the target (`rig.experiment.repeated`).
     """
 
     name: LawName
@@ -116,6 +116,7 @@ class Plan:
     target: Target
     own: Target
     setpoints: bool
+    correction: Target | None = None
 
 
 def plan_tracking(
@@ -159,9 +160,11 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
         raise fault("the run", "approach", "expected rows with a reading in this phase")
     follow = Follow(plan.law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
     follow.state = handed_over(approach.state, plan.law)
+    if plan.correction is not None:
+        follow.correction = replace(plan.correction, times_s=np.zeros(1), values=plan.correction.values[:1])
     if e.settle_s > 0.0:
         loop.phase("settle", follow, e.settle_s, e.period_s)
-    follow.target = target
+    follow.target, follow.correction = target, plan.correction
     loop.phase("track", follow, target.duration_s, e.period_s)
     found = score(loop.folder, plan.name, configuration.limits.current_A)
     if found is None:

@@ -14,7 +14,9 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 
 from rig.core.faults import Faults
+from rig.files.epics_table import EpicsTable
 from rig.files.model_file import MemorylessTable, PlateTable
+from rig.files.reachable_name import ReachableName
 from rig.files.secret_keys import without_secrets
 from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
@@ -27,6 +29,7 @@ DAY_S = 86400.0
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=1e-12, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to put in what moves a plate
 Wait = Annotated[float, Field(ge=0.0, le=DAY_S)]  # s: for something that is over within a day
 Period = Annotated[float, Field(ge=1e-3, le=3600.0)]  # s: no line carries a thousand exchanges a second
 Span = Annotated[float, Field(ge=1e-3, le=DAY_S)]  # s: of a watch or a forecast that has to end
@@ -105,6 +108,13 @@ class BenchTable(Table):
     meter: MeterTable | None = None
 
 
+def _pulse(share: float) -> float:
+    """The share of the current limit, if it is none or makes a pulse that ends. Raises ValueError."""
+    if 0.0 < share < SMALLEST_PULSE:
+        raise ValueError(f"expected 0 (no pulse), or {SMALLEST_PULSE:g} to 1: a smaller one moves no plate")
+    return share
+
+
 class LimitsTable(Table):
     """[limits]: what the interlock trips on. stale_s: a reading older than this is none.
 
@@ -118,11 +128,15 @@ class LimitsTable(Table):
     stale_s: Span = 2.0
     rate_K_per_s: Positive = 20.0
     runaway_s: Span = 20.0
-    polarity_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.25
+    polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words."""
+    """[experiment]: what to do. target: a CSV file, or a profile in words.
+
+    repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
+    missed. learned: the folder of a run whose learned.csv the first one begins with.
+    """
 
     kind: Literal["track_resistance", "temperature_profile", "current_profile", "hold"] = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
@@ -132,6 +146,8 @@ class ExperimentTable(Table):
     period_s: Period = 0.1
     compare: list[Literal["pid", "feedforward", "instrument_pid"]] = []
     settle_s: Wait = 10.0
+    repeat: Annotated[int, Field(ge=1, le=100)] = 1
+    learned: str | None = None
 
 
 class ControlTable(Table):
@@ -232,12 +248,6 @@ class SimulationTable(Table):
         return data
 
 
-def _reachable_name(text: str) -> str:
-    if not re.fullmatch(r"(https?://)?([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?", text):
-        raise ValueError("expected a name, as in bench.lab.example, or an origin, as in https://bench.lab.example")
-    return text
-
-
 def _web_address(secret: SecretStr) -> SecretStr:
     if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
         raise ValueError("expected an address that begins with http:// or https://")
@@ -252,6 +262,7 @@ class ServeTable(Table):
     loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
     /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
     port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
+    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
     """
 
     name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
@@ -260,7 +271,7 @@ class ServeTable(Table):
     stop_port: int | None = Field(default=None, ge=0, le=65535)
     token: Annotated[SecretStr, Field(min_length=16)] | None = None
     metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    hosts: list[Annotated[str, AfterValidator(_reachable_name)]] = []
+    hosts: list[ReachableName] = []
     folder: str | None = None
     configurations: str = "."
     idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
@@ -268,6 +279,8 @@ class ServeTable(Table):
     minute_days: Days = 400.0
     hour_days: Days = 4000.0
     webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
+    diagnose: Literal["never", "nightly"] = "never"
+    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
 class Configuration(Table):
@@ -281,6 +294,7 @@ class Configuration(Table):
     simulation: SimulationTable = SimulationTable()
     sweep: SweepTable = SweepTable()
     serve: ServeTable = ServeTable()
+    epics: EpicsTable = EpicsTable()
 
     @model_validator(mode="after")
     def _whole(self) -> Configuration:

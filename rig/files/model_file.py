@@ -14,6 +14,7 @@ from compensator.thermal.plate import PlateModel
 from rig.core.faults import Faults
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import read_toml
+from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched
@@ -239,4 +240,4 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
     if model.effects:
         table["effects"] = [dict(effect) for effect in model.effects]
     head = "".join(f"# {line}\n" for line in comment.splitlines())
-    path.write_text(head + tomli_w.dumps(table, multiline_strings=False), encoding="utf-8")
+    write_text(path, head + tomli_w.dumps(table, multiline_strings=False))

@@ -28,6 +28,7 @@ from rig.files.table import Table
 from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
 from rig.files.units import UNITS
+from rig.files.written import naming
 
 __all__ = ["KNOWN", "UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
 
@@ -47,8 +48,19 @@ def read_record(
     return record_of(_table(path, decimal), mappings, needs, flags)
 
 
+def _fed(path: Path) -> bool:
+    """Whether a pipe is one that this process was started with: somebody writes into it (`... | peltier identify
+    /dev/stdin`, `<(...)` of a shell)."""
+    return path == Path("/dev/stdin") or path.parent in (Path("/dev/fd"), Path("/proc/self/fd"))
+
+
 def _table(path: Path, decimal: str) -> Table:
     """What a file holds. Raises Faults."""
+    try:
+        if path.is_char_device() or path.is_socket() or (path.is_fifo() and not _fed(path)):  # these may have no end
+            raise fault(path, "", "is a device or a pipe; expected a file")
+    except OSError as error:  # a name that is too long
+        raise fault(path, "", f"cannot be read: {error.strerror}") from None
     ending = path.suffix.lower()
     if ending in (".xlsx", ".xlsm"):
         from rig.files.workbook_table import workbook_table
@@ -59,8 +71,6 @@ def _table(path: Path, decimal: str) -> Table:
 
         return matlab_table(path)
     try:
-        if path.is_char_device():  # /dev/zero has no end
-            raise fault(path, "", "is a device; expected a file")
         data = path.read_bytes()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
@@ -75,7 +85,7 @@ def _table(path: Path, decimal: str) -> Table:
 
 def write_columns(path: Path, columns: Mapping[str, Array | list[str]]) -> None:
     """Write columns as a CSV file; numbers read back to the same bits, nan becomes an empty field."""
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with naming(path), path.open("w", encoding="utf-8", newline="") as file:
         print_columns(file, columns)
 
 

@@ -7,7 +7,7 @@
     events.jsonl    what happened, a line each
     report.html, figures/
 
-A run.json without "stop" is of a run that crashed.
+A run.json without "stop" is of a run that crashed and had no guard; with one, the guard has written it.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from rig.core.faults import fault
+from rig.files.written import naming, write_text
 from rig.version import __version__, source_digest
 
 PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
@@ -102,7 +103,7 @@ class RunFolder:
         self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
         self._record.write(",".join(columns) + "\n")
         self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
-        (self.part / "config.toml").write_text(configuration_text, encoding="utf-8")
+        write_text(self.part / "config.toml", configuration_text)
         self.document: dict[str, Any] = {
             "format": "peltier-run/1",
             "start": {
@@ -116,11 +117,14 @@ class RunFolder:
     def row(self, values: tuple[Any, ...]) -> None:
         """One row, in the order of the columns; nan becomes an empty field."""
         self.rows.append(values)
-        self._record.write(",".join(["" if v != v else str(v) for v in values]) + "\n")
+        with naming(self.part / "record.csv"):
+            self._record.write(",".join(["" if v != v else str(v) for v in values]) + "\n")
 
     def flush(self) -> None:
-        self._record.flush()
-        self._events.flush()
+        with naming(self.part / "record.csv"):
+            self._record.flush()
+        with naming(self.part / "events.jsonl"):
+            self._events.flush()
 
     def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
         """Something that happened, at a time of the run."""
@@ -143,7 +147,7 @@ class RunFolder:
 
     def keep(self, name: str, text: str) -> None:
         """A file that the run depends on, so that the folder stands alone."""
-        (self.part / name).write_text(text, encoding="utf-8")
+        write_text(self.part / name, text)
 
     def stop(self, reason: str, **more: Any) -> None:
         """Why the run ended, and its results; all rows and the document are on disk after this."""
@@ -158,8 +162,7 @@ class RunFolder:
 
     def finish(self) -> Path:
         """Close the files, write record.nc, and give the folder its name."""
-        self._record.close()
-        self._events.close()
+        self.abandon()
         write_netcdf(self.part / "record.nc", self.columns, self.rows)
         if self.path.exists():
             self.path.rmdir()
@@ -167,14 +170,16 @@ class RunFolder:
         return self.path
 
     def abandon(self) -> None:
-        """Close the files of a run that stays a .part."""
-        self._record.close()
-        self._events.close()
+        """Close the files, of a run that stays a .part too."""
+        with naming(self.part / "record.csv"):
+            self._record.close()
+        with naming(self.part / "events.jsonl"):
+            self._events.close()
 
     def _write_document(self) -> None:
         path = self.part / "run.json"
         temporary = path.with_suffix(".json.new")
-        temporary.write_text(json.dumps(_plain(self.document), indent=2) + "\n", encoding="utf-8")
+        write_text(temporary, json.dumps(_plain(self.document), indent=2) + "\n")
         os.replace(temporary, path)
 
 

@@ -6,6 +6,8 @@
     let_go    the output is off, confirmed, and the port is closed; or it was never ours
     busy      the output is armed: `alive` has to come from now on
     idle      the output is off, confirmed; nothing has to come
+    expects   what the thermometer would show if the output went off now (`rig.safety.after_off.Courses`), or null
+    records   a run begins: the folder that it writes into
     .         alive: a tick of the loop was completed
 
 A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
@@ -18,13 +20,18 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from typing import Any, Final, Protocol
+import select
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from rig.core.outcome import Outcome
 from rig.guard.last_breath import LastBreath
 from rig.guard.suspended import SuspendedWatch
 
+if TYPE_CHECKING:
+    from rig.safety.after_off import Courses
+
 ALIVE: Final = b".\n"
+WHOLE: Final = int(getattr(select, "PIPE_BUF", 512))  # bytes that a pipe takes at once or not at all (POSIX)
 
 
 class GuardGone(Outcome):
@@ -57,6 +64,12 @@ class Guard(Protocol):
     def alive(self) -> None:
         """A tick was completed. Raises GuardGone where the guard has died, or is suspended."""
 
+    def records(self, folder: str) -> None:
+        """A run begins, which writes into this folder."""
+
+    def expects(self, courses: Courses | None) -> None:
+        """What the thermometer would show if the output went off now, None where no reading could choose."""
+
 
 class _Unguarded:
     """Nobody is told: simulated ports, or a system without fork."""
@@ -79,6 +92,12 @@ class _Unguarded:
         pass
 
     def alive(self) -> None:
+        pass
+
+    def records(self, folder: str) -> None:
+        pass
+
+    def expects(self, courses: Courses | None) -> None:
         pass
 
 
@@ -122,9 +141,22 @@ class GuardLine:
     def alive(self) -> None:
         if self._suspended.found:
             raise GuardGone(f"the guard process {self._guard_pid} is suspended")
+        self._write(ALIVE)
+
+    def records(self, folder: str) -> None:
+        self._tell(event="records", folder=folder)
+
+    def expects(self, courses: Courses | None) -> None:
+        table = courses.table() if courses is not None else None
+        line = json.dumps({"event": "expects", "courses": table}).encode() + b"\n"
+        if len(line) <= WHOLE:
+            self._write(line)
+
+    def _write(self, line: bytes) -> None:
+        """Without waiting. Raises GuardGone."""
         try:
-            os.write(self._writer, ALIVE)
-        except BlockingIOError:  # the guard is behind: what it has not read yet says the same
+            os.write(self._writer, line)
+        except BlockingIOError:  # the guard is behind: what it has not read yet says nearly the same
             pass
         except OSError:
             raise GuardGone(f"the guard process {self._guard_pid} has died") from None

@@ -3,6 +3,9 @@
 The guard forwards INT, TERM, HUP and QUIT, and passes the child's exit status on. When the child ends, of whatever,
 without having said that it let go of the output with the output confirmed off, the guard opens the controller's port
 itself and commands it off: exit status 11 where that is not confirmed, else 128 + n for a child that died of signal n.
+After a confirmation the guard goes on reading the temperature, where the child had told what it would show
+(`rig.safety.after_off`): a controller that only says that it is off is not believed, and that is status 11 as well.
+How it ended is told on stderr, and written into the folder of the run that was going on.
 A child that has told itself that the output is not confirmed off (status 11) is not contradicted. Either way, where the
 output had been armed, a detached process keeps trying (`rig.guard.keep_trying`).
 A child that has armed the output and completes no tick for `silence_s`, or is suspended, is ended: the dead man of
@@ -14,6 +17,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import json
+import math
 import os
 import selectors
 import signal
@@ -21,17 +25,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from typing import Any
 
 from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
+from rig.guard.left_behind import Left, write_end
 from rig.guard.line import UNGUARDED, Guard, GuardLine
-from rig.guard.takeover import Held, look_once_more, off_at_once, prepare, sentence, switch_off
+from rig.guard.takeover import Held, look_once_more, off_at_once, prepare, sentence, switch_off, temperature_after
+from rig.safety.after_off import Courses, courses_of
 from rig.safety.signals import CAUGHT
 from rig.safety.switching_off import Verdict
 
 NOT_CONFIRMED = 11
 SILENCE_S = 30.0
 PATIENCE_S = 3.0  # for an adapter that comes back
+FRESH_S = 3.0  # what a temperature would do is told twice a second; later the plate is elsewhere
 GRACE_S = 3.0  # from SIGTERM to SIGKILL for a child that hangs
 PR_SET_PDEATHSIG = 1
 
@@ -124,6 +132,9 @@ class _Watch:
         self._end_s: float | None = None  # when a child that hangs is killed
         self._text = b""
         self._at_once: Verdict | None = None
+        self._courses: Courses | None = None
+        self._courses_s = -math.inf  # when they were told
+        self._left: Left | None = None
 
     def until_it_ends(self) -> int:
         """Wait for the child's end; what it left on is switched off then."""
@@ -195,8 +206,14 @@ class _Watch:
             self._held, self._busy, self._given_up = {}, False, False
         elif event == "given_up":
             self._given_up = True
+        elif event == "expects":
+            table: Any = message["courses"]
+            self._courses = courses_of(table) if table is not None else None
+            self._courses_s = time.monotonic()
+        elif event == "records":
+            self._left = Left(**message)  # type: ignore[arg-type]
         else:
-            self._busy = event == "busy"
+            self._busy, self._courses = event == "busy", None
             self._heard_s = time.monotonic()
 
     def _look_for_silence(self) -> None:
@@ -229,13 +246,27 @@ class _Watch:
         verdict = self._verdict(controller)
         how = f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
         if not verdict.confirmed:
-            text = f"process {self._child} {how}, and {verdict.text}. Switch the controller off by hand."
-            _tell(f"OUTPUT NOT CONFIRMED OFF: {text}")
-            return self._not_confirmed(controller)
-        _tell(f"process {self._child} {how}; {sentence(controller, verdict)}")
+            return self._not_confirmed(controller, f"process {self._child} {how}, and {verdict.text}")
+        courses = self._courses_at(verdict)
+        watched = f"; its temperature is watched for {courses.lasts_s:.0f} s at the most" if courses is not None else ""
+        text = f"process {self._child} {how}; {sentence(controller, verdict)}"
+        _tell(f"{text}{watched}")
         if meter is not None:
             switch_off(meter, 0.0)
+        if courses is not None:
+            look = temperature_after(controller, courses, verdict.said_s, self._patience_s)
+            if look.agrees is False:
+                return self._not_confirmed(controller, look.text)
+            _tell(said := "the temperature agrees" if look.agrees else "the temperature has not told either way")
+            text = f"{text}; {said}"
+        write_end(self._left, text, confirmed=True)
         return status
+
+    def _courses_at(self, verdict: Verdict) -> Courses | None:
+        """What the child had told of the temperature, where that still holds; None where nothing can be judged."""
+        if verdict.text or verdict.said_s - self._courses_s > FRESH_S:  # off late, by its dead man; or told long ago
+            return None
+        return self._courses
 
     def _verdict(self, controller: Held) -> Verdict:
         """What was found at once, or else after silence; or all of it, where the port could not be opened at once."""
@@ -245,8 +276,11 @@ class _Watch:
             return self._at_once
         return look_once_more(controller, self._at_once, self._patience_s)
 
-    def _not_confirmed(self, controller: Held) -> int:
-        """Where the output may be on by this program's doing, somebody goes on trying."""
+    def _not_confirmed(self, controller: Held, text: str = "") -> int:
+        """Where the output may be on by this program's doing, somebody goes on trying. text: empty if it is told."""
+        if text:
+            _tell(f"OUTPUT NOT CONFIRMED OFF: {text}. Switch the controller off by hand.")
+            write_end(self._left, text, confirmed=False)
         if self._busy:
             keep_trying(controller)
         return NOT_CONFIRMED

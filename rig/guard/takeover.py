@@ -17,6 +17,7 @@ from typing import Any
 
 import serial
 
+from rig.safety.after_off import AfterOff, Courses, looked_at
 from rig.safety.switching_off import Verdict, look_after_silence, off_confirmed
 from rig.safety.switching_off import switch_off as switch_off_and_look
 
@@ -98,6 +99,23 @@ def look_once_more(held: Held, before: Verdict, patience_s: float) -> Verdict:
         if not (controller.has_dead_man and held.dead_man_s > 0.0):
             return _named(held, before)
         return _named(held, look_after_silence(controller, held.dead_man_s, before.said_s))
+    finally:
+        controller.close()
+
+
+def temperature_after(held: Held, courses: Courses, off_s: float, patience_s: float) -> AfterOff:
+    """What the temperature says of an output that was confirmed to be off at `off_s`. Never raises an Exception.
+
+    The port is held meanwhile. A port that cannot be opened, and a driver that fails, leave it open.
+    """
+    controller = _opened_in_time(held, patience_s)
+    if isinstance(controller, str):
+        return AfterOff(courses, off_s)
+    dead_man_s = held.dead_man_s if controller.has_dead_man else 0.0
+    try:
+        return looked_at(courses, controller, controller.transport.clock, off_s, dead_man_s)
+    except Exception:  # a driver of the user's own may do anything
+        return AfterOff(courses, off_s)
     finally:
         controller.close()
 

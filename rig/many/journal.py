@@ -23,6 +23,7 @@ import numpy as np
 
 from rig.core.faults import fault
 
+LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
 TABLE_EVERY_S = 5.0  # a table of 10,000 rows is written in a tenth of a second
 Row = dict[str, Any]
 Cell = str | float | int
@@ -53,6 +54,10 @@ class Journal:
         self._lines.flush()
         if time.monotonic() - self._written_s > TABLE_EVERY_S:
             self.write_table()
+
+    def missing(self) -> list[int]:
+        """What is still to be done: cases without a line, and those whose process died of something else."""
+        return [n for n in self._identities if n not in self.done or self.done[n][0].get("status") == LOST]
 
     def rows(self) -> list[Row]:
         """What each case is and what came out, in the order of their numbers."""
@@ -92,7 +97,7 @@ class Journal:
                 if not self._of_this_alone:
                     continue
                 raise fault(
-                    self._path, f"number {number}", "is of another sweep; expected --out of this one, or a new DIR"
+                    self._path, f"number {number}", "is of other cases; expected the DIR of these, or a new one"
                 )
             found[number] = (values, seconds)
         return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -14,6 +14,7 @@ from rig.control.loop import Loop, Policy, read_at
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.experiment.extended_model import known_plate, plate_observer
+from rig.experiment.repeated import USED, read_correction
 from rig.experiment.session import QUANTITY
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.files.configuration import ConfigurationFile, configuration_of
@@ -59,8 +60,12 @@ class RecordedLoop:
         self.limits = SimpleNamespace(stale_s=math.inf)
 
     def column(self, name: str) -> Any:
-        """A column of the record, as of a run folder."""
-        return np.array(self.record.text_columns[name]) if name in self.record.text_columns else self.record[name]
+        """A column of the record, as of a run folder. Raises Faults where it is missing."""
+        if name in self.record.text_columns:
+            return np.array(self.record.text_columns[name])
+        if name not in self.record.columns:
+            raise fault(self.record.source, name, "missing; expected the column of a run's record")
+        return self.record[name]
 
     def phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         """The rows of the next phase of this name; those that were not recorded any more are left out."""
@@ -137,6 +142,8 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
         plan = plan_tracking(file.content, target, model, _law(folder / "run.json"), fastest)
+        if (folder / USED).is_file():
+            plan = replace(plan, correction=read_correction(folder / USED))
         track(stand_in, file.content, plan)
     elif e.kind in ("temperature_profile", "hold") and e.law != "instrument_pid":
         observer = plate_observer(model.switched(), model.plate, e.period_s)

@@ -12,7 +12,7 @@ from rig.files.record_file import read_record
 from rig.files.runs_in import RunInFolder
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, opened
-from rig.many.journal import Journal
+from rig.many.journal import LOST, Journal
 from rig.rehearsal.swept import in_a_line, of_record
 from rig.safety.signals import SignalStop
 
@@ -34,7 +34,7 @@ def diagnose_runs(
         numbered.setdefault(number, run)
     identities = {number: _identity(number, run, folder) for number, run in numbered.items()}
     journal = Journal(out, "trend", identities, of_this_alone=False)
-    left = [number for number in identities if number not in journal.done]
+    left = journal.missing()
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:
 
@@ -48,7 +48,7 @@ def diagnose_runs(
                     yield Case(number, of_record, ("diagnosis", engine.share(record)))
 
             for ended in each_ended(cases(), engine):
-                values = ended.value if not ended.fault else {"status": "failed", "text": ended.fault}
+                values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
                 journal.add(ended.number, values, ended.seconds)
                 tell(len(journal.done), len(identities), {**identities[ended.number], **values})
     finally:

@@ -19,7 +19,7 @@ from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, given, opened
-from rig.many.journal import Journal
+from rig.many.journal import LOST, Journal
 from rig.rehearsal.points import Point, check_points, configuration_at, points_of
 from rig.rehearsal.simulated import simulate, target_error
 from rig.safety.signals import SignalStop
@@ -89,7 +89,7 @@ def sweep(
     """The table's rows, in the order of their numbers; tell(done, of, row) as each ends. Raises Faults."""
     identities = todo.identities
     journal = Journal(out, "sweep", identities)
-    left = [number for number in identities if number not in journal.done]
+    left = journal.missing()
     folder = out if keep_records else None
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:
@@ -105,7 +105,7 @@ def sweep(
                         )
 
             for ended in each_ended(cases(), engine):
-                values = ended.value if not ended.fault else {"status": "failed", "text": ended.fault}
+                values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
                 journal.add(ended.number, values, ended.seconds)
                 tell(len(journal.done), len(identities), {**identities[ended.number], **values})
     finally:
@@ -138,21 +138,16 @@ def of_record(what: What, record: Any) -> Values:
 
 
 def _made_of(what: What, record: Record) -> Values:
-    from rig.analysis.one_row import of_diagnosis, of_fits
+    from rig.analysis.one_row import of_diagnosis, of_identification
 
     try:
         if what == "diagnosis":
             from rig.analysis.diagnosed import diagnosed
 
             return of_diagnosis(diagnosed(record)[0].document())
-        from rig.analysis.identified import film_fit, plate_fit
+        from rig.report.identified_records import AskedFit, identified
 
-        output = "minus_log10_ohm"
-        film = film_fit([record], output) if record.has_output(output) else None
-        plate = plate_fit([record]) if record.has("current_A") else None
-        if film is None and plate is None:
-            return {"status": "failed", "text": f"{record.source}: neither resistance_ohm nor current_A"}
-        return of_fits(film, plate, "dec")
+        return of_identification(identified([record], AskedFit(), [], None, lambda text: None))
     except Faults as faults:
         return {"status": "failed", "text": in_a_line(faults)}
 

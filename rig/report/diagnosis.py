@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.files.run_folder import plain_json
+from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
-from rig.report.diagnosis_words import CHANNELS, judged_channels, left_over, listed, parameter, sentence
+from rig.report.diagnosis_words import channels_of, judged_channels, left_over, listed, parameter, sentence
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ RUNNERS_UP = 6
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
     """report.html and diagnosis.json in a folder that is there."""
-    (folder / "diagnosis.json").write_text(plain_json(diagnosis.document()) + "\n", encoding="utf-8")
+    write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
     residual = residual_figures(folder, diagnosis)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
@@ -66,7 +67,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     for f in diagnosis.findings:
         values = ";\n".join(parameter(name, value, ci) for name, (value, ci) in f.parameters.items())
         gains = [
-            f"{CHANNELS[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
+            f"{channels_of(diagnosis)[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
             for key, g in f.gain.items()
         ]
         other = ", ".join(f.indistinguishable_from) or "\N{EN DASH}"
@@ -109,22 +110,23 @@ def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     """(channel, effects, log-likelihood less than that of the verdict) of the other sets that were fitted."""
     chain, names = diagnosis.chain, frozenset(diagnosis.judged.names)
     upstream, downstream = chain.split(names)
+    temperature, film = (what for what, _ in channels_of(diagnosis).values())
     found = []
     if chain.first is not None:
         own = chain.first.fit(upstream).minus_log
         others = {s: f.minus_log - own for s, f in chain.first.fits.items() if s != upstream}
-        found += [(CHANNELS["temperature_K"][0], s, behind) for s, behind in others.items()]
+        found += [(temperature, s, behind) for s, behind in others.items()]
     if chain.record.output is not None:
         search = chain.last(upstream)
         score = search.fit(downstream).score
         others = {s: score - f.score for s, f in search.fits.items() if s != downstream}
-        found += [(CHANNELS["resistance_dec"][0], s, behind) for s, behind in others.items()]
+        found += [(film, s, behind) for s, behind in others.items()]
     return [(what, listed(sorted(s)) if s else "none", behind) for what, s, behind in found]
 
 
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
     others, parts = alternatives(diagnosis), []
-    for what, _ in CHANNELS.values():
+    for what, _ in channels_of(diagnosis).values():
         mine = sorted((o for o in others if o[0] == what), key=lambda o: o[2])
         if not mine:
             continue

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from compensator.hysteresis.functions import Array
-from rig.report.diagnosis_words import CHANNELS, judged_channels
+from rig.report.diagnosis_words import channels_of, judged_channels
 from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure
 
@@ -57,24 +57,27 @@ def _scale(size: float) -> tuple[float, str]:
 
 
 def shown(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
-    """What the model with these effects shows in every row, by channel."""
+    """What the model with these effects shows in every row, by channel; of a resistance -log10 R, or log10 R."""
     first, last = diagnosis.chain.fits(names)
     out: dict[str, Array] = {}
     if first is not None:
         out["temperature_K"] = first.shown_degC
     if last is not None:
-        out["resistance_dec"] = last.shown
+        out[diagnosis.record.quantity.channel] = last.shown
     return out
 
 
 def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
-    """Measured less shown, in K and in decades of R, nan where there is no reading; shape (rows,) each."""
+    """Measured less shown, in K and in decades of R or the film's own unit, nan where there is no reading; shape
+    (rows,) each."""
     record, out = diagnosis.record, {}
     for key, values in shown(diagnosis, names).items():
         if key == "temperature_K":
             out[key] = np.where(record.temperature_used, record.temperature_degC - values, np.nan)
         elif record.output is not None:
-            out[key] = np.where(record.output_used, values - record.output, np.nan)
+            sign = 1.0 if record.quantity.rises or not record.quantity.is_resistance else -1.0
+            left = sign * record.quantity.size * (record.output - values)
+            out[key] = np.where(record.output_used, left, np.nan)
     return out
 
 
@@ -103,7 +106,7 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
 
 
 def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after: Array) -> str:
-    what, unit = CHANNELS[key]
+    what, unit = channels_of(diagnosis)[key]
     against = _against(diagnosis)
     fig, axes = grid(2, 2, 4.6, sharey=True)
     spread = float(np.nanpercentile(np.abs(before), 99.5))
@@ -130,7 +133,7 @@ def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after
 
 
 def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
-    """Resistance over temperature, measured and as the extended model shows it."""
+    """Resistance, or what else was read, over temperature, measured and as the extended model shows it."""
     record, names = diagnosis.record, frozenset(diagnosis.judged.names)
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)
@@ -141,18 +144,20 @@ def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
     none: frozenset[str] = frozenset()
     panels = (("base model", BASE, none), ("extended model", EXTENDED, names))
     for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
-        _loop(axis, temperature[index], record.output[index], shown(diagnosis, group)["resistance_dec"][index])
+        modelled = shown(diagnosis, group)[record.quantity.channel]
+        _loop(axis, temperature[index], *(record.quantity.values(v[index]) for v in (record.output, modelled)))
+        if record.quantity.is_resistance:
+            log_scale(axis)
         axis.lines[-1].set(color=colour, label=name)
         axis.legend(loc="upper right", markerscale=4, fontsize=9)
         axis.set_xlabel("plate's temperature / \N{DEGREE SIGN}C")
-    axes[0, 0].set_ylabel("resistance / ohm")
+    axes[0, 0].set_ylabel("resistance / ohm" if record.quantity.is_resistance else record.quantity.column)
     if not names:
         axes[0, 1].remove()
     return figure(saved(fig, folder, "loop"), "The loop as measured, and as base and extended model show it.")
 
 
-def _loop(axis: Axes, temperature: Array, output: Array, model: Array) -> None:
+def _loop(axis: Axes, temperature: Array, measured: Array, model: Array) -> None:
     colour = COLOURS["measured"]
-    axis.plot(temperature, 10.0**-output, ".", markersize=2, color=colour, rasterized=True, label="measured")
-    axis.plot(temperature, 10.0**-model, "-", linewidth=0.9, rasterized=True)
-    log_scale(axis)
+    axis.plot(temperature, measured, ".", markersize=2, color=colour, rasterized=True, label="measured")
+    axis.plot(temperature, model, "-", linewidth=0.9, rasterized=True)

@@ -7,9 +7,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
-CHANNELS = {"temperature_K": ("temperature", "K"), "resistance_dec": ("log R", "dec")}
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 SHORTFALL = "does not carry over to rows that no fit has seen; the record says too little of the film or the plate"
+
+
+def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
+    """(what, unit) of the temperature and of the film's output, by their keys in the diagnosis."""
+    film = diagnosis.record.quantity
+    return {"temperature_K": ("temperature", "K"), film.channel: (film.called, film.unit)}
 
 
 def listed(words: list[str]) -> str:
@@ -45,7 +50,7 @@ def named(finding: Finding) -> str:
 def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
     """(what, unit, channel) of each channel that the record has."""
     found = []
-    for key, (what, unit) in CHANNELS.items():
+    for key, (what, unit) in channels_of(diagnosis).items():
         channel = diagnosis.channels[key]
         if channel is not None:
             found.append((what, unit, channel))
@@ -55,7 +60,7 @@ def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
 def left_over(diagnosis: Diagnosis) -> list[str]:
     """What is left in each channel; and where held-out rows are worse than the noise though nothing was seen left."""
     lines = []
-    for key, (what, _) in CHANNELS.items():
+    for key, (what, _) in channels_of(diagnosis).items():
         text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
         if text is not None:
             lines.append(f"{what}: {text}")
@@ -67,7 +72,8 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict."""
-    left = [f"{CHANNELS[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
+    names_of = channels_of(diagnosis)
+    left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
     names = [named(f) for f in diagnosis.findings]
     rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
     if diagnosis.verdict == "clean":

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogFormatter
 
 from compensator.hysteresis.functions import Array
+from rig.files.written import write_text
 
 COLOURS = {
     "measured": "#1f5fbf",
@@ -92,7 +93,7 @@ def saved(figure: Figure, folder: Path, name: str) -> str:
     """Write folder/figures/NAME.svg; returns the SVG element for a page."""
     text = svg_text(figure)
     (folder / "figures").mkdir(exist_ok=True)
-    (folder / "figures" / f"{name}.svg").write_text(text, encoding="utf-8")
+    write_text(folder / "figures" / f"{name}.svg", text)
     start = text.index("<svg")
     unique = text[start:].replace('id="', f'id="{name}-').replace('href="#', f'href="#{name}-')
     return unique.replace("url(#", f"url(#{name}-")

@@ -13,6 +13,7 @@ from compensator.hysteresis.functions import Array
 from rig.analysis.film_numbers import FilmNumbers
 from rig.files.film_output import unit_of
 from rig.files.run_folder import plain_json
+from rig.files.written import write_text
 from rig.report.film_figures import loop_figure, residual_figure
 from rig.report.film_section import transition_section
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
@@ -33,7 +34,7 @@ def write_identification_report(
     folder: Path, result: Mapping[str, Any], compared: Sequence[Compared], numbers: Sequence[FilmNumbers], output: str
 ) -> None:
     """report.html, identification.json and figures/ in a folder that is there."""
-    (folder / "identification.json").write_text(plain_json(result) + "\n", encoding="utf-8")
+    write_text(folder / "identification.json", plain_json(result) + "\n")
     film, unit = result.get("film"), unit_of(output)
     parts: list[str] = []
     lead = f"From {', '.join(Path(source).name for source in result['records'])}."

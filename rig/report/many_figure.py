@@ -19,7 +19,7 @@ Row = dict[str, Any]
 def draw_many(rows: Sequence[Row], path: Path) -> Path | None:
     """Write the figure; None where the table has nothing that one could show."""
     if any("verdict" in row for row in rows):
-        figure = _named(rows)
+        figure = named_figure(rows)
     else:
         found = next(((name, label) for name, label in ERRORS if any(name in row for row in rows)), None)
         figure = _over_what_varied(rows, *found) if found is not None else None
@@ -64,7 +64,7 @@ def _over_what_varied(rows: Sequence[Row], error: str, label: str) -> Any:
     return figure
 
 
-def _named(rows: Sequence[Row]) -> Any:
+def named_figure(rows: Sequence[Row]) -> Any:
     """How many cases have which effect, and which verdict."""
     judged = [row for row in rows if "verdict" in row]
     effects = Counter(word.partition(":")[0] for row in judged for word in str(row["named"]).split())

@@ -7,6 +7,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.files.written import write_text
+
 if TYPE_CHECKING:
     from rig.report.run_rows import RunRows
 
@@ -99,10 +101,10 @@ def bullets(items: Iterable[str]) -> str:
 
 def write_page(path: Path, title: str, lead: str, parts: Iterable[str]) -> None:
     """Write the page."""
-    path.write_text(
+    write_text(
+        path,
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>"
         f'<h1>{escape(title)}</h1><p class="lead">{escape(lead)}</p>{"".join(parts)}</body></html>\n',
-        encoding="utf-8",
     )

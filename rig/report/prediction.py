@@ -11,6 +11,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.files.film_output import in_decades, unit_of
 from rig.files.run_folder import plain_json
+from rig.files.written import write_text
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.film_figures import histogram_figure, label_of, loop_figure, residual_figure, shown_output
 from rig.report.page import figure, paragraph, section, tiles, write_page
@@ -21,7 +22,7 @@ def write_prediction_report(
 ) -> None:
     """report.html, prediction.json and figures/ in a folder that is there. channels: (measured, predicted) by the
     film's output, and by "temperature_degC" for the plate."""
-    (folder / "prediction.json").write_text(plain_json(result) + "\n", encoding="utf-8")
+    write_text(folder / "prediction.json", plain_json(result) + "\n")
     parts, numbers = [], []
     for name, (measured, predicted) in channels.items():
         error = predicted - measured

@@ -19,6 +19,8 @@ from rig.core.errors import Disconnected, InstrumentError
 from rig.core.outcome import Tripped
 from rig.core.reading import Quality, Reading
 from rig.drivers.controller import Status, TemperatureController
+from rig.safety.after_off import Courses
+from rig.safety.courses import HeldSetpoint, of_a_plate
 from rig.safety.credible import OhmmeterTrust, ThermometerTrust
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, Watch, check_current, check_readings
@@ -54,6 +56,7 @@ class BenchWatch:
     def __init__(self, limits: Limits, now_s: float, resistance: bool) -> None:
         self.limits = limits
         self.plate = PlateWatch(limits.current_A, limits.high_degC, limits.runaway_s)
+        self._held, self._is_off = HeldSetpoint(), True
         self._coarse = RunawayWatch(limits.current_A, limits.runaway_s)
         self._thermometer = ThermometerTrust(limits.rate_K_per_s, limits.current_A)
         self._ohmmeter = OhmmeterTrust(resistance)
@@ -98,6 +101,7 @@ class BenchWatch:
         self._good = check_readings(self.limits, self._good, now_s, temperature, resistance, (why, why_not))
         known = temperature.value if temperature.is_number else math.nan
         self.plate.look(now_s, known, sent.current_A)
+        self._held.look(now_s, known, sent.setpoint_degC, sent.armed)
         if self.plate.known is None or math.isnan(sent.current_A):
             self._coarse.look(now_s, known, sent.current_A, sent.setpoint_degC)
         reasons = {"thermometer": why, "ohmmeter": why_not}
@@ -122,7 +126,20 @@ class BenchWatch:
 
     def armed(self, now_s: float) -> None:
         """The output was switched on, and its status was seen to be on."""
-        self._status_s = now_s
+        self._status_s, self._is_off = now_s, False
+
+    def rests(self) -> None:
+        """The output was switched off, and goes on again later."""
+        self._is_off = True
+
+    def after_off(self, current_A: float, within_s: float | None = None) -> Courses | None:
+        """What the thermometer would show if the output went off now; None where no reading could choose in time.
+
+        current_A: what is on, nan where that is not known. within_s: how long anybody will look, s.
+        """
+        if self._is_off:
+            return None
+        return of_a_plate(self.plate, current_A, within_s) or self._held.courses(within_s)
 
     def _check_late(self, asked_s: float, sent: Sent) -> None:
         unwatched_s = self.unwatched_s(asked_s)

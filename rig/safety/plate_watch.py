@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from copy import deepcopy
+from copy import copy
 from typing import Final
 
 from rig.core.outcome import Tripped
@@ -128,7 +128,17 @@ class PlateWatch:
 
     def copy(self) -> PlateWatch:
         """The same, to be run on by itself."""
-        return deepcopy(self)
+        other = copy(self)
+        other._sent = self._sent.copy()
+        if self._seen is not None:
+            other._seen = copy(self._seen)
+            other._seen.driven, other._seen.lost = copy(self._seen.driven), copy(self._seen.lost)
+        return other
+
+    @property
+    def looked_s(self) -> float:
+        """When it was looked at last; nan where nothing is known of where the plate is."""
+        return self._at_s if self.known is not None and self._seen is not None else math.nan
 
     def run_on(self, now_s: float, current_A: float) -> float:
         """Simulate on to a time with a current, without a reading: what the thermometer should show then (degC)."""
@@ -137,15 +147,10 @@ class PlateWatch:
         self._advance(self.known, self._seen, now_s, current_A)
         return self._seen.shown_degC
 
-    def tells_within(self, seconds: float, current_A: float, apart_K: float) -> bool:
-        """Whether a current that goes on would show by so much, after so long, against one that only ends late."""
-        if self.known is None or self._seen is None or not math.isfinite(current_A) or not current_A:
-            return False
-        trial, ends_late = self.copy(), self.copy()
-        end_s = self._at_s + seconds
-        if seconds > self.late_s:
-            ends_late.run_on(self._at_s + self.late_s, current_A)
-        return abs(trial.run_on(end_s, current_A) - ends_late.run_on(end_s, 0.0)) > apart_K
+    @property
+    def off_K(self) -> float:
+        """By how much the last reading was elsewhere than it should have been."""
+        return abs(self._seen.reading_degC - self._seen.shown_degC) if self._seen is not None else 0.0
 
     @property
     def late_K(self) -> float:

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import sqlite3
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response, StreamingResponse
+from starlette.responses import FileResponse, Response
 
 from rig.history import reading
-from rig.web.bench_link import BenchGone, BenchLink, Viewer, sent_event
+from rig.web.bench_link import BenchGone, BenchLink
 from rig.web.history_desk import Busy, HistoryDesk, TooLong
 from rig.web.loop_plane import LoopPlane
 from rig.web.measures import Measures
-from rig.web.protection import COOKIE, Sessions
+from rig.web.protection import Sessions
 from rig.web.replies import Refusal, asked, client, encoded, failed, given, said, stopped
+from rig.web.viewing import session_begun, streamed
 
 DAY_S = 86400.0
 HEALTHY_S = 10.0  # the oldest that a completed control cycle may be, beside five of its periods
 PLANE_S = 45.0  # the first question about a film compiles its model
 OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")
-MOST_VIEWERS = 300  # of the connections that there are, so that there is room for questions
 
 
 class Requests:
@@ -44,20 +44,7 @@ class Requests:
 
     async def events(self, request: Request) -> Response:
         """Server-sent events until the viewer goes."""
-        if len(self._link.viewers) >= MOST_VIEWERS:
-            return failed(503, f"viewers: expected at most {MOST_VIEWERS}")
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return StreamingResponse(self._stream(), media_type="text/event-stream", headers=headers)
-
-    async def _stream(self) -> AsyncIterator[bytes]:
-        viewer = Viewer()
-        self._link.viewers.add(viewer)
-        try:
-            yield b"retry: 2000\n\n" + sent_event("state", self._link.current())
-            while True:
-                yield b"".join(await viewer.take())
-        finally:
-            self._link.viewers.discard(viewer)
+        return streamed(self._link.viewers, self._link.current)
 
     async def history(self, request: Request) -> Response:
         """Rows of a stretch of time."""
@@ -125,13 +112,7 @@ class Requests:
 
     async def session(self, request: Request) -> Response:
         """A cookie for who knows the token."""
-        body = await given(request)
-        name = self._sessions.begin(body.get("token"))
-        if name is None:
-            return failed(401, "token: missing or wrong")
-        answer = said({"ok": True})
-        answer.set_cookie(COOKIE, name, samesite="strict", httponly=True, path="/")
-        return answer
+        return await session_begun(request, self._sessions)
 
     async def report(self, request: Request) -> Response:
         """A file of a run's folder: its report, a figure, its record."""

@@ -34,22 +34,10 @@ async def serve(
         print(f"peltier serve: page: {error}", file=sys.stderr)
         return 1
     link = BenchLink(place)
-    config = uvicorn.Config(
-        _application(link, settings, listener is not None),
-        host=settings["address"],
-        port=settings["port"],
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=CLOSES_S,
-        http=bounded(PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS),
-        ws="none",
-        backlog=256,
-        h11_max_incomplete_event_size=LONGEST_HEAD,
-    )
-    quieten()
-    server = uvicorn.Server(config)
-    telling = asyncio.create_task(_tell_where(server, told)) if listener is None else None
+    most = PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS
+    application = _application(link, settings, listener is not None)
+    server = server_of(application, settings["address"], settings["port"], most)
+    telling = asyncio.create_task(tell_where(server, told)) if listener is None else None
     ending = asyncio.create_task(_end_with(link, server, ends))
     await server.serve([listener] if listener is not None else None)
     if telling is not None:
@@ -69,7 +57,27 @@ def _application(link: BenchLink, settings: dict[str, Any], stop_alone: bool) ->
     return application(link, settings)
 
 
-async def _tell_where(server: uvicorn.Server, told: Callable[[str], None]) -> None:
+def server_of(application: Any, address: str, port: int, most: int) -> uvicorn.Server:
+    """A server with bounds on all that callers can make it keep. most: connections at a time."""
+    config = uvicorn.Config(
+        application,
+        host=address,
+        port=port,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=CLOSES_S,
+        http=bounded(most),
+        ws="none",
+        backlog=256,
+        h11_max_incomplete_event_size=LONGEST_HEAD,
+    )
+    quieten()
+    return uvicorn.Server(config)
+
+
+async def tell_where(server: uvicorn.Server, told: Callable[[str], None]) -> None:
+    """Tell the page's address as soon as it is there."""
     while not server.started:
         await asyncio.sleep(0.02)
     for listening in server.servers:

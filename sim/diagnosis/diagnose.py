@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Mask, Record, read_columns
 from sim.diagnosis.judge.false_alarm import false_alarm
 from sim.diagnosis.judge.verdict import (
@@ -28,7 +29,7 @@ from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
-from sim.diagnosis.validate.gain import gain, rmse
+from sim.diagnosis.validate.gain import Gain, gain, rmse
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.diagnosis.validate.residuals import residuals, rounded
 from sim.effects import memoryless_term
@@ -40,31 +41,54 @@ Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
 
 
+@dataclass(frozen=True, eq=False)
+class UnseenRows:
+    """Where the gain is measured. other: another record, None: the held-out rows of the record itself; told: the rows
+    of the other to which what belongs to it is fitted, None: all."""
+
+    other: Record | None
+    told: Mask | None
+
+    def rows(self, chain: Chain) -> Mask:
+        """The rows that no fit has seen: of another record all."""
+        return chain.record.held_out if self.other is None else np.ones(self.other.rows, dtype=np.bool_)
+
+    def residuals(self, chain: Chain, names: frozenset[str]) -> dict[str, Array]:
+        """Of the fit with these effects, in K and decades, as if no reading were rounded; nan where it was told."""
+        return residuals(chain, names) if self.other is None else residuals_on(chain, names, self.other, self.told)
+
+
 def diagnose(
     columns: Mapping[str, ArrayLike],
     *,
     base: str | None = None,
+    output: str = FALLING_OHM,
     holdout: Mapping[str, ArrayLike] | None = None,
+    as_predicted: bool = False,
     effects: dict[str, Effect] | None = None,
     kinds: tuple[str, ...] = ("peltier",),
     say: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file: names with units).
 
-    base: "generalized_pi" restricts the film to no D(T). holdout: another record of the same rig, on which the gain is
-    measured; without it every fourth block of rows is held out. Raises ValueError, a line a fault, where nothing can be
+    base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
+    a resistance rises, else a column, or "minus_" and a column. holdout: another record of the same rig, on which the
+    gain is measured; without it every fourth block of rows is held out. as_predicted: what belongs to the other record
+    (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
+    all of them, so that what remains is the model's fault. Raises ValueError, a line a fault, where nothing can be
     said.
     """
     with threadpool_limits(limits=1):
-        record = read_columns(columns, held_out=holdout is None)
-        known = dict(effects if effects is not None else catalogue())
+        quantity = quantity_of(output, columns)
+        record = read_columns(columns, held_out=holdout is None, quantity=quantity)
+        known = quantity.effects(effects if effects is not None else catalogue())
         record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
         chain = Chain(record, ~record.held_out, known)
         if record.current_A is not None:
             chain.first = temperature_search(record, ~record.held_out, known, kinds)
             chain.record = chain.first.channel.record
         elif record.output is None:
-            raise ValueError("record: neither current_A nor resistance_ohm; expected at least one of them")
+            raise ValueError(f"record: neither current_A nor {quantity.column}; expected at least one of them")
         names = select(chain, say)
         say("evidence")
         judged = judge(chain, names)
@@ -73,16 +97,40 @@ def diagnose(
             judged = judge(chain, frozenset(judged.names) - {weakest})
         other = None
         if holdout is not None:
-            other = read_columns(holdout, held_out=False).commanded_in_sight(known.values())
+            other = read_columns(holdout, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             if bends := bends_elsewhere(chain, frozenset(judged.names), other):
                 judged = judge(chain, frozenset(judged.names) - bends)
-        found = _diagnosis(chain, judged, other, say)
+        unseen = UnseenRows(other, told_rows(other) if as_predicted and other is not None else None)
+        found = _diagnosis(chain, judged, unseen, say)
         if base == "generalized_pi" and record.output is not None:
-            found = _restricted(found, other)
+            found = _restricted(found, unseen)
+        return _in_its_unit(found)
+
+
+def _in_its_unit(found: Diagnosis) -> Diagnosis:
+    """What was fitted in decades and is another quantity of the film, by its own name and in its own unit."""
+    quantity = found.record.quantity
+    if quantity.is_resistance:
         return found
+    key, size = quantity.channel, quantity.size
+
+    def gains(finding: Finding) -> dict[str, Gain]:
+        g = dict(finding.gain)
+        if (own := g.pop("resistance_dec", None)) is not None:
+            g[key] = replace(own, rmse_before=size * own.rmse_before, rmse_after=size * own.rmse_after)
+        return g
+
+    channels, own = dict(found.channels), found.channels["resistance_dec"]
+    if own is not None:
+        noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
+        own = Channel(noise, before, after, own.samples_holdout)
+    channels |= {"resistance_dec": None, key: own}
+    unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
+    findings = [replace(f, gain=gains(f)) for f in found.findings]
+    return replace(found, channels=channels, unexplained=unexplained, findings=findings)
 
 
-def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
+def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     """What a base film without D(T) lacks, named as an effect of its own."""
     chain, names = found.chain, frozenset(found.judged.names)
     b = chain.fits(names)[1]
@@ -97,39 +145,34 @@ def _restricted(found: Diagnosis, holdout: Record | None) -> Diagnosis:
     curve = chain.facts.basis.curve
     path = chain.film_channel(names).path
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
-    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count]))
-    before, after = (_unrounded(c, names, holdout)["resistance_dec"] for c in (bare, chain))
-    gains = {"resistance_dec": gain(before, after, _unseen_rows(chain, holdout))}
-    term = Finding(memoryless_term.NAME, {"span_dec": (span, None)}, evidence, false_alarm(evidence), [], gains)
+    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
+    span_name = f"span_{chain.record.quantity.unit}"
+    before, after = (unseen.residuals(c, names)["resistance_dec"] for c in (bare, chain))
+    gains = {"resistance_dec": gain(before, after, unseen.rows(chain))}
+    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
 
-def _unseen_rows(chain: Chain, holdout: Record | None) -> Mask:
-    """The rows that no fit has seen: of another record all."""
-    return chain.record.held_out if holdout is None else np.ones(holdout.rows, dtype=np.bool_)
-
-
-def _unrounded(chain: Chain, names: frozenset[str], holdout: Record | None) -> dict[str, Array]:
-    """Residuals in the record's rows, or in another's behind its first ones, as if no reading were rounded."""
-    return residuals(chain, names) if holdout is None else residuals_on(chain, names, holdout, told_rows(holdout))
-
-
-def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progress) -> Diagnosis:
+def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress) -> Diagnosis:
     record, names = chain.record, frozenset(judged.names)
-    held = _unseen_rows(chain, holdout)
+    held = unseen.rows(chain)
     say("gain")
 
     sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
     lattice = _lattice(record, float(np.hypot(sigma_K, record.step_K / np.sqrt(12.0)))) if record.step_K > 0.0 else None
-    readings = (record if holdout is None else holdout).temperature_degC
+    readings = (record if unseen.other is None else unseen.other).temperature_degC
 
-    whole, bare = _unrounded(chain, names, holdout), _unrounded(chain, frozenset(), holdout)
+    whole, bare = unseen.residuals(chain, names), unseen.residuals(chain, frozenset())
+    # What first rows leave open of another record's own is no fault of the model: what is left over counts with all.
+    everywhere = dict(whole) if unseen.told is None else replace(unseen, told=None).residuals(chain, names)
     noise = {"temperature_K": sigma_K}
     on_lattice = lattice is not None and "temperature_K" in whole
     if lattice is not None and on_lattice:
         before = whole["temperature_K"]
-        whole["temperature_K"], variance = rounded(readings, before, sigma_K, record.step_K)
+        whole["temperature_K"] = rounded(readings, before, sigma_K, record.step_K)[0]
+        left_K = everywhere["temperature_K"]
+        everywhere["temperature_K"], variance = rounded(readings, left_K, sigma_K, record.step_K)
         noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[held])))
         lattice = replace(lattice, gain={"temperature_K": gain(before, whole["temperature_K"], held)})
     if chain.facts is not None:
@@ -143,7 +186,7 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
     rivals = rivals_of(chain, names, judged)
     findings = []
     for name in judged.names:
-        rest = _unrounded(chain, names - {name}, holdout)
+        rest = unseen.residuals(chain, names - {name})
         if on_lattice:
             rest["temperature_K"] = rounded(readings, rest["temperature_K"], sigma_K, record.step_K)[0]
         gains = {c: gain(rest[c], whole[c], held) for c in whole}
@@ -164,12 +207,11 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
         unexplained["resistance_dec"] = describe(
             z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
         )
-    left_over = {name: channel.rmse_extended for name, channel in channels.items() if channel is not None}
-    if holdout is not None:  # what first rows leave open of another record's own is no fault of the model
-        left_over = _left_over(chain, names, holdout, sigma_K if on_lattice else None)
     for name, channel in channels.items():
-        if channel is not None and unexplained[name] is None and left_over[name] > UNSEEN * channel.noise:
-            times = left_over[name] / channel.noise
+        if channel is None or unexplained[name] is not None:
+            continue
+        times = rmse(everywhere[name][held & np.isfinite(everywhere[name])]) / channel.noise
+        if times > UNSEEN:
             unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
     left = [text for text in unexplained.values() if text is not None]
     verdict = verdict_of(findings, unexplained)
@@ -193,22 +235,12 @@ def _diagnosis(chain: Chain, judged: Verdict, holdout: Record | None, say: Progr
             rivals,
             left,
             record.current_A is not None,
-            record.test_current_A is not None or record.output is None,
+            record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
         ),
         record,
         chain,
         judged,
     )
-
-
-def _left_over(chain: Chain, names: frozenset[str], other: Record, lattice_noise_K: float | None) -> dict[str, float]:
-    """RMSE on another record, what belongs to it fitted to all of its rows. lattice_noise_K: of a thermometer whose
-    readings are rounded."""
-    left = residuals_on(chain, names, other)
-    if lattice_noise_K is not None and "temperature_K" in left:
-        step_K = chain.record.step_K
-        left["temperature_K"] = rounded(other.temperature_degC, left["temperature_K"], lattice_noise_K, step_K)[0]
-    return {name: rmse(values[np.isfinite(values)]) for name, values in left.items()}
 
 
 def _lattice(record: Record, noise_K: float) -> Finding | None:

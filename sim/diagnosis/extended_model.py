@@ -39,13 +39,13 @@ TURNS = 2
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
-    """film, plate: None where the record has none; effects: tables as in a model file; rmse_dec: of the film's model
-    on held-out rows, driven as in the diagnosis."""
+    """film, plate: None where the record has none; effects: tables as in a model file; rmse: of the film's model on
+    held-out rows, driven as in the diagnosis, in decades or in the unit of the film's output."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: list[dict[str, float | str]]
-    rmse_dec: float | None
+    rmse: float | None
 
 
 def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
@@ -63,7 +63,9 @@ def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
             return ExtendedModel(None, plate, effects, None)
         refit = FilmRefit(chain.film_channel(names), last)
         solution, error = film_of(refit, chain.curve)
-        return ExtendedModel(solution.model(last.parameters.start.initial), plate, effects, error)
+        quantity = chain.record.quantity
+        film = quantity.film(solution.model(last.parameters.start.initial))
+        return ExtendedModel(film, plate, effects, quantity.size * error)
 
 
 def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:

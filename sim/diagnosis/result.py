@@ -38,7 +38,8 @@ class Channel:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next; record and chain: for figures and for the extended model."""
+    film's form, warnings, what to do next; record and chain: for figures and for the extended model. The keys of
+    channels, gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]

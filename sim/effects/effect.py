@@ -172,6 +172,12 @@ def at_the_terminals(effect: Effect) -> bool:
     return isinstance(effect.form, Reading) and effect.link == "ohmmeter" and not effect.form.linear
 
 
+def of_resistances(effect: Effect) -> bool:
+    """Whether an effect is defined on ohms: what an ohmmeter shows for a resistance, or what it heats."""
+    form = effect.form
+    return (effect.link == "ohmmeter" and isinstance(form, Reading)) or (isinstance(form, Warming) and form.heated)
+
+
 def switched(effect: Effect, values: dict[str, float] | ArrayLike) -> Switched:
     """The effect with the given parameters. Raises ValueError."""
     if isinstance(values, dict):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,7 +12,9 @@ from typing import Any
 import pytest
 
 from rig.bench.assembly import emulated_instruments
+from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.files.configuration import read_configuration
+from rig.guard.left_behind import Left, write_end
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
 from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
@@ -61,3 +64,37 @@ def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Pa
         until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
         until(lambda: bench.desk.confirmed, "the confirmation")
         assert BY_ITS_DEAD_MAN in bench.desk.notes
+
+
+@pytest.mark.parametrize("confirmed", [True, False])
+def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirmed: bool) -> None:
+    """The daemon's process died in a job; the controller says "off" to the next one, as it did to the guard."""
+    path = write_current(tmp_path, '["start 1 A", "hold 60 s"]', more=SERVE)
+    folder = tmp_path / "job.part"
+    (folder / "calibration.part").mkdir(parents=True)
+    run = folder / "calibration.part" / "run.json"
+    run.write_text(json.dumps({"format": "peltier-run/1", "start": {}}))
+    write_end(Left(str(run.parent)), "the thermometer shows 40 degC", confirmed)
+    assert json.loads(run.read_text())["stop"]["output_off_confirmed"] is confirmed
+    with running(path) as bench:
+        job = bench.desk.submit(read_configuration(path))
+        until(lambda: bench.desk.queue.running is not None, "the job")
+        assert bench.desk.stop("a test").confirmed
+        until(lambda: bench.desk.queue.running is None, "its end")
+        assert bench.desk.reset("a test")
+        died = {**job.table(), "state": "running", "folder": str(folder)}
+        bench.desk.writer.do(lambda store: store.save_job(died))
+        assert bench.desk.writer.settle()
+    with running(path) as bench:
+        until(lambda: bench.desk.ticks.done > 3, "some readings")
+        state = bench.state()
+        if confirmed:
+            assert (state["state"], state["output_confirmed"]) == ("idle", True)
+            return
+        assert (state["state"], state["output_confirmed"]) == ("tripped", False)
+        assert state["trip"]["cause"] == OFF_CONTRADICTED
+        assert "40 degC" in state["trip"]["text"]
+    with running(path) as bench:
+        assert not bench.state()["output_confirmed"]
+        assert bench.desk.reset("looked at it")
+        until(lambda: bench.state()["output_confirmed"], "the confirmation")

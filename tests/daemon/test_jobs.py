@@ -12,6 +12,7 @@ from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
 from rig.drivers.identity import Identity
+from rig.experiment.expected import still_to_come
 from rig.files.configuration import read_configuration
 from rig.history import reading
 from rig.ports.registry import unregister
@@ -59,6 +60,22 @@ def test_jobs_run_one_after_another_and_leave_run_folders(bench: RunningBench) -
     phases = {row["phase"] for row in list(bench.desk.recent)}
     assert {"idle", "profile"} <= phases
     until(lambda: bench.state()["state"] == "idle")
+
+
+def test_a_job_tells_how_long_all_of_it_will_take(bench: RunningBench) -> None:
+    number = submit(bench, '["start 0 A", "hold 300 s"]', "long")
+    until(lambda: (bench.state()["job"] or {}).get("phase") == "profile", "the profile")
+    job = bench.state()["job"]
+    assert job["total_s"] == pytest.approx(300.0)
+    assert job["to_go_s"] == pytest.approx(job["total_s"] - job["done_s"])
+    assert job["elapsed_s"] > job["done_s"]
+    bench.desk.coming_s = 100.0  # as if something were to follow
+    job = bench.state()["job"]
+    assert job["to_go_s"] == pytest.approx(job["total_s"] - job["done_s"] + 100.0)
+    phases = [("polarity", 5.0), ("approach", 10.0), ("track", 60.0)]
+    assert still_to_come(phases, "approach") == [("track", 60.0)]
+    assert still_to_come(phases, "pulse") == phases
+    bench.desk.cancel(number, "the test")
 
 
 def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench: RunningBench) -> None:

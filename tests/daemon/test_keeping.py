@@ -216,8 +216,8 @@ def test_no_line_is_drawn_over_a_gap_in_the_films_plane(tmp_path: Path) -> None:
 
 def test_a_job_that_was_handed_over_is_told_in_a_line() -> None:
     row = {"time_s": 103.0, "temperature_degC": 61.234, "resistance_ohm": 12340.0, "current_A": 0.5}
-    job = {"phase": "track", "done_s": 10.0, "total_s": 60.0, "drive_unit": "A"}
-    assert in_a_line(row, job, 100.0) == "track     13 s of 60 s   61.23 degC   12.34 kohm   0.50 A"
+    job = {"phase": "track", "elapsed_s": 310.0, "to_go_s": 60.0, "drive_unit": "A"}
+    assert in_a_line(row, job, 100.0) == "track     5:13 of about 6:10, 0:57 to go   61.23 degC   12.34 kohm   0.50 A"
     heater = in_a_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
     assert heater.endswith("0.50 of full drive")
 

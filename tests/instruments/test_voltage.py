@@ -245,3 +245,13 @@ def test_faults_of_the_configuration(tmp_path: Path, change: tuple[str, str], ex
     with pytest.raises(Faults, match="meter") as found:
         read_configuration(path)
     assert expected in str(found.value)
+
+
+def test_an_ohmmeter_reads_no_curvature(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+    path = tmp_path / "rig.toml"
+    lines = [line for line in CONFIGURATION.splitlines() if not line.startswith(("quantity", "formula", "output"))]
+    path.write_text("\n".join(lines))
+    (tmp_path / "film.toml").write_text(FILM)
+    status, _, err = peltier("check", path)
+    assert status == 2
+    assert "simulation.film.model: its film's output is 'curvature_per_m'; expected a resistance" in err

@@ -81,6 +81,7 @@ class FakeBench:
             "job": job and {
                 "id": job["id"], "name": job["name"], "kind": job["kind"], "phase": "track",
                 "done_s": time.time() - job["started_s"], "total_s": 900.0,
+                "elapsed_s": time.time() - job["started_s"], "to_go_s": 1200.0,
             },
             "queue": sum(job["state"] == "queued" for job in self.jobs),
             "reading": row and {**row, "quality": "good"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 
 import rig.bench.assembly
 from compensator.thermal.plate import PlateModel
-from rig.safety.after_off import after_off
+from rig.safety.after_off import AfterOff, courses_of
+from rig.safety.courses import HeldSetpoint, of_a_plate
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import PlateWatch
 from sim.world.plant import SimulatedPlant
@@ -65,9 +67,10 @@ def watched(current_A: float, behind_s: float = 0.0) -> PlateWatch:
 def looked(flows_A: float, moved_K: float = 0.0, current_A: float = 1.0) -> bool | None:
     """What the look says where `flows_A` flows after the off and the thermometer had moved by so much before."""
     watch = watched(current_A)
-    look = after_off(watch, current_A, 60.0, 8.0)
-    if look is None:
+    courses = of_a_plate(watch, current_A, 8.0)
+    if courses is None:
         return None
+    look = AfterOff(courses_of(json.loads(json.dumps(courses.table()))), 60.0)  # as the guard is told
     degC = watch.copy().run_on(59.5, current_A)
     for k in range(40):
         look.take(60.0 + 0.25 * k, degC + moved_K)
@@ -85,8 +88,9 @@ def test_the_temperature_chooses() -> None:
 def test_a_current_that_ends_late_is_no_current_that_goes_on() -> None:
     for flows_s, agrees in ((4.5, True), (60.0, False)):
         watch = watched(1.0, behind_s=5.0)
-        look = after_off(watch, 1.0, 60.0, 13.0)
-        assert look is not None
+        courses = of_a_plate(watch, 1.0, 13.0)
+        assert courses is not None
+        look = AfterOff(courses, 60.0)
         degC = watch.copy().run_on(59.5, 1.0)
         for k in range(60):
             look.take(60.0 + 0.25 * k, degC)
@@ -99,4 +103,62 @@ def test_a_small_current_shows_nothing() -> None:
 
 
 def test_nothing_is_known_of_a_plate_that_nobody_has_seen() -> None:
-    assert after_off(PlateWatch(4.0, 95.0, 20.0), 1.0, 0.0, 8.0) is None
+    assert of_a_plate(PlateWatch(4.0, 95.0, 20.0), 1.0) is None
+
+
+def after_a_hold(
+    setpoint_degC: float,
+    loss_per_s: float,
+    lag_s: float,
+    lies: bool = False,
+    first_degC: float = 25.0,
+    drift_K_per_s: float = 0.0,
+    step_K: float = 0.01,
+) -> bool | None:
+    """What the look says after a plate in a room of 25 degC was held at a setpoint; None where nobody looks.
+
+    first_degC, drift_K_per_s: of the rest before.
+    """
+    held = HeldSetpoint()
+    for k in range(6):
+        held.look(0.5 * k, round((first_degC + drift_K_per_s * 0.5 * k) / step_K) * step_K, math.nan, False)
+    for k in range(20):
+        held.look(60.0 + 0.5 * k, setpoint_degC + (step_K if k % 3 == 0 else 0.0), setpoint_degC, True)
+    courses = held.courses()
+    if courses is None:
+        return None
+    look, plate_degC, shown_degC = AfterOff(courses, 70.0), setpoint_degC, setpoint_degC
+    for k in range(80):
+        look.take(70.0 + 0.25 * k, round(shown_degC / step_K) * step_K)
+        plate_degC -= 0.0 if lies else 0.25 * loss_per_s * (plate_degC - 25.0)
+        shown_degC += (plate_degC - shown_degC) * -math.expm1(-0.25 / lag_s)
+    return look.agrees
+
+
+@pytest.mark.parametrize("setpoint_degC", [-5.0, 5.0, 45.0, 80.0])
+def test_a_setpoint_that_is_still_held(setpoint_degC: float) -> None:
+    """All that is known is the rest before: it is the same whatever the plate is like."""
+    assert after_a_hold(setpoint_degC, 0.018, 1.0, lies=True) is False
+
+
+@pytest.mark.parametrize("loss_per_s", [0.2 / 60.0, 0.018, 0.08])
+@pytest.mark.parametrize("setpoint_degC", [-5.0, 5.0, 45.0, 80.0])
+@pytest.mark.parametrize("lag_s", [0.2, 5.0, 10.0])
+def test_a_setpoint_that_is_left(loss_per_s: float, setpoint_degC: float, lag_s: float) -> None:
+    """Plates of 10 to 60 J/K, slow thermometers."""
+    assert after_a_hold(setpoint_degC, loss_per_s, lag_s) is not False
+
+
+def test_a_usual_plate_that_is_left_is_seen_to_leave() -> None:
+    assert after_a_hold(45.0, 0.018, 1.0) is True
+
+
+def test_where_the_plate_would_rest_nobody_knows() -> None:
+    """Near the room; a plate that cooled down from before, and is held on its way there; a coarse thermometer."""
+    assert after_a_hold(27.0, 0.018, 1.0, lies=True) is None
+    assert after_a_hold(25.0, 0.018, 1.0, first_degC=60.0, drift_K_per_s=-0.6) is None
+    assert after_a_hold(40.0, 0.018, 1.0, lies=True, step_K=0.1) is None
+    held = HeldSetpoint()
+    for k in range(40):
+        held.look(0.5 * k, 45.0, 45.0, True)  # nobody saw it at rest
+    assert held.courses() is None

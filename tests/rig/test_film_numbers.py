@@ -125,13 +125,6 @@ def test_a_film_that_rises_is_calibrated_and_tracked(peltier: Peltier, tmp_path:
     assert json.loads((tmp_path / "r.json").read_text())["scores"]["full"]["rms_dec"] < 0.02
 
 
-def test_a_rising_film_is_not_diagnosed_as_if_it_fell(peltier: Peltier, tmp_path: Path) -> None:
-    write_columns(tmp_path / "r.csv", columns(lambda u: 10.0**u, "resistance_ohm"))
-    status, _, err = peltier("diagnose", tmp_path / "r.csv")
-    assert status == 2
-    assert "resistance_ohm: rises with temperature" in err
-
-
 @pytest.mark.parametrize(
     ("file", "cooling", "energy"),
     [("vo2_film_major_loop.tsv", (67.0, 70.0), 0.26), ("vo2_film_small_gap_raw.tsv", (62.0, 65.0), 0.26)],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import signal
 import subprocess
@@ -9,14 +11,18 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from benchmarks._killed_run import KilledRuns
+from benchmarks.disobedient import PULSE_SHARE
+from rig.guard.keep_trying import ended
 from rig.guard.needed import has_real_ports
 from rig.guard.suspended import is_suspended
 from rig.guard.takeover import Held, switch_off
 from rig.ports.open import holder
+from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the guard needs fork")
@@ -42,6 +48,65 @@ def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:
     assert killed.off_at_the_end
     assert killed.status == 128 + signal.SIGKILL
     assert "was suspended" in killed.err
+
+
+def is_known(folder: Path, driver: str) -> bool:
+    """Whether the run has driven a plate that it knows for 100 ticks; or has held its setpoint for 20."""
+    record = next(folder.glob("run*.part/record.csv"), None)
+    lines = record.read_text().splitlines() if record is not None else []
+    rows = [row for row in csv.DictReader(lines) if row["phase"] == "profile"][:-1]  # the last may be cut off
+    if driver == "meerstetter":
+        return len(rows) >= 100
+    held = [abs(float(row["temperature_degC"] or "nan") - 45.0) < 0.9 for row in rows[-20:]]
+    return len(held) == 20 and all(held)
+
+
+@pytest.mark.parametrize(("driver", "lies"), [("meerstetter", True), ("meerstetter", False), ("te_technology", True)])
+def test_the_temperature_is_asked_after_a_kill(tmp_path: Path, driver: str, lies: bool) -> None:
+    """A controller that says "off" and is not; and one that is. The plate is the working process's knowledge."""
+    made: list[Disobedient] = []
+
+    def wrapped(controller: Any) -> Disobedient:
+        made.append(Disobedient(controller, "lying"))
+        return made[0]
+
+    with KilledRuns(tmp_path, driver, wrapped, PULSE_SHARE) as runs:
+        name = f'driver = "{driver}"'  # its own dead man would end a lie after 5 s
+        runs.path.write_text(runs.path.read_text().replace(name, f"{name}\ndead_man_s = 60.0"))
+        process = runs.start()
+        pid, _ = holder(runs.port)
+        assert pid is not None
+        until_s = time.monotonic() + 300.0
+        while not is_known(tmp_path, driver):
+            assert process.poll() is None
+            assert time.monotonic() < until_s
+            time.sleep(0.2)
+        if lies:
+            made[0].begin()
+        os.kill(pid, signal.SIGKILL)
+        _, err = process.communicate(timeout=120.0)
+        ended(holder(runs.port)[0])
+    stop = json.loads(next(tmp_path.glob("run*.part/run.json")).read_text())["stop"]
+    assert "output off, confirmed by the controller" in err  # at once, by what the controller says
+    assert stop["reason"] == "process_died"
+    assert stop["output_off_confirmed"] is not lies, err
+    if lies:
+        assert process.returncode == 11
+        assert "OUTPUT NOT CONFIRMED OFF" in err
+        assert "without a current" in err
+        assert "without a current" in stop["text"]
+    else:
+        assert process.returncode == 128 + signal.SIGKILL
+        assert "NOT CONFIRMED" not in err
+        assert "the temperature agrees" in err
+
+
+def test_a_plate_that_nobody_knows_says_nothing(runs: KilledRuns) -> None:
+    """No pulse, no model: the confirmation rests on what the controller says, and nobody waits."""
+    killed = runs.kill(0.5)
+    assert killed.status == 128 + signal.SIGKILL
+    assert "confirmed by the controller (its status, and the current that it measures)\n" in killed.err
+    assert "temperature" not in killed.err
 
 
 def test_one_writer_and_signals_across_the_guard(runs: KilledRuns) -> None:
@@ -183,3 +248,22 @@ def test_what_stood_in_the_way_is_told() -> None:
     verdict = switch_off(Held("controller", "meerstetter", "/dev/ttyNOPE7"), 0.0)
     assert not verdict.confirmed
     assert "/dev/ttyNOPE7" in verdict.text
+
+
+COURSES = """
+from rig.safety.after_off import Courses
+guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {})
+guard.busy()
+for k in range(2000):
+    guard.expects(Courses(0.25, (50.0 - 0.01 * k,) * 65, (50.0,) * 65, 2.5, 'the last one'))
+    guard.alive()
+os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+def test_what_is_told_of_the_temperature_fills_no_pipe() -> None:
+    """More than a pipe holds, told faster than a guard reads; all that follows is understood."""
+    done = in_a_guarded_process("import signal\n" + COURSES)
+    assert done.returncode == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -71,6 +71,29 @@ def test_predict_follows_the_equations(peltier: Peltier, tmp_path: Path) -> None
     assert result["rows_dec"] == 8
 
 
+def test_several_records_are_predicted_each_by_itself(peltier: Peltier, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    for name, factor in (("one", 1.0), ("two", 2.0)):
+        lines = [f"{k},{20 + k},{factor * (1000 - k)}" for k in range(60)]
+        (tmp_path / f"{name}.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + "\n".join(lines) + "\n")
+    records = [tmp_path / "one.csv", tmp_path / "two.csv"]
+    alone = []
+    for record in records:
+        assert peltier("predict", tmp_path / "model.toml", record, "--json", tmp_path / "one.json")[0] == 0
+        alone.append(json.loads((tmp_path / "one.json").read_text()))
+    words = ("--json", tmp_path / "both.json", "--report", tmp_path / "report")
+    status, out, _ = peltier("predict", tmp_path / "model.toml", *records, *words)
+    assert status == 0
+    assert json.loads((tmp_path / "both.json").read_text()) == alone
+    assert alone[0]["rmse_dec"] != alone[1]["rmse_dec"]
+    assert all(f"{record}:" in out for record in records)
+    assert all((tmp_path / "report" / name / "report.html").is_file() for name in ("one", "two"))
+    status, _, err = peltier("predict", tmp_path / "model.toml", *records, "--out", tmp_path / "out.csv")
+    assert status == 2
+    assert "--out" in err
+    assert "expected a single RECORD" in err
+
+
 def test_invert_gives_temperatures_that_give_the_targets(peltier: Peltier, tmp_path: Path) -> None:
     (tmp_path / "model.toml").write_text(MODEL)
     targets = [30000.0, 8000.0, 1e9, 5000.0, 20000.0, 1e-3, 9000.0]

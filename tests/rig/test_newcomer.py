@@ -12,10 +12,11 @@ from typing import Any, cast
 import pytest
 
 from rig.bench.assembly import emulated_instruments
-from rig.command.progress import Progress, clock
+from rig.command.progress import Progress
 from rig.control.loop import Decision, Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
+from rig.daemon.words import clock
 from rig.experiment.expected import expected_calibration, expected_run
 from rig.files.configuration import read_configuration
 from rig.files.model_file import read_model

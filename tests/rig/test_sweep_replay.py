@@ -53,7 +53,7 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     path.write_text(path.read_text().replace("tau_s=1", "tau_s=2"))
     status, _, err = peltier(*words)
     assert status == 2
-    assert "is of another sweep" in err
+    assert "is of other cases" in err
 
 
 def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> None:
@@ -134,9 +134,11 @@ def test_a_run_of_another_version_says_so(tmp_path: Path, peltier: Peltier) -> N
     assert f"made with sources 0123456789abcdef, this is {source_digest()}" in out
 
 
-def test_a_run_whose_record_lacks_its_phases_says_so(tmp_path: Path, peltier: Peltier) -> None:
+def test_a_run_whose_record_lacks_a_column_says_so(tmp_path: Path, peltier: Peltier) -> None:
     assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
     record = tmp_path / "run" / "record.csv"
-    record.write_text(record.read_text().replace("phase", "phrase", 1))
-    status, _, err = peltier("replay", tmp_path / "run")
-    assert (status, err) == (2, f"{record}: phase: missing; expected the column of a run's record\n")
+    whole = record.read_text()
+    for column in ("phase", "target_ohm"):
+        record.write_text(whole.replace(column, "lost", 1))
+        status, _, err = peltier("replay", tmp_path / "run")
+        assert (status, err) == (2, f"{record}: {column}: missing; expected the column of a run's record\n")

@@ -6,6 +6,8 @@ film has its operators where a fit has them, and a D(T) that the fit's splines c
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
@@ -115,11 +117,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     path, degC = channel.simulate(begun, begun.x, begun.first_degC)
     a = TemperatureFit(begun, path, degC, 0.0, 0.01, 0.0, np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
-    curve = SmoothCurve.over(20.0, 110.0)
-    places = np.linspace(20.0, 110.0, 400)
-    columns = np.column_stack((np.ones(400), curve.columns(places)))
-    coefficients = np.linalg.lstsq(columns, np.polyval(D[::-1], places), rcond=None)[0]
-    basis = FilmBasis(curve, FRACTIONS, RelayPlane.over(60.0, 10.0, 40.0, 100))
+    basis, coefficients = the_fits_film()
     film = ResistanceChannel(record, path, every, 1e-3, basis, relays=False, spacing=spacing)
     x = np.concatenate((SHAPE, values_inside(last), np.zeros(film.filters_behind(last))))
     q = FilmParameters(tuple(last), x, FilmStart("cooled", FIRST_DEGC))
@@ -156,6 +154,15 @@ def by_the_observer(effects: tuple[Switched, ...]) -> tuple[Array, Array]:
         state = observer.predicted(observer.sent(state, float(current)))
         state = observer.followed(state, state.plate_degC, state.thermometer_degC, TEST_CURRENT_A)
     return np.array(shown)[:, 0], np.array(shown)[:, 1]
+
+
+@cache
+def the_fits_film() -> tuple[FilmBasis, Array]:
+    """The basis of the fit's film, and the coefficients of the constant and of D in it."""
+    curve, places = SmoothCurve.over(20.0, 110.0), np.linspace(20.0, 110.0, 400)
+    columns = np.column_stack((np.ones(400), curve.columns(places)))
+    coefficients = np.linalg.lstsq(columns, np.polyval(D[::-1], places), rcond=None)[0]
+    return FilmBasis(curve, FRACTIONS, RelayPlane.over(60.0, 10.0, 40.0, 100)), coefficients
 
 
 def every_effect() -> list[Effect]:

@@ -65,7 +65,7 @@ def test_every_effect(name: str) -> None:
 @pytest.mark.parametrize("link", ["driver", "plate", "thermometer", "film", "ohmmeter"])
 def test_every_pair(link: str) -> None:
     """The one that comes later in the catalogue is given first: the order is the chain's, not the caller's."""
-    pairs = [pair for pair in combinations(every_effect(), 2) if pair[0].link == link]
+    pairs = [pair for pair in combinations(every_effect(), 2) if pair[0].link == link]  # 120 over all links
     for first, second in pairs:
         check((second, first))
 

@@ -70,10 +70,14 @@ export const setStopPort = (port) => {
   stopPort = Number.isInteger(port) ? port : null;
 };
 
+/** A name for one press of STOP. */
+export const newPress = () =>
+  Array.from(crypto.getRandomValues(new Uint32Array(3)), (part) => part.toString(36)).join("");
+
 /** STOP, to its own listener and to the page's address at once; the first answer counts. Both say which press they are
  * of, so that the later one does not stop what a reset has let go on. Raises what the bench said, if it said something. */
 export async function askStop(timeout_s) {
-  const press = Array.from(crypto.getRandomValues(new Uint32Array(3)), (part) => part.toString(36)).join("");
+  const press = newPress();
   const ways = ["/api/stop"];
   // behind a proxy with TLS a browser sends nothing without; there the page's own address has to do
   if (stopPort !== null && location.protocol === "http:") ways.push(`//${location.hostname}:${stopPort}/api/stop`);

@@ -13,6 +13,9 @@ export function amperes(value) {
   return Number(text) === 0 ? "0.000" : minus(value > 0 ? `+${text}` : text);
 }
 
+/** Share of full drive, three decimals: a heater never cools, so there is no sign. */
+export const share = (value) => (known(value) ? minus(value.toFixed(3).replace(/^-(0\.0+)$/, "$1")) : "–");
+
 /** [number, unit] of a resistance, four figures. */
 export function ohms(value) {
   if (!known(value)) return ["–", "Ω"];

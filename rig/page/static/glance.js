@@ -1,7 +1,7 @@
 // What is seen at a glance: the state, the output, the run, the latest reading and how old it is.
 
 import { $, icon, make, say, sayOrHide } from "./dom.js";
-import { amperes, degrees, duration, ohms, ohmsShort, when } from "./format.js";
+import { amperes, degrees, duration, ohms, ohmsShort, share, when } from "./format.js";
 
 const STALE_S = 5;
 const WORDS = { idle: "Idle", running: "Running", stopped: "Stopped", tripped: "Tripped", offline: "Offline" };
@@ -51,7 +51,7 @@ export function showReading(row, old_s = 0) {
   reading = row;
   seen = performance.now() - old_s * 1000;
   tile("temperature", degrees(row.temperature_degC), "°C");
-  tile("current", amperes(row.current_A), heater() ? "of full" : "A");
+  tile("current", ...(heater() ? [share(row.current_A), "of full"] : [amperes(row.current_A), "A"]));
   tile("resistance", ...ohms(row.resistance_ohm));
   const limits = state?.limits ?? {};
   const [low, high] = limits.temperature_degC ?? [null, null];
@@ -155,8 +155,9 @@ function job(name) {
     return say(line, words[name] ?? "");
   }
   const of = running.total_s > 0 ? ` of ${duration(running.total_s)}` : "";
+  const rest = running.to_go_s > running.total_s - running.done_s ? `, ${duration(running.to_go_s)} to go in all` : "";
   const phase = running.phase ? ` · ${running.phase}` : "";
-  line.replaceChildren(make("b", {}, String(running.name)), `${phase} · ${duration(running.done_s)}${of}`);
+  line.replaceChildren(make("b", {}, String(running.name)), `${phase} · ${duration(running.done_s)}${of}${rest}`);
   $("job-progress").value = running.total_s > 0 ? Math.min(1, running.done_s / running.total_s) : 0;
 }
 

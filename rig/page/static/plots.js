@@ -2,7 +2,7 @@
 
 import { $ } from "./dom.js";
 import { heater } from "./glance.js";
-import { amperes, day, degrees, ohmsShort, timeOfDay } from "./format.js";
+import { amperes, day, degrees, ohmsShort, share, timeOfDay } from "./format.js";
 import { decadeLimits, decades, linear, linearLimits, times } from "./ticks.js";
 
 const AXIS = 62;
@@ -12,7 +12,7 @@ const short = (value) => String(Number(value.toPrecision(6))).replace("-", "−"
 export const PLOTS = [
   { key: "temperature", column: "temperature_degC", wanted: "setpoint_degC", height: 158, least: 0.5,
     text: (v) => `${degrees(v)} °C` },
-  { key: "current", column: "current_A", wanted: null, height: 118, least: 0.05, text: (v) => `${amperes(v)} ${heater() ? "of full" : "A"}` },
+  { key: "current", column: "current_A", wanted: null, height: 118, least: 0.05, text: (v) => (heater() ? `${share(v)} of full` : `${amperes(v)} A`) },
   { key: "resistance", column: "resistance_ohm", wanted: "target_ohm", height: 196, log: true, text: ohmsShort },
 ];
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.outliers import lone_outliers
+from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.effects.effect import Effect
@@ -35,11 +36,11 @@ class Record:
     """One record; arrays of shape (rows,).
 
     time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that
-    the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm),
-    None where the record has no resistance; output_used; taken_s: when it was read; test_current_A: of the ohmmeter, 0
-    where it is not known. after_gaps: the row after each gap; first_rows: where a stretch begins (the first row, and
-    after each gap through which the plate is not known). held_out: rows that no fit sees. outliers: readings left out,
-    of each channel.
+    the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
+    another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
+    test_current_A: of the ohmmeter, 0 where it is not known. after_gaps: the row after each gap; first_rows: where
+    a stretch begins (the first row, and after each gap through which the plate is not known). held_out: rows that no
+    fit sees. outliers: readings left out, of each channel. quantity: what the output is.
     """
 
     time_s: Array
@@ -56,6 +57,7 @@ class Record:
     held_out: Mask
     outliers: tuple[int, int]
     uneven: bool
+    quantity: Quantity = RESISTANCE
 
     @property
     def rows(self) -> int:
@@ -141,9 +143,11 @@ def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
     return held
 
 
-def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True, fewest: int = FEWEST) -> Record:
-    """A record from its columns (names and units of a record file). fewest: readings of a channel that it needs at
-    least. Raises ValueError, a line a fault."""
+def read_columns(
+    columns: Mapping[str, ArrayLike], *, held_out: bool = True, quantity: Quantity = RESISTANCE, fewest: int = FEWEST
+) -> Record:
+    """A record from its columns (names and units of a record file), with the film's output as `quantity` says. fewest:
+    readings of a channel that it needs at least. Raises ValueError, a line a fault."""
     lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
     if lines:
         raise ValueError("\n".join(lines))
@@ -168,12 +172,11 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True, few
     if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
         current = None
     output, output_used, lone = None, np.zeros(time.size, dtype=np.bool_), 0
-    resistance = data.get("resistance_ohm")
-    if resistance is not None:
-        good = np.isfinite(resistance) & (resistance > 0.0)
+    readings = quantity.of(data)
+    if readings is not None:
+        good = np.isfinite(readings)
         if np.sum(good) >= fewest:
-            output = np.full(time.size, np.nan)
-            output[good] = -np.log10(resistance[good])
+            output = readings
             out = lone_outliers(output, good)
             good[out] = False
             output_used, lone = good, int(out.size)
@@ -201,6 +204,7 @@ def read_columns(columns: Mapping[str, ArrayLike], *, held_out: bool = True, few
         held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
         (int(strays.size), lone),
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
+        quantity,
     )
 
 

@@ -28,7 +28,7 @@ from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.diagnosis.fit.preisach_density import RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Reading, Switched, Warming, at_the_terminals
+from sim.effects.effect import Reading, Switched, at_the_terminals
 from sim.model.film_columns import operator_columns
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of, shown_output
@@ -95,12 +95,21 @@ class ResistanceChannel:
         effects, late = self.split(p, x)
         test, power, links = self.record.test_current_A, None, links_of(effects)
         if test is not None and links.heated:
-            power = MeterPower(self.record.time_s, test, self._film_output(p))
+            own = self._at_rows_s(links, self._film_output(p))
+            power = MeterPower(self.record.time_s, test, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
     def _film_output(self, p: FilmParameters) -> Array:
         """The film's own output as far as it is known before a fit; rows."""
         return self.readings if p.film_output is None else p.film_output
+
+    def _at_rows_s(self, links: Links, output: Array) -> Array:
+        """What was taken for the rows' readings, at the rows' own times: they may be stamped too early or too late."""
+        taken, time = links.taken(self.record.taken_s), self.record.time_s
+        if np.array_equal(taken, time):
+            return output
+        order = np.argsort(taken, kind="stable")
+        return np.interp(time, taken[order], output[order])
 
     def _signals(self, links: Links, nodes: FilmNodes, x: Array) -> Array:
         """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
@@ -291,7 +300,7 @@ class ResistanceChannel:
                     point, damping = trial, max(0.1 * damping, 1e-9)
                     break
                 damping = max(10.0 * damping, 1e-6)
-            if self._heated(p) and 2.0 * point.cost < TRUSTED * self.rows.size:
+            if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=point.film_output)
             if settle and iteration % 3 == 2:
                 point = self.point(p, point.x, point.coefficients)
@@ -312,10 +321,6 @@ class ResistanceChannel:
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
-
-    @staticmethod
-    def _heated(p: FilmParameters) -> bool:
-        return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in p.effects)
 
     def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
         """The priors' widths at a fixed x, and the point with them."""

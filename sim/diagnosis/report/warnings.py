@@ -43,13 +43,16 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
         )
     if record.uneven:
         found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
-    for name, count in zip(("temperature_degC", "resistance_ohm"), record.outliers, strict=True):
+    for name, count in zip(("temperature_degC", record.quantity.column), record.outliers, strict=True):
         if count:
             found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
     if record.current_A is None:
         found.append(Warning("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
-        found.append(Warning("no_resistance", "no resistance_ohm: film and ohmmeter were not judged"))
+        found.append(Warning("no_resistance", f"no {record.quantity.column}: film and its meter were not judged"))
+    elif not record.quantity.is_resistance:
+        text = "series resistance, leakage, ranges and self-heating were not judged: they are a resistance's"
+        found.append(Warning("no_resistance", f"{record.quantity.column}: {text}"))
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
     for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():

@@ -341,7 +341,7 @@ def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) ->
     axes: list[list[float]] = []
     for k, p in enumerate(effect.parameters):
         if p.choices:
-            ohm = 10.0 ** -channel.output[channel.rows]
+            ohm = channel.record.quantity.ohm(channel.output[channel.rows])
             inside = [c for c in p.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS]
             axes.append(inside or [p.choices[0]])
         elif p.signed:
@@ -350,7 +350,8 @@ def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) ->
         else:
             axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
     if isinstance(effect.form, Warming) and effect.form.heated and channel.record.test_current_A is not None:
-        power = channel.record.test_current_A[channel.rows] ** 2 * 10.0 ** -channel.output[channel.rows]
+        ohm = channel.record.quantity.ohm(channel.output[channel.rows])
+        power = channel.record.test_current_A[channel.rows] ** 2 * ohm
         largest = max(float(np.max(power)), 1e-30)
         axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
     return [switched(effect, list(values)) for values in product(*axes)]

@@ -34,3 +34,8 @@ class RisingFilm:
     def initial_memory(self, input_degC: float, initial: Any = None) -> Any:
         """The model's own memory."""
         return self.model.initial_memory(input_degC, initial)
+
+
+def film_of_world(model: FilmModel) -> FilmModel | RisingFilm:
+    """The film whose output a simulated meter reads: -log10 of a resistance, or any other quantity as it is."""
+    return RisingFilm(model) if model.output == "log10_ohm" else model

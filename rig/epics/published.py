@@ -1,0 +1,151 @@
+"""The records that tell: readings, state, trip, job. What the daemon says goes in, with its own time stamps.
+
+A value that is not there is not-a-number. Alarms: a temperature beyond the bench's limits is MAJOR (HIHI, LOLO); a
+reading that could not be taken is INVALID (READ); one that is older than it may be is INVALID (TIMEOUT); without the
+instruments, or without the daemon, everything is INVALID (COMM). That nothing is wanted is no alarm.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from softioc import alarm, builder
+
+STATES = (("idle",), ("running",), ("stopped", "MINOR"), ("tripped", "MAJOR"), ("offline", "INVALID"))
+OUTPUTS = (("off",), ("on",), ("unknown", "MAJOR"))
+PATIENCE_S = 5.0  # for a reading beside five of its periods
+SHORT, LONG = 39, 1000  # bytes: a string record's, a text's
+OWN_TIME = {"TSE": -2}  # the time stamp comes with the value
+# record, key of a row, unit, digits
+READINGS = (
+    ("TEMPERATURE", "temperature_degC", "degC", 4),
+    ("SETPOINT", "setpoint_degC", "degC", 4),
+    ("CURRENT", "current_A", "A", 4),
+    ("RESISTANCE", "resistance_ohm", "ohm", 3),
+    ("TARGET", "target_ohm", "ohm", 3),
+)
+MEASURED = ("TEMPERATURE", "CURRENT", "RESISTANCE")
+TEXTS = ("TRIP:TEXT", "STOPPED:TEXT", "WARNINGS", "JOB:NAME")
+STRINGS = ("QUALITY", "TRIP:CAUSE", "JOB:ID", "JOB:PHASE")
+COUNTS = ("QUEUE", "TICKS", "TICKS:MISSED")
+
+
+class Published:
+    """limits_degC: the bench's, [low, high]. period_s: between readings while nothing runs."""
+
+    def __init__(self, limits_degC: tuple[float, float], period_s: float) -> None:
+        self.limits_degC = limits_degC
+        self._patience_s = PATIENCE_S + 5.0 * period_s
+        self._state: dict[str, Any] = {}
+        low, high = limits_degC
+        guarded = {"LOLO": low, "HIHI": high, "LLSV": "MAJOR", "HHSV": "MAJOR", "LOPR": low, "HOPR": high}
+        self._records: dict[str, Any] = {}
+        for name, _, unit, digits in READINGS:
+            more = guarded if name == "TEMPERATURE" else {} if name in MEASURED else {"UDFS": "NO_ALARM"}
+            self._add(name, builder.aIn, EGU=unit, PREC=digits, initial_value=math.nan, **more)
+        self._add("STATE", lambda name, **more: builder.mbbIn(name, *STATES, **more))
+        self._add("OUTPUT", lambda name, **more: builder.mbbIn(name, *OUTPUTS, **more))
+        self._add("OUTPUT:CONFIRMED", builder.boolIn, ZNAM="no", ONAM="yes", ZSV="MAJOR")
+        self._add("TRIP", builder.boolIn, ZNAM="none", ONAM="tripped", OSV="MAJOR")
+        for name in ("JOB:DONE", "JOB:TOTAL"):
+            self._add(name, builder.aIn, EGU="s", PREC=1)
+        for name in STRINGS:
+            self._add(name, builder.stringIn)
+        for name in TEXTS:
+            self._add(name, builder.longStringIn, length=LONG)
+        for name in COUNTS:
+            self._add(name, builder.longIn)
+        self.lost()
+
+    def _add(self, name: str, kind: Any, **fields: Any) -> None:
+        self._records[name] = kind(name, **OWN_TIME, **fields)
+
+    def take(self, event: str, data: dict[str, Any]) -> None:
+        """What the daemon tells: a state, or a row."""
+        if event == "state":
+            self._take_state(data)
+        elif event == "row":
+            self._take_row(data)
+            if (job := self._state.get("job")) is not None:
+                done_s = job["done_s"] + max(data["time_s"] - self._state["time_s"], 0.0)
+                self._set("JOB:DONE", min(done_s, job["total_s"]), data["time_s"])
+
+    def lost(self) -> None:
+        """The daemon does not answer: nothing that is shown is known to hold."""
+        self._state = {}
+        for record in self._records.values():
+            record.set_alarm(alarm.INVALID_ALARM, alarm.COMM_ALARM)
+
+    def _take_row(self, row: dict[str, Any]) -> None:
+        quality = str(row.get("quality"))
+        for name, key, _, _ in READINGS:
+            value = row.get(key)
+            what = (alarm.NO_ALARM, alarm.NO_ALARM)
+            if name in MEASURED and value is None and (name != "RESISTANCE" or quality != "good"):
+                what = (alarm.INVALID_ALARM, alarm.READ_ALARM)
+            self._set(name, math.nan if value is None else float(value), row["time_s"], *what)
+        doubt = (alarm.NO_ALARM, alarm.NO_ALARM) if quality == "good" else (alarm.MINOR_ALARM, alarm.STATE_ALARM)
+        self._set("QUALITY", quality, row["time_s"], *doubt)
+
+    def _take_state(self, state: dict[str, Any]) -> None:
+        self._state, at_s = state, state["time_s"]
+        trip, stop, job = state.get("trip"), state.get("stop"), state.get("job") or {}
+        self._set("STATE", _number(STATES, state["state"]), at_s)
+        self._set("OUTPUT", _number(OUTPUTS, state["output"]), at_s)
+        self._set("OUTPUT:CONFIRMED", bool(state["output_confirmed"]), at_s)
+        self._set("TRIP", trip is not None, trip["at_s"] if trip else at_s)
+        self._set("TRIP:CAUSE", trip["cause"] if trip else "", at_s)
+        self._set("TRIP:TEXT", trip["text"] if trip else "", at_s)
+        self._set("STOPPED:TEXT", stop["text"] if stop else "", at_s)
+        self._set("WARNINGS", "\n".join(state["warnings"]), at_s)
+        for name, key in (("JOB:NAME", "name"), ("JOB:ID", "id"), ("JOB:PHASE", "phase")):
+            self._set(name, str(job.get(key, "")), at_s)
+        self._set("JOB:DONE", job.get("done_s", 0.0), at_s)
+        self._set("JOB:TOTAL", job.get("total_s", 0.0), at_s)
+        self._set("QUEUE", state["queue"], at_s)
+        self._set("TICKS", state["ticks"]["done"], at_s)
+        self._set("TICKS:MISSED", state["ticks"]["missed"], at_s)
+        self._take_bench(state)
+        self._judge_age(state)
+
+    def _take_bench(self, state: dict[str, Any]) -> None:
+        """What the daemon's configuration says, where it is not ours: limits, and what the controller drives with."""
+        limits = tuple(state["limits"]["temperature_degC"])
+        if limits != self.limits_degC:
+            self.limits_degC = (limits[0], limits[1])
+            for field, value in zip(("LOLO", "HIHI", "LOPR", "HOPR"), limits * 2, strict=True):
+                self._records["TEMPERATURE"].set_field(field, value)
+        unit = str(state.get("drive_unit", "A"))
+        if self._records["CURRENT"].get_field("EGU") != unit:
+            self._records["CURRENT"].set_field("EGU", unit)
+
+    def _judge_age(self, state: dict[str, Any]) -> None:
+        """Readings that are too old, or of instruments that do not answer; and the first ones, before a row came."""
+        reading = state["reading"]
+        taken_s = reading.get("time_s")
+        if state["state"] == "offline" or taken_s is None:
+            self._readings_alarm(alarm.COMM_ALARM)
+        elif state["time_s"] - taken_s > self._patience_s:
+            self._readings_alarm(alarm.TIMEOUT_ALARM)
+        else:
+            self._take_row(reading)
+
+    def _readings_alarm(self, what: int) -> None:
+        for name, *_ in READINGS:
+            self._records[name].set_alarm(alarm.INVALID_ALARM, what)
+
+    def _set(self, name: str, value: Any, at_s: float, severity: int = 0, status: int = 0) -> None:
+        if isinstance(value, str):
+            value = shortened(value, SHORT if name in STRINGS else LONG - 1)
+        self._records[name].set(value, severity=severity, alarm=status, timestamp=at_s)
+
+
+def shortened(text: str, most: int) -> str:
+    """Text of at most so many bytes of UTF-8, without broken characters."""
+    return text.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
+
+
+def _number(words: tuple[tuple[str, ...], ...], word: str) -> int:
+    """Which of the words; the last one where it is none of them."""
+    return next((k for k, one in enumerate(words) if one[0] == word), len(words) - 1)

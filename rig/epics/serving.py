@@ -1,0 +1,135 @@
+"""`peltier epics` put together: records, access security, the daemon's stream of events. Until a signal."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import signal
+import socket
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rig.core.errors import RigError
+from rig.core.faults import fault
+from rig.daemon.client import Client, NoDaemon
+from rig.epics.access import access_list, listen
+from rig.epics.questions import Place
+from rig.files.configuration import ConfigurationFile
+
+SILENCE_S = 7.5  # the daemon says its state at least every 5 s
+AGAIN_S = 1.0
+MISSING = "needs softioc, which is not installed: pip install 'peltier-rig[epics]'"
+Take = Callable[[str, dict[str, Any]], None]
+
+
+def serve(file: ConfigurationFile, place: Place, tell: Callable[[str], None]) -> int:
+    """Serve the bench whose daemon listens, or will listen, at `place`. The exit status: 128 + the signal's number.
+
+    Raises Faults where softioc is missing; RigError where a port is taken, or EPICS does not take the access list.
+    """
+    table, serving = file.content.epics, file.content.serve
+    for port in (table.ca_port, table.pva_port):
+        _see_that_it_is_free(table.address, port)
+    listen(table, os.environ)
+    try:
+        from softioc import builder
+
+        from rig.epics.commands import Commands, Stopping
+        from rig.epics.published import Published
+    except ImportError:
+        raise fault("peltier epics", "", MISSING) from None
+    prefix = table.prefix or serving.name
+    builder.SetDeviceName(prefix)
+    published = Published(file.content.limits.temperature_degC, serving.idle_period_s)
+    Stopping(place)
+    commands = Commands(place, published) if table.write else None
+    takes = [published.take, *([commands.take] if commands is not None else [])]
+    with _ended_by_signal() as ended:
+        _begin(access_list(table))
+        write = "for those of the list" if table.write else "off"
+        at = f"ca {table.address}:{table.ca_port} pva {table.address}:{table.pva_port}"
+        tell(f"epics {prefix} {at} write {write}")
+        threading.Thread(target=_follow, args=(place, takes, published.lost), name="events", daemon=True).start()
+        return 128 + ended()
+
+
+def _see_that_it_is_free(address: str, port: int) -> None:
+    """RigError where another server listens: EPICS would take another port, and clients would find either of them."""
+    try:
+        with socket.create_server((address, port)):
+            pass
+    except OSError as error:
+        said = os.strerror(error.errno) if error.errno else str(error)
+        raise RigError(f"{address}:{port} (epics.ca_port, epics.pva_port): {said.lower()}") from None
+
+
+def _begin(access: str) -> None:
+    """Start EPICS with an access list, its own lines on stderr. RigError where the list is not in force."""
+    from softioc import builder, imports, softioc
+
+    from rig.epics.commands import InThreads
+
+    builder.LoadDatabase()
+    with tempfile.NamedTemporaryFile("w", suffix=".acf") as kept, _stdout_to_stderr():
+        kept.write(access)
+        kept.flush()
+        ctypes.c_int.in_dll(imports.Com, "asCheckClientIP").value = 1  # hosts are addresses, not what clients say
+        imports.dbCore.asSetFilename(kept.name.encode())
+        softioc.iocInit(InThreads())
+    if not ctypes.c_int.in_dll(imports.Com, "asActive").value:
+        raise RigError("EPICS did not take the access list, so that anybody could write; see the lines above")
+
+
+def _follow(place: Place, takes: list[Take], lost: Callable[[], None]) -> None:
+    """Pass on what the daemon tells, for ever; where it is away, say so and ask again."""
+    while True:
+        try:
+            with Client(place()) as client:
+                for told in client.events(SILENCE_S):
+                    for take in takes:
+                        take(told["event"], told["data"])
+        except NoDaemon:
+            lost()
+        threading.Event().wait(AGAIN_S)
+
+
+@contextlib.contextmanager
+def _ended_by_signal() -> Iterator[Callable[[], int]]:
+    """Gives a function that waits for INT, TERM, HUP or QUIT, and returns which one it was."""
+    numbers = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT}
+    received: list[int] = []
+    there = threading.Event()
+
+    def handle(number: int, _: object) -> None:
+        received.append(number)
+        there.set()
+
+    before = {number: signal.signal(number, handle) for number in numbers}
+
+    def wait() -> int:
+        while not there.wait(0.5):  # Python runs a signal's handler between two steps of its main thread
+            pass
+        return received[0]
+
+    try:
+        yield wait
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """EPICS greets on stdout, which belongs to whoever started this."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)

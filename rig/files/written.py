@@ -1,0 +1,24 @@
+"""Text into files, so that whatever fails names its file: the error of a full disk does not by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """An OSError from inside that names no file names this one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+def write_text(path: Path, text: str) -> None:
+    """The text as the file's content, UTF-8. Raises OSError, which names the file."""
+    with naming(path):
+        path.write_text(text, encoding="utf-8")

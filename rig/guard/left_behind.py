@@ -1,0 +1,39 @@
+"""The end of a run whose process has died, in the run folder that it left behind: its run.json gets its `stop`.
+
+A folder that has one, or is gone, is left alone; a disk that is full changes nothing.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+DIED = "process_died"
+
+
+@dataclass(frozen=True)
+class Left:
+    """folder: where the run that was going on was written, the one that is not whole."""
+
+    folder: str
+
+
+def write_end(left: Left | None, text: str, confirmed: bool) -> None:
+    """Why it ended, and whether its output is confirmed off. Never raises an OSError."""
+    if left is None:
+        return
+    path = Path(left.folder) / "run.json"
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if "stop" in document:
+            return
+        at = datetime.datetime.now(datetime.UTC).isoformat()
+        document["stop"] = {"at": at, "reason": DIED, "text": text, "output_off_confirmed": confirmed}
+        temporary = path.with_suffix(".json.new")
+        temporary.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+        os.replace(temporary, path)
+    except (OSError, ValueError):
+        return

@@ -1,0 +1,95 @@
+"""One record diagnosed, with what is told of it and the files of its report, as values: it may be done anywhere."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.diagnosed import diagnosed, model_of
+from rig.analysis.one_row import of_diagnosis
+from rig.core.faults import Faults
+from rig.files.effect_tables import add_effect_files
+from rig.files.film_output import FALLING_RESISTANCE
+from rig.files.model_file import write_model
+from rig.files.record_file import Record
+from rig.many.engine import given
+from rig.report.diagnosis import write_diagnosis_report
+from rig.report.diagnosis_words import lines
+from rig.report.many_records import Task
+from rig.report.told import MODEL, Told, files_in
+from sim.diagnosis.result import with_model
+
+RANK = ("partly_unexplained", "explained", "unexplained", "clean")  # what there is to do about it, most first
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How to diagnose. base: of the film; output: as in a model file; plate: its kind, None: what the drive allows.
+    effect_files: with effects of one's own, which another process has to be told of."""
+
+    base: str | None = None
+    output: str = FALLING_RESISTANCE
+    plate: str | None = None
+    effect_files: tuple[Path, ...] = ()
+
+
+def told(
+    record: Any,
+    asked: Asked,
+    model: str | None = None,
+    holdout: Any = None,
+    report: bool | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Told:
+    """record, holdout: `Record`s, or what an engine shares of them. model: where its model will stand; None: nowhere.
+    report: whether its files are wanted; None: where the model is. say: progress."""
+    _know(asked.effect_files)
+    one: Record = given(record)
+    try:
+        diagnosis, extended = diagnosed(one, asked.base, asked.output, given(holdout), asked.plate, say)
+    except Faults as faults:
+        return Told(faults=tuple(faults.lines))
+    if model is not None:
+        diagnosis = with_model(diagnosis, model)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if model is not None:
+            comment = f"extended model of the diagnosis of {Path(one.source).name}"
+            write_model(folder / MODEL, model_of(extended), comment)
+        if report if report is not None else model is not None:
+            write_diagnosis_report(folder, diagnosis, one.source)
+        files = files_in(folder)
+    return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
+
+
+@lru_cache
+def _know(effect_files: tuple[Path, ...]) -> None:
+    """Once a process."""
+    add_effect_files(effect_files)
+
+
+def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
+    """What matters first: what shows an effect, by the evidence; then what nothing explains; then what is clean."""
+    verdict = str(row.get("verdict", ""))
+    evidence = [value for key, value in row.items() if key.endswith(".evidence") and isinstance(value, float)]
+    place = RANK.index(verdict) if verdict in RANK else len(RANK)
+    return place, -max(evidence, default=0.0), int(row["number"])
+
+
+def diagnoses(asked: Asked, holdout: Record | None) -> Task:
+    """Of many records."""
+    return Task(
+        work=told,
+        asked=asked,
+        document="diagnosis.json",
+        table="diagnoses",
+        title="Diagnoses",
+        row=of_diagnosis,
+        rank=_rank,
+        columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
+        shared=() if holdout is None else (holdout,),
+    )

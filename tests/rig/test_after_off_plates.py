@@ -1,0 +1,72 @@
+"""After an off: plates, rooms and heat sinks that share nothing with `sim`, known by what one pulse told of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks._watched_plant import WatchedPlant, drawn
+from rig.safety.after_off import AfterOff
+from rig.safety.courses import of_a_plate
+from rig.safety.first_plate import first_plate
+from rig.safety.plate_watch import PlateWatch
+
+LIMIT_A, PERIOD_S = 3.0, 0.1
+
+
+class Bench:
+    """A plant, and its thermometer behind it (lag_s)."""
+
+    def __init__(self, capacity: float, seed: int, lag_s: float) -> None:
+        self.plant = WatchedPlant(drawn(seed, capacity, LIMIT_A), seed, 0.0, None, lambda _: False)
+        self._lag_s, self._shown_degC = lag_s, self.plant.plate_degC
+
+    def after(self, seconds: float, current_A: float) -> tuple[float, float]:
+        """(time, reading) when a current has been on for so long."""
+        self.plant.set_current_A(current_A)
+        self.plant.advance_to(self.plant.time_s + seconds)
+        reading = self.plant.read_temperature_degC()
+        kept = math.exp(-seconds / self._lag_s) if self._lag_s else 0.0
+        self._shown_degC = reading + (self._shown_degC - reading) * kept
+        return self.plant.time_s, self._shown_degC
+
+
+def looked(capacity: float, seed: int, lag_s: float, current_A: float, flows: float) -> bool | None:
+    """What the look says after a minute of a current, where a share of it flows on; None where it says nothing."""
+    bench, watch = Bench(capacity, seed, lag_s), PlateWatch(LIMIT_A, 500.0, 20.0)
+    sent = [0.0] * 15 + [0.25 * LIMIT_A] * 40 + [0.0] * 200
+    rows = [(*bench.after(PERIOD_S, before_A), now_A) for before_A, now_A in zip([0.0, *sent], sent, strict=False)]
+    known = first_plate(*np.array(rows).T, LIMIT_A)
+    assert known is not None
+    watch.know(known)
+    last_A = 0.0
+    for _ in range(600):
+        watch.look(*bench.after(PERIOD_S, last_A), last_A)
+        last_A = current_A
+    courses = of_a_plate(watch, current_A)
+    if courses is None:
+        return None
+    look = AfterOff(courses, bench.plant.time_s)
+    while not look.over and bench.plant.time_s < look.ends_s:
+        look.take(*bench.after(0.25, flows * current_A))
+    return look.agrees
+
+
+@pytest.mark.parametrize("capacity", [10.0, 20.0, 60.0])
+@pytest.mark.parametrize("share", [0.5, 0.25, -0.3])
+@pytest.mark.parametrize("lag_s", [0.0, 3.0, 15.0])
+def test_a_controller_that_obeyed_is_believed(capacity: float, share: float, lag_s: float) -> None:
+    for seed in (2, 3):
+        assert looked(capacity, seed, lag_s, share * LIMIT_A, 0.0) is not False, seed
+
+
+@pytest.mark.parametrize("capacity", [10.0, 20.0, 60.0])
+@pytest.mark.parametrize("share", [0.5, -0.3])
+def test_one_that_did_not_is_not(capacity: float, share: float) -> None:
+    """Nothing of a current that cannot show in time; what can is told in most cases, and never taken for off."""
+    said = [looked(capacity, seed, 0.0, share * LIMIT_A, 1.0) for seed in (2, 3)]
+    assert True not in said
+    if capacity < 30.0 and share > 0.0:
+        assert said == [False] * 2

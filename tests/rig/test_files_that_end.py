@@ -1,0 +1,59 @@
+"""What is no file is refused at once, what a shell feeds in is read, and a full disk names the file that it cut off."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.core.faults import Faults
+from rig.files.record_file import read_record, write_columns
+from rig.files.written import naming, write_text
+from tests.rig.small import MODEL
+
+Peltier = Callable[..., tuple[int, str, str]]
+RECORD = "time_s,temperature_degC,resistance_ohm\n" + "".join(f"{k},{20 + k},{1000 - k}\n" for k in range(60))
+FULL = Path("/dev/full")
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs POSIX pipes")
+
+
+@pytest.mark.parametrize("name", ["record.csv", "record.xlsx", "record.mat"])
+def test_a_pipe_that_nobody_feeds_is_refused(peltier: Peltier, tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / name)
+    for verb in ("identify", "diagnose"):
+        status, out, err = peltier(verb, tmp_path / name)
+        assert (status, out) == (2, "")
+        assert err == f"{tmp_path / name}: is a device or a pipe; expected a file\n"
+
+
+def test_sockets_and_devices_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # a socket's path has to be short
+    with socket.socket(socket.AF_UNIX) as line:
+        line.bind("s")
+        for path in (Path("s"), Path("/dev/zero")):
+            with pytest.raises(Faults, match="is a device or a pipe"):
+                read_record(path)
+
+
+def test_what_a_shell_feeds_in_is_read(tmp_path: Path, root: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    words = [sys.executable, "-m", "rig", "predict", str(tmp_path / "model.toml"), "/dev/stdin"]
+    done = subprocess.run(words, input=RECORD, capture_output=True, text=True, cwd=root, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "60 rows" in done.stdout
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+def test_a_full_disk_names_its_file(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match=r"No space left on device: '/dev/full'"):
+        write_text(FULL, "x" * 100_000)
+    with pytest.raises(OSError, match=r"No space left on device: '/dev/full'"):
+        write_columns(FULL, {"note": ["x" * 100] * 1000})
+    with pytest.raises(FileNotFoundError, match="other"), naming(tmp_path):
+        (tmp_path / "other").read_text()

@@ -1,0 +1,78 @@
+"""Several records of one verb: each as if it were alone, side by side; a table with links; nothing is done twice."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def _plate_record(path: Path, seed: int, gain: float) -> Path:
+    """A plate that is driven back and forth; Euler, by hand."""
+    random = np.random.default_rng(seed)
+    rows, plate = ["time_s,temperature_degC,current_A"], 25.0
+    for k in range(240):
+        ampere = 0.8 if k % 96 < 48 else -0.4
+        rows.append(f"{k},{plate + 0.01 * random.standard_normal():.4f},{ampere}")
+        plate += gain * ampere + 0.02 * ampere**2 - 0.02 * (plate - 25.0)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture
+def records(tmp_path: Path) -> list[Path]:
+    return [_plate_record(tmp_path / f"night{k}" / "record.csv", k, 0.3 + 0.1 * k) for k in (1, 2)]
+
+
+@pytest.mark.parametrize(("verb", "document"), [("identify", "identification.json"), ("diagnose", "diagnosis.json")])
+def test_each_is_as_if_it_were_alone(
+    verb: str, document: str, records: list[Path], tmp_path: Path, peltier: Peltier
+) -> None:
+    more = ("--each",) if verb == "identify" else ()
+    broken = tmp_path / "short.csv"
+    broken.write_text("time_s,temperature_degC,current_A\n0,25,1\n1,26,1\n2,27,1\n")
+    out = tmp_path / "out"
+    words = (verb, *records, broken, *more, "--report", out, "--workers", 2, "--json", "-")
+    status, text, err = peltier(*words)
+    assert status == 0, err
+    assert f"{broken}: " in err
+    together = json.loads(text)
+    assert len(together) == 2
+    for record, one in zip(records, together, strict=True):
+        status, text, err = peltier(verb, record, "--json", "-")
+        assert status == 0, err
+        alone = json.loads(text)
+        assert {k: v for k, v in one.items() if k != "model"} == {k: v for k, v in alone.items() if k != "model"}
+    for name in ("record", "record_2"):
+        assert (out / name / document).is_file()
+        assert (out / name / "report.html").is_file()
+        assert (out / name / "model.toml").is_file()
+        assert f'href="{name}/report.html"' in (out / "report.html").read_text()
+    table = out / ("identifications.csv" if verb == "identify" else "diagnoses.csv")
+    rows = list(csv.DictReader(table.read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["done", "done", "failed"]
+
+    lines = (out / "cases.jsonl").read_text().splitlines(keepends=True)
+    (out / "cases.jsonl").write_text("".join(line for line in lines if '"number": 1,' not in line))
+    before = table.read_bytes()
+    status, text, err = peltier(*words)
+    assert status == 0, err
+    assert json.loads(text) == together
+    assert len((out / "cases.jsonl").read_text().splitlines()) == 3
+    assert table.read_bytes() == before
+    status, _, err = peltier(verb, *records, broken, *more, "--report", out, "--plate", "heater")
+    assert status == 2
+    assert "is of other" in err
+
+
+def test_identify_each_has_no_single_model(records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
+    status, _, err = peltier("identify", *records, "--each", "--out", tmp_path / "model.toml")
+    assert status == 2
+    assert "--report DIR" in err
