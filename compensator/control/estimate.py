@@ -153,7 +153,7 @@ def corrected_disturbance(
     doubt = e.doubt + 2.0 * e.model_error2 * walked / LENGTH + CREEP_PER_ROOT_S**2 * period_s
     share = min(doubt / (doubt + noise.variance + TINY), most_share)
     found = disturbance + share * (off - disturbance)
-    doubt = (1.0 - share) ** 2 * doubt + share**2 * noise.variance  # of any share, P. D. Joseph's form
+    doubt = (1.0 - share) ** 2 * doubt + share**2 * (noise.variance + TINY)  # of any share, P. D. Joseph's form
     course, mark, lengths, error2 = e.course + walked, e.mark, e.lengths, e.model_error2
     if course >= LENGTH:
         if not math.isnan(mark):

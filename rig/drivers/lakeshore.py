@@ -93,10 +93,9 @@ class LakeShoreController(HeaterDrive):
             transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._look_after_doubt
         )
         self._input, self._output, self._range = input, output, RANGES[range]
-        gains = [gain for gain in (p, i, d) if gain is not None]
-        if gains and len(gains) < 3:
+        self._max_current_A, self._own_gains = max_current_A, [gain for gain in (p, i, d) if gain is not None]
+        if len(self._own_gains) in (1, 2):
             raise ValueError("p, i, d: expected all three, or none")
-        self._max_current_A, self._own_gains = max_current_A, gains
         self._kelvin: bool | None = None
         self._armed_mode: int | None = None
 
