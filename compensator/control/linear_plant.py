@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from compensator.control.linearized import SMALL, numbers, reached, with_numbers
+from compensator.control.linearized import differentiated, numbers, with_numbers
 from compensator.control.observer import Observer
 from compensator.control.own_pid import OwnPid
 from compensator.hysteresis.functions import KELVIN, Array
@@ -105,30 +105,18 @@ def plate_plant(plate: PlateModel, degC: float, current_A: float, slope: float, 
 
 def observed_plant(observer: Observer, state: Any, timing: Timing) -> LinearPlant:
     """A chain with effects, as the law's observer knows it, from this state of it; all at the moment of the reading."""
-    before = np.array(list(numbers(state)))
-    count = before.size
+    current_A = float(state.acting_A)
 
-    def at(values: Array, u: float, current_A: float) -> Array:
-        now = observer.sent(with_numbers(state, values), current_A + u)
-        now = observer.predicted(now)
+    def step(values: Array, off: Array) -> Array:
+        now = observer.predicted(observer.sent(with_numbers(state, values), current_A + float(off[0])))
         end = observer.followed(now, now.plate_degC, now.thermometer_degC)
         return np.array([*numbers(end), end.thermometer_degC, end.shown_output])
 
-    current_A = float(state.acting_A)
-    columns = []
-    for k in range(count + 1):
-        off = np.zeros(count + 1)
-        off[k] = SMALL
-        ends = [at(before + sign * off[:count], sign * float(off[count]), current_A) for sign in (1.0, -1.0)]
-        columns.append((ends[0] - ends[1]) / (2.0 * SMALL))
-    whole = np.nan_to_num(np.array(columns).T)
-    a, b, shown_a, shown_b = whole[:count, :count], whole[:count, count:], whole[count:, :count], whole[count:, count:]
+    a, b, shown_a, shown_b = differentiated(step, np.array(list(numbers(state))), 1)
+    n = a.shape[0]
     # the readings are of the period's end: they are states of their own
-    a = np.block([[a, np.zeros((count, 2))], [shown_a, np.zeros((2, 2))]])
-    b = np.vstack([b, shown_b])
-    c = np.hstack([np.zeros((2, count)), np.eye(2)])
-    kept = reached(a, b) & reached(a.T, c.T)
-    plant = LinearPlant(a[np.ix_(kept, kept)], b[kept], c[:, kept])
+    a = np.block([[a, np.zeros((n, 2))], [shown_a, np.zeros((2, 2))]])
+    plant = LinearPlant(a, np.vstack([b, shown_b]), np.hstack([np.zeros((2, n)), np.eye(2)]))
     return plant.later(round((timing.acts_after_s + timing.late_s) / timing.period_s))
 
 

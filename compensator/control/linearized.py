@@ -13,7 +13,7 @@ steps small beside a period's own move, both ways.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -44,32 +44,48 @@ class LinearLaw:
 
 
 def linearized(law: Law, state: LawState, inputs: Inputs) -> LinearLaw:
-    """The law at this state and these inputs.
+    """The law at this state and these inputs. Raises ValueError as `differentiated` does."""
 
-    Raises ValueError where a step changes what the state is made of, as when a command of a late driver comes due.
-    """
-    _, after = law.step(state, inputs)
-    before, following = np.array(list(numbers(state))), np.array(list(numbers(after)))
-    if before.size != following.size:
-        raise ValueError("the law's state has other parts after a step than before it")
-    count = before.size
-
-    def at(values: Array, degC: float, output: float) -> Array:
-        reading = inputs._replace(temperature_degC=inputs.temperature_degC + degC, output=inputs.output + output)
+    def step(values: Array, off: Array) -> Array:
+        reading = inputs._replace(
+            temperature_degC=inputs.temperature_degC + float(off[0]), output=inputs.output + float(off[1])
+        )
         command, end = law.step(with_numbers(state, values), reading)
         sent = command.setpoint_degC if law.rule.name == INSTRUMENT_PID else command.current_A
         return np.array([*numbers(end), sent])
 
-    columns = []
-    for k in range(count + 2):
-        up, down = np.zeros(count + 2), np.zeros(count + 2)
-        up[k], down[k] = SMALL, -SMALL
-        ends = [at(before + off[:count], float(off[count]), float(off[count + 1])) for off in (up, down)]
-        columns.append((ends[0] - ends[1]) / (2.0 * SMALL))
-    whole = np.nan_to_num(np.array(columns).T)  # a number that is none yet (nan) carries nothing
-    a, b, c, d = whole[:count, :count], whole[:count, count:], whole[count:, :count], whole[count:, count:]
-    kept = reached(a, b) & reached(a.T, c.T)
-    return LinearLaw(a[np.ix_(kept, kept)], b[kept], c[:, kept], d)
+    return LinearLaw(*differentiated(step, np.array(list(numbers(state))), 2))
+
+
+def differentiated(
+    step: Callable[[Array, Array], Array], before: Array, inputs: int
+) -> tuple[Array, Array, Array, Array]:
+    """(a, b, c, d) of a step that takes a state's numbers and its inputs' changes, and gives the next ones and outputs.
+
+    Only numbers that an input can reach are changed: to change a time would make a command come due. Raises ValueError
+    where a step changes what the state is made of.
+    """
+    count, still = before.size, np.zeros(inputs)
+    outputs = step(before, still).size - count
+    if outputs < 1:
+        raise ValueError("the law's state has other parts after a step than before it")
+    a, b = np.zeros((count + outputs, count)), np.empty((count + outputs, inputs))
+    for k in range(inputs):
+        off = np.zeros(inputs)
+        off[k] = SMALL
+        b[:, k] = (step(before, off) - step(before, -off)) / (2.0 * SMALL)
+    b = np.nan_to_num(b)  # a number that is none yet (nan) carries nothing
+    known = np.zeros(count, dtype=bool)
+    moved = np.any(b[:count] != 0.0, axis=1)
+    while np.any(moved & ~known):
+        for k in np.flatnonzero(moved & ~known):
+            off = np.zeros(count)
+            off[k] = SMALL
+            a[:, k] = np.nan_to_num((step(before + off, still) - step(before - off, still)) / (2.0 * SMALL))
+            known[k] = True
+        moved = known | np.any(a[:count] != 0.0, axis=1)
+    kept = known & reached(a[:count].T, a[count:].T)
+    return a[:count][np.ix_(kept, kept)], b[:count][kept], a[count:][:, kept], b[count:]
 
 
 def reached(a: Array, b: Array) -> Any:

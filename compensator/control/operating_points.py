@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.linear_plant import LinearPlant, Timing, observed_plant, plate_plant, regulated_plant
 from compensator.control.linearized import LinearLaw, linearized
+from compensator.control.observer import Observer
 from compensator.control.own_pid import OwnPid
 
 Way = Literal["heating", "cooling", "at rest"]
@@ -93,7 +94,10 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
     output, memory = film.step(degC, memory)
     rise = float(np.sign(film.step(degC + (1e-3 if way >= 0 else -1e-3), memory)[0] - output)) or 1.0
     speed = rise * DEC_PER_S * abs(way)
-    state = law.start(degC, memory, law.plate.current_for_rate_A(degC, 0.0, law.settings.current_limit_A))
+    held_A = law.plate.current_for_rate_A(degC, 0.0, law.settings.current_limit_A)
+    state = law.start(degC, memory, held_A)
+    if law.observer is not None:
+        state = state._replace(observer=_held(law.observer, state.observer, degC, held_A, h))
     state = state._replace(estimate=believed(law, noise_K, state.estimate))
     settled = state.estimate
     lag_s = law.observer.film_lag_s + law.observer.delay_s if law.observer is not None else 0.0
@@ -115,6 +119,13 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
         plant = plate_plant(law.plate, here, current_A, slope, timing)
     name: Way = "heating" if way > 0 else "cooling" if way < 0 else "at rest"
     return Point(name, here, slope, linear, plant, h, noise_K, own is not None)
+
+
+def _held(observer: Observer, state: Any, degC: float, current_A: float, period_s: float) -> Any:
+    """The observer when the plate has been at a temperature for long, by this current."""
+    for _ in range(1 + math.ceil(observer.delay_s / period_s + 5.0 * observer.thermometer_lag_s / period_s)):
+        state = observer.followed(observer.predicted(observer.sent(state, current_A)), degC, degC)
+    return state
 
 
 def _read(law: Law, state: LawState, now_s: float, output: float, speed: float, aged: tuple[float, float]) -> Inputs:

@@ -91,7 +91,6 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, held_degC: fl
     """
     first_reached, toward, band = True, turn.toward, turn.band
     v, memory, settings = film.degC, film.plays.copy(), film.settings
-    side = toward  # of the film's way so far
     limits = settings[0]
     envelopes, radii, weights, code, par = film.model
     work = workspace(film.model)
@@ -100,7 +99,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, held_degC: fl
         wanted = targets[i]
         gap = wanted - output
         if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
-            temperatures[i] = v if v != film.degC or (held_degC - v) * side > 0.0 else held_degC
+            temperatures[i] = held_degC if v == film.degC else v
             continue
         toward = math.copysign(1.0, gap)
         found, v_next, _, _ = solve(wanted, v, film.model, settings, memory, work)

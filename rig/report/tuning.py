@@ -26,6 +26,7 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
     (folder / "tuning.json").write_text(plain_json(result) + "\n", encoding="utf-8")
     worst = max(row.margins.ms for row in found.rows)
     verdict = "The margins hold." if not found.refused else "The gains are refused: their margins do not hold."
+    place = "ohmmeter" if found.name == "instrument_pid" else "command"
     parts = [
         tiles(
             [
@@ -35,7 +36,7 @@ def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], foun
                 (f"{found.rings_at_gain:.2f}", "plate's answer from which it rings on"),
             ]
         ),
-        section("The loop, broken at the command", _figure(folder, found)),
+        section(f"The loop, broken at the {place}", _figure(folder, found)),
         section("Margins", _table(found), paragraph(_MEANING)),
     ]
     if found.refused:
@@ -104,7 +105,7 @@ def _figure(folder: Path, found: WholeLaw) -> str:
     bode.set(
         xscale="log", xlabel="frequency / rad/s", ylabel="|S| = |1 / (1 + L)|", xlim=(1e-2, omega[-1]), ylim=(0.0, 2.5)
     )
-    bode.legend(loc="lower right")
+    bode.legend(loc="upper left")
     caption = (
         "The whole loop's curve keeps out of the circle about -1 of radius 1 / Ms; |S| is what it makes of an error."
     )
