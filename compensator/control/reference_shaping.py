@@ -81,7 +81,7 @@ class Planned(NamedTuple):
 
 
 @njit(cache=True)
-def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, held_degC: float, temperatures: Array) -> bool:
+def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
     """Temperatures (degC) for the coming targets from the present memory.
 
     To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
@@ -99,7 +99,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, held_degC: fl
         wanted = targets[i]
         gap = wanted - output
         if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
-            temperatures[i] = held_degC if v == film.degC else v
+            temperatures[i] = v
             continue
         toward = math.copysign(1.0, gap)
         found, v_next, _, _ = solve(wanted, v, film.model, settings, memory, work)
@@ -188,7 +188,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     """
     count = targets.size
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, turn, film, now.film_degC, wanted)
+    reached = wanted_temperatures(targets, turn, film, wanted)
     latest_departures(wanted, reach, departures)
     envelopes, radii, weights, code, par = film.model
     before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)

@@ -16,9 +16,7 @@ import numpy as np
 from compensator.control.design import Design, design_log_resistance, design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
-from compensator.control.linear_plant import Timing
 from compensator.control.observer import Observer
-from compensator.control.whole_law import share_within
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -29,29 +27,11 @@ from rig.control.resistance import ohm
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
-from rig.experiment.own_pid import own_pid
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
 
 HOT_DWELL_S = 3.0
-FED_BACK: tuple[LawName, ...] = ("full", "instrument_pid")  # the laws that the resistance is fed back to
-LEAST_SHARE = 0.02  # where not even that keeps the margins, it is the temperature's gains that are too large
-OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
-
-
-def timing_of(
-    configuration: Configuration, output_age_s: float | None = None, acts_after_s: float | None = None
-) -> Timing:
-    """When a period's readings are taken and its command acts; by default as usual instruments have it.
-
-    A dead time that is configured beyond a period is taken for one that no stamp tells.
-    """
-    period = configuration.experiment.period_s
-    age = min(OUTPUT_AGE_S, 0.36 * period) if output_age_s is None else output_age_s
-    acts = min(ACTS_AFTER_S, 0.17 * period) if acts_after_s is None else acts_after_s
-    late = max((configuration.control.dead_time_s or 0.0) - period, 0.0)
-    return Timing(period, age, acts, late)
 
 
 def law_and_design(
@@ -91,12 +71,6 @@ def law_and_design(
         rate_share=control.rate_share,
         fastest_K_per_s=fastest_K_per_s,
     )
-    if name in FED_BACK:
-        share = control.most_share
-        if share is None:
-            own = own_pid(configuration, film, plate) if name == "instrument_pid" else None
-            share = max(share_within(Law(settings, plate, film), timing_of(configuration), own), LEAST_SHARE)
-        settings = replace(settings, most_share=share)
     return warmed_up(Law(settings, plate, film, observer)), design
 
 

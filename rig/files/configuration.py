@@ -155,8 +155,6 @@ class ControlTable(Table):
 
     ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. band_dec: a difference
     for which the resistance does not turn round, at the least; what noise makes of it is estimated in the run.
-    most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; where it is
-    not given the largest that keeps the whole law's margins (`peltier tune`).
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
@@ -164,7 +162,6 @@ class ControlTable(Table):
     preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] = 4.0
     band_dec: NotNegative = 0.0
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
-    most_share: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
 
 
 class CalibrationTable(Table):

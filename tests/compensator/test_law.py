@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -201,17 +200,3 @@ def test_an_output_that_cannot_be_reached_is_told() -> None:
 def test_a_law_of_the_resistance_needs_a_film() -> None:
     with pytest.raises(ValueError, match="film model"):
         Law(LawSettings("full", 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1)), PLATE, None)
-
-
-def test_a_film_at_rest_is_held_at_its_temperature() -> None:
-    """Where the output need not turn round, a push on the plate is taken back, and what it had of speed is not kept."""
-    law = Law(replace(law_of("full").settings, band=0.01), PLATE, FILM)
-    memory = FILM.step(58.0, FILM.initial_memory(10.0, "heated"))[1]
-    wanted = np.full(law.preview_times_s().size, FILM.step(58.0, memory)[0])
-    state = law.start(58.0, memory, PLATE.current_for_rate_A(58.0, 0.0, 4.0))
-    degC = 58.0
-    for k in range(200):
-        degC += 0.02 if k == 50 else 0.0
-        command, state = law.step(state, Inputs(degC, float(wanted[0]), float(wanted[0]), wanted))
-        degC = PLATE.step(degC, command.current_A, 0.1)
-    assert degC == pytest.approx(58.0, abs=0.004)
