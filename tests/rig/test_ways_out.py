@@ -144,7 +144,7 @@ def test_a_file_that_may_not_grow(peltier: Peltier, tmp_path: Path, order: list[
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
     assert status == 1
-    assert "File too large; " in err
+    assert f"File too large: '{tmp_path / 'run.part' / 'record.csv'}'; " in err  # what failed first, and its file
     assert "output off, confirmed by the controller" in err
     assert order[1] == "off"
     assert (tmp_path / "run.part" / "record.csv").stat().st_size <= 20_000
