@@ -40,12 +40,19 @@ def write_correction(path: Path, correction: Target) -> None:
     write_columns(path, {"time_s": correction.times_s, COLUMN: correction.values})
 
 
+def nothing_learned(target: Target, period_s: float) -> Target:
+    """Zero all along the target: a run without a correction was the best, and whoever begins from it begins there."""
+    grid: Array = np.arange(0.0, target.duration_s, period_s)
+    return Target("correction", grid, np.zeros(grid.size))
+
+
 def next_correction(run: Rows, target: Target, used: Target | None, period_s: float) -> Target:
     """What the next repetition adds to the target, out of a run that added `used`."""
+    used = used if used is not None else nothing_learned(target, period_s)
     grid: Array = np.arange(0.0, target.duration_s, period_s)
+    before = used.at(grid)
     time, error = tracking_error(run)
     good = np.isfinite(error)
-    before = used.at(grid) if used is not None else np.zeros(grid.size)
     if not np.any(good):
         return Target("correction", grid, before)
     missed = np.interp(grid, time[good], error[good])  # log10 of measured over wanted: what -log10 R lacks
@@ -69,5 +76,5 @@ class Learning:
             self.over, self.next = True, self.best
             return
         if error < self.best_rms_dec:
-            self.best, self.best_rms_dec = used, error
+            self.best, self.best_rms_dec = used if used is not None else nothing_learned(target, period_s), error
         self.next = self.best if self.over else next_correction(run, target, used, period_s)

@@ -15,7 +15,7 @@ ONE = [
     ("creep", 1),
     ("self_heating", 1),
     ("series_resistance", 1),
-    ("meter_lag", 3),  # of 7.6 s: envelopes are not found in what it shows
+    pytest.param("meter_lag", 3, marks=pytest.mark.long),  # of 7.6 s: envelopes are not found in what it shows
 ]
 
 

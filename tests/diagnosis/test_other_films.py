@@ -16,12 +16,14 @@ from tests.diagnosis.cases import case
 from tests.diagnosis.said import covered, names
 
 
+@pytest.mark.long
 def test_a_range_error_beside_a_film_of_another_kind() -> None:
     blind = case("other_film_effect", 3013)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden) == {"meter_range_error"}
 
 
+@pytest.mark.long
 @pytest.mark.other_processor
 def test_a_leakage_beside_a_film_of_another_kind() -> None:
     blind = case("other_film_effect", 35, effect="parallel_leakage")
@@ -30,12 +32,13 @@ def test_a_leakage_beside_a_film_of_another_kind() -> None:
     covered(document, blind)
 
 
+@pytest.mark.long
 def test_a_film_that_bends_its_own_output_is_no_leakage() -> None:
     blind = case("other_film_effect", 11303)
     assert names(diagnose(blind.columns).document()) == {"ambient_drift"}
 
 
-@pytest.mark.parametrize("seed", [6005, pytest.param(11001, marks=pytest.mark.other_processor)])
+@pytest.mark.parametrize("seed", [6005, pytest.param(11001, marks=(pytest.mark.long, pytest.mark.other_processor))])
 def test_nothing_hidden_nothing_named(seed: int) -> None:
     """The last film's minor loops are not congruent, as if there were 53 ohm in series: evidence 52, and a softer bend
     is better by 7.6 to 8.0."""

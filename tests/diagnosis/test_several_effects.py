@@ -19,6 +19,7 @@ def test_two_hidden_effects() -> None:
     assert names(document) == set(blind.hidden)
 
 
+@pytest.mark.long
 def test_two_resistances_that_bend_the_reading_against_each_other() -> None:
     """Neither shows alone: D takes both."""
     blind = case("three", 1701)

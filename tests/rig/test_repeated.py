@@ -43,7 +43,8 @@ def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:
         assert abs(last - 8e3) < 1.0
 
     path.write_text(path.read_text().replace("repeat = 3", f'repeat = 1\nlearned = "{run}"'))
-    assert peltier("run", path, "--out", tmp_path / "again")[0] == 0
+    status, _, err = peltier("run", path, "--out", tmp_path / "again")
+    assert status == 0, err
     begun = np.loadtxt(tmp_path / "again" / "correction.csv", delimiter=",", skiprows=1)
     assert np.allclose(begun, np.loadtxt(run / "learned.csv", delimiter=",", skiprows=1))
 

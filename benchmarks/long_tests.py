@@ -1,0 +1,24 @@
+"""The tests that take most of a minute each, which the README's test command leaves out.
+
+    ./peltier benchmark long_tests [ARGUMENTS OF PYTEST]
+
+They are marked `long`: mostly effects beside films of another kind, whose search has hundreds of unknowns. Those that
+are marked `other_processor` as well run in CI with narrower instructions (`.ci/narrower_instructions.py`).
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def main() -> int:
+    command = [sys.executable, str(ROOT / "peltier"), "test", "--dist", "worksteal", "-m", "long", "--durations=0"]
+    return subprocess.call([*command, *sys.argv[1:], str(ROOT / "tests")])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
