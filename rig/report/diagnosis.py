@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 from rig.files.run_folder import plain_json
 from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
-from rig.report.diagnosis_words import channels_of, judged_channels, left_over, listed, parameter, sentence
+from rig.report.diagnosis_words import (
+    channels_of,
+    judged_channels,
+    left_over,
+    listed,
+    not_named,
+    number,
+    parameter,
+    sentence,
+)
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -25,10 +34,12 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> N
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),
         section("Effects", _effects(diagnosis), *_changes(diagnosis)),
+        *_not_named(diagnosis),
         section("What the repair gains", gain_figure(folder, diagnosis)),
         section("What is left, and what to do next", *_left(diagnosis)),
         section("What was wrong", *residual),
     ]
+    parts += _plate(diagnosis)
     if diagnosis.record.output is not None:
         parts.append(section("The loop", loop_figure(folder, diagnosis)))
     parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
@@ -74,6 +85,30 @@ def _effects(diagnosis: Diagnosis) -> str:
         gained = ", ".join(gains) or "\N{EN DASH}"
         rows.append([f.name, values, f"{f.evidence:,.0f}", f"{f.false_alarm:.2g}", gained, other])
     return table(head, rows)
+
+
+def _not_named(diagnosis: Diagnosis) -> list[str]:
+    """A section where something was found that did not earn its name."""
+    if not diagnosis.candidates:
+        return []
+    note = (
+        "These tell rows that no fit has seen better than what is named. Chosen as the best of several, they may do a "
+        "little worse on another record: --holdout tells."
+    )
+    return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
+
+
+def _plate(diagnosis: Diagnosis) -> list[str]:
+    """A section for a record with a current."""
+    plate = diagnosis.plate
+    if plate is None:
+        return []
+    rows = [
+        [name, number(value), "\N{EN DASH}" if ci is None else f"{number(ci[0])} to {number(ci[1])}"]
+        for name, (value, ci) in plate.parameters.items()
+    ]
+    doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
+    return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *doubts)]
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
+LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be told there
 SHORTFALL = "does not carry over to rows that no fit has seen; the record says too little of the film or the plate"
 
 
@@ -94,6 +95,32 @@ def gain_line(what: str, unit: str, channel: Channel) -> str:
     )
 
 
+def not_named(diagnosis: Diagnosis) -> list[str]:
+    """Sets of effects that predict held-out rows better than what is named, and why they are not named."""
+    found = []
+    for c in diagnosis.candidates:
+        sizes = "; ".join(
+            f"{name} ({', '.join(f'{p} {value:.3g}' for p, value in own.items())})"
+            for name, own in c.parameters.items()
+        )
+        gains = ", ".join(
+            f"{what} {number(c.rmse_named[key])} to {number(c.rmse_holdout[key])} {unit} "
+            f"({100.0 * c.reduction_ci95[key][0]:.0f} to {100.0 * c.reduction_ci95[key][1]:.0f} % less)"
+            for key, (what, unit) in channels_of(diagnosis).items()
+            if key in c.rmse_named and c.rmse_holdout[key] < LESS * c.rmse_named[key]
+        )
+        found.append(f"{sizes}: {gains} on held-out rows. Not named: {c.why_not_named}")
+    return found
+
+
+def plate_lines(diagnosis: Diagnosis) -> list[str]:
+    """The plate's numbers with their intervals in a line, and what is doubtful of them in a line each."""
+    if diagnosis.plate is None:
+        return []
+    values = [parameter(name, value, ci) for name, (value, ci) in diagnosis.plate.parameters.items()]
+    return [f"{diagnosis.plate.kind}: {', '.join(values)}", *(f"doubtful: {d}" for d in diagnosis.plate.doubts)]
+
+
 def lines(diagnosis: Diagnosis) -> list[str]:
     """The whole diagnosis for a terminal."""
     out = [sentence(diagnosis)]
@@ -101,9 +128,11 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
         out.append(f"  {f.name}: {parameters(f)}; evidence {f.evidence:.4g}, false alarms {f.false_alarm:.2g}{other}")
     out += [gain_line(*one) for one in judged_channels(diagnosis)]
+    out += plate_lines(diagnosis)
     if diagnosis.film is not None:
         film = diagnosis.film
         out.append(f"film: D(T) {film['memoryless']}, {film['operators']} operators with weight")
+    out += [f"not named: {text}" for text in not_named(diagnosis)]
     out += [f"left: {text}" for text in left_over(diagnosis)]
     out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
     out += [f"next: {text}" for text in diagnosis.next_experiment]

@@ -21,9 +21,11 @@ from sim.diagnosis.judge.verdict import (
     resistance_residual,
     temperature_residual,
 )
+from sim.diagnosis.report.candidates import Candidate, candidates_of
 from sim.diagnosis.report.confounders import rivals_of
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
+from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.warnings import warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.chain import Chain, temperature_search
@@ -94,12 +96,15 @@ def diagnose(
         judged = judge(chain, names)
         while vague := vague_effects(chain, frozenset(judged.names)):
             weakest = min(vague, key=lambda name: judged.evidence[name])
-            judged = judge(chain, frozenset(judged.names) - {weakest})
+            refused = {**judged.refused, weakest: "the record does not fix its size"}
+            judged = judge(chain, frozenset(judged.names) - {weakest}, refused)
         other = None
         if holdout is not None:
             other = read_columns(holdout, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             if bends := bends_elsewhere(chain, frozenset(judged.names), other):
-                judged = judge(chain, frozenset(judged.names) - bends)
+                why = "on the other record the film is not understood, and may bend its output itself"
+                refused = {**judged.refused, **dict.fromkeys(bends, why)}
+                judged = judge(chain, frozenset(judged.names) - bends, refused)
         unseen = UnseenRows(other, told_rows(other) if as_predicted and other is not None else None)
         found = _diagnosis(chain, judged, unseen, say)
         if base == "generalized_pi" and record.output is not None:
@@ -120,6 +125,15 @@ def _in_its_unit(found: Diagnosis) -> Diagnosis:
             g[key] = replace(own, rmse_before=size * own.rmse_before, rmse_after=size * own.rmse_after)
         return g
 
+    def scaled(rmse: dict[str, float]) -> dict[str, float]:
+        return {key if c == "resistance_dec" else c: v * size if c == "resistance_dec" else v for c, v in rmse.items()}
+
+    def renamed(c: Candidate) -> Candidate:
+        intervals_of = {key if name == "resistance_dec" else name: ci for name, ci in c.reduction_ci95.items()}
+        named, holdout = scaled(c.rmse_named), scaled(c.rmse_holdout)
+        return replace(c, rmse_named=named, rmse_holdout=holdout, reduction_ci95=intervals_of)
+
+    candidates = [renamed(c) for c in found.candidates]
     channels, own = dict(found.channels), found.channels["resistance_dec"]
     if own is not None:
         noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
@@ -127,7 +141,7 @@ def _in_its_unit(found: Diagnosis) -> Diagnosis:
     channels |= {"resistance_dec": None, key: own}
     unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
     findings = [replace(f, gain=gains(f)) for f in found.findings]
-    return replace(found, channels=channels, unexplained=unexplained, findings=findings)
+    return replace(found, channels=channels, unexplained=unexplained, findings=findings, candidates=candidates)
 
 
 def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
@@ -181,14 +195,22 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
     for name, residual in whole.items():
         counted = held & np.isfinite(residual)
         channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
+
+    def predicted(group: frozenset[str]) -> dict[str, Array]:
+        """What held-out rows lack with these effects, with the lattice on which a thermometer's readings are."""
+        left = unseen.residuals(chain, group)
+        if on_lattice:
+            left["temperature_K"] = rounded(readings, left["temperature_K"], sigma_K, record.step_K)[0]
+        return left
+
+    say("candidates")
+    others = candidates_of(chain, judged, predicted, held, noise)
     say("intervals")
     parameters = intervals(chain, names)
     rivals = rivals_of(chain, names, judged)
     findings = []
     for name in judged.names:
-        rest = unseen.residuals(chain, names - {name})
-        if on_lattice:
-            rest["temperature_K"] = rounded(readings, rest["temperature_K"], sigma_K, record.step_K)[0]
+        rest = predicted(names - {name})
         gains = {c: gain(rest[c], whole[c], held) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]
@@ -240,6 +262,8 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         record,
         chain,
         judged,
+        plate_numbers(chain, names),
+        others,
     )
 
 

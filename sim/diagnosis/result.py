@@ -7,6 +7,8 @@ from typing import Any
 
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.judge.verdict import Verdict
+from sim.diagnosis.report.candidates import Candidate
+from sim.diagnosis.report.plate_numbers import PlateNumbers
 from sim.diagnosis.report.warnings import Warning
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
@@ -38,8 +40,9 @@ class Channel:
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next; record and chain: for figures and for the extended model. The keys of
-    channels, gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+    film's form, warnings, what to do next, the plate's numbers, what was found and is not named; record and chain: for
+    figures and for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
+    (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -51,6 +54,8 @@ class Diagnosis:
     record: Record
     chain: Chain
     judged: Verdict
+    plate: PlateNumbers | None
+    candidates: list[Candidate]
     model: str | None = None
 
     def document(self) -> dict[str, Any]:
@@ -92,6 +97,8 @@ class Diagnosis:
             },
             "unexplained": self.unexplained,
             "film": self.film,
+            "plate": None if self.plate is None else self.plate.document(),
+            "candidates": [c.document() for c in self.candidates],
             "warnings": [w.document() for w in self.warnings],
             "next_experiment": self.next_experiment,
             "model": self.model,

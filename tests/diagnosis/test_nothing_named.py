@@ -15,6 +15,7 @@ def test_nothing_hidden_nothing_named(seed: int) -> None:
     document = diagnose(case("clean", seed).columns).document()
     assert names(document) == set()
     assert document["verdict"] == "clean"
+    assert document["candidates"] == []
 
 
 def test_something_that_no_effect_accounts_for() -> None:

@@ -33,7 +33,8 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     _, hidden, said = diagnosed
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
-        "format", "verdict", "effects", "channels", "unexplained", "film", "warnings", "next_experiment", "model",
+        "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "candidates", "warnings",
+        "next_experiment", "model",
     }  # fmt: skip
     assert said["verdict"] == "explained"
     assert [effect["name"] for effect in said["effects"]] == list(hidden.hidden)
@@ -47,6 +48,29 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     assert channel["rmse_extended"] < 1.1 * channel["noise"] < channel["rmse_base"]
     assert said["film"]["memoryless"] in ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")
     assert said["film"]["operators"] >= 1
+    assert said["plate"]["kind"] == "peltier"
+    assert said["plate"]["doubts"] == []
+    assert said["candidates"] == []  # what is named tells the held-out rows best
+
+
+def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
+    measured: Path, tmp_path: Path, peltier: Peltier
+) -> None:
+    """A lamp heats in its own way: a second thermal mass does some of it, and is not the cause."""
+    words = ["--column", "temperature_degC=y_C", "--column", "current_A=u_V@duty", "--plate", "heater"]
+    status, out, _ = peltier(
+        "diagnose", measured / "lamp_heating.csv", *words, "--json", tmp_path / "d.json", "--report", tmp_path / "r"
+    )
+    assert status == 0
+    said = json.loads((tmp_path / "d.json").read_text())
+    assert said["effects"] == []
+    best = said["candidates"][0]
+    assert set(best) == {"names", "parameters", "rmse_holdout", "why_not_named"}
+    assert "heat_sink_warmup" in best["names"]
+    assert best["rmse_holdout"]["temperature_K"] < 0.7 * said["channels"]["temperature_K"]["rmse_extended"]
+    assert "rows that no fit has seen" in best["why_not_named"]
+    assert "not named: " in out
+    assert "Found, and not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_extended_model_predicts_as_well_as_the_diagnosis_says(

@@ -44,12 +44,14 @@ MOST_LEFT = 0.25  # share of the excess that may be left where an effect is name
 
 @dataclass(frozen=True)
 class Verdict:
-    """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing."""
+    """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing; refused: why
+    an effect that the search had selected is not named."""
 
     names: tuple[str, ...]
     evidence: dict[str, float]
     temperature: Adequacy | None
     resistance: Adequacy | None
+    refused: dict[str, str]
 
     @property
     def clean(self) -> bool:
@@ -121,55 +123,65 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
     return whitened_score(z, free, cosines(rows.astype(np.float64), chain.record.rows))
 
 
-def judge(chain: Chain, names: frozenset[str]) -> Verdict:
-    """The names that may be said."""
+def judge(chain: Chain, names: frozenset[str], refused: dict[str, str] | None = None) -> Verdict:
+    """The names that may be said. refused: those that were refused before, and why."""
+    refused = dict(refused or {})
     while True:
         temperature, resistance = adequacies(chain, names)
         evidence: dict[str, float] = {}
-        failing: dict[str, float] = {}
+        failing: dict[str, tuple[float, str]] = {}
         for name in sorted(names):
-            rest = names - {name}
-            evidence[name] = chain.loses(names, name)
-            told = told_by_unseen(chain, names, rest)
-            unseen = told.gain if told is not None else None
-            unconfirmed = told is not None and told.gain < -may_lose(evidence[name], told.changed)
-            short = evidence[name] + (unseen or 0.0) < least_evidence(chain, names, name)
-            if short or unconfirmed or too_small(chain, names, name):
-                failing[name] = min(evidence[name], WORTH)
-                continue
-            upstream = name in chain.split(names)[0]
-            if not upstream and not _shows_beside(chain, names, name):
-                failing[name] = min(evidence[name], WORTH)
-                continue
-            if not _predicts(chain, names, rest, not upstream):
-                failing[name] = WORTH
-                continue
-            left = temperature if upstream else resistance
-            if not upstream and temperature is not None and not temperature.clean and evidence[name] < BEHIND_UNKNOWN:
-                failing[name] = evidence[name]  # the film's temperature itself is not well known
-                continue
-            if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
-                failing[name] = min(evidence[name], WORTH)  # what is left of the film may bend it, too
-                continue
-            if left is None or left.clean:
-                continue
-            value, without = (_whitened(chain, group, not upstream) for group in (names, rest))
-            now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
-            sure = value - without >= CERTAIN and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
-            alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and sure)
-            together = (
-                now <= MOST_LEFT_OF_ALL * _excess(chain, frozenset(), not upstream)
-                and value - without >= SURVIVES_BESIDE
-                and (unseen is None or unseen >= SEEN_BESIDE * evidence[name])
-            )
-            if value - without < SURVIVES or not (alone or together):
-                failing[name] = min(value - without, evidence[name])
-            else:
-                evidence[name] = min(evidence[name], value - without) if value - without > 0 else evidence[name]
+            evidence[name], found = _worth(chain, names, name, temperature, resistance)
+            if found is not None:
+                failing[name] = found
         if not failing:
             order = tuple(sorted(names, key=lambda n: -evidence[n]))
-            return Verdict(order, evidence, temperature, resistance)
-        names = names - {min(failing, key=lambda n: failing[n])}
+            return Verdict(order, evidence, temperature, resistance, refused)
+        weakest = min(failing, key=lambda n: failing[n][0])
+        refused[weakest] = failing[weakest][1]
+        names = names - {weakest}
+
+
+def _worth(
+    chain: Chain, names: frozenset[str], name: str, temperature: Adequacy | None, resistance: Adequacy | None
+) -> tuple[float, tuple[float, str] | None]:
+    """An effect's evidence; and, where it may not be said, what of it counts and why."""
+    rest = names - {name}
+    evidence = chain.loses(names, name)
+    told = told_by_unseen(chain, names, rest)
+    unseen = told.gain if told is not None else None
+    least = least_evidence(chain, names, name)
+    weak = min(evidence, WORTH)
+    if evidence + (unseen or 0.0) < least:
+        return evidence, (
+            weak,
+            f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
+        )
+    if told is not None and told.gain < -may_lose(evidence, told.changed):
+        return evidence, (weak, f"rows that no fit has seen speak against it: log-likelihood {told.gain:.2g}")
+    if too_small(chain, names, name):
+        return evidence, (weak, "its size has no physical meaning")
+    upstream = name in chain.split(names)[0]
+    if not upstream and not _shows_beside(chain, names, name):
+        return evidence, (weak, "a film of another kind can do what it does")
+    if not _predicts(chain, names, rest, not upstream):
+        return evidence, (WORTH, "rows that no fit has seen are predicted far worse than the noise with it")
+    if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
+        return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
+    if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
+        return evidence, (weak, "the film is not understood, and may bend its output itself")
+    left = temperature if upstream else resistance
+    if left is None or left.clean:
+        return evidence, None
+    value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
+    now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
+    seen = unseen is None or unseen >= SEEN_BESIDE * evidence
+    alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and value >= CERTAIN and seen)
+    bare = _excess(chain, frozenset(), not upstream)
+    together = now <= MOST_LEFT_OF_ALL * bare and value >= SURVIVES_BESIDE and seen
+    if value < SURVIVES or not (alone or together):
+        return evidence, (min(value, evidence), "something else is left with it, which may do what it seems to do")
+    return min(evidence, value), None
 
 
 def may_lose(evidence: float, changed: float) -> float:

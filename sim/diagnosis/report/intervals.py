@@ -37,40 +37,46 @@ def _deviations(columns: Array, z: Array) -> Array:
     return np.asarray(np.maximum(plain, np.where(np.isfinite(wide), wide, 0.0)), dtype=np.float64)
 
 
+def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
+    """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale; None without them."""
+    pair = chain.pair(names)
+    if pair is not None:
+        return _deviations(*pair.columns())[: pair.a.parameters.x.size]
+    a, _ = chain.fits(names)
+    if a is None or chain.first is None:
+        return None
+    z, rows = temperature_residual(chain, names)
+    channel = chain.first.channel
+    p = a.parameters
+    first = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - a.shown_degC[rows]
+    e = first / (0.01 * channel.sigma_K)
+    weight = np.sqrt(a.curvature)
+    j = a.jacobian[rows] / channel.sigma_K
+    d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12
+    for k in range(j.shape[1]):
+        part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
+        j[:, k] -= e * part[channel.stretch]
+    return _deviations(weight[:, None] * j, z)
+
+
 def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:
     """By effect and parameter: the value and its 95 % interval, None where an interval has no meaning."""
     a, b = chain.fits(names)
     out: dict[str, dict[str, tuple[float, tuple[float, float] | None]]] = {}
+    first = first_deviations(chain, names)
+    if a is not None and first is not None:
+        out |= _by_name(list(a.effects), first[len(a.parameters.base) :])
     pair = chain.pair(names)
     if pair is not None:
         p = pair.a.parameters
-        end = p.x.size + p.first_degC.size
-        deviations = _deviations(*pair.columns())
-        out |= _by_name(list(pair.a.effects), deviations[len(p.base) : p.x.size])
-        out |= _by_name(list(pair.b.effects), deviations[end + 4 :])
-        return out | _profiles(chain, names)
-    if a is not None and chain.first is not None:
-        z, rows = temperature_residual(chain, names)
-        channel = chain.first.channel
-        p = a.parameters
-        first = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - a.shown_degC[rows]
-        e = first / (0.01 * channel.sigma_K)
-        weight = np.sqrt(a.curvature)
-        j = a.jacobian[rows] / channel.sigma_K
-        d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12
-        for k in range(j.shape[1]):
-            part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
-            j[:, k] -= e * part[channel.stretch]
-        deviations = _deviations(weight[:, None] * j, z)
-        out |= _by_name(list(a.effects), deviations[len(p.base) :])
-        out |= _profiles(chain, names)
-    if b is not None:
+        out |= _by_name(list(pair.b.effects), _deviations(*pair.columns())[p.x.size + p.first_degC.size + 4 :])
+    elif b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)
         point = last.point(b.parameters, b.parameters.x, b.coefficients)
         j = point.off(b.jacobian[rows] / last.sigma_dec)
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
-    return out
+    return out | _profiles(chain, names)
 
 
 def vague_effects(chain: Chain, names: frozenset[str]) -> list[str]:

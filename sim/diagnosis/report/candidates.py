@@ -1,0 +1,129 @@
+"""What was found and is not named: sets of effects that predict held-out rows better than those that are named.
+
+Which sets are looked at is decided by the fitted rows. The gain is then measured on rows that no fit has seen; but it
+is the best of several, and so is a little better than the same effects will do on a further record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Mask
+from sim.diagnosis.judge.verdict import UNSEEN, Verdict
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.stepwise import ENTRY
+from sim.diagnosis.validate.gain import gain
+
+Residuals = Callable[[frozenset[str]], dict[str, Array]]
+LOOKED_AT: Final = 8  # sets, the best in the fitted rows first: each costs a simulation of the held-out rows
+SHOWN: Final = 3
+LEAST_GAIN: Final = 0.05  # of the error: below it the named set tells the rows as well
+AS_GOOD: Final = 1.02  # times the error: a set that needs fewer effects is shown instead, or a channel is not worse
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """names; parameters by effect and name; held-out RMSE by channel, of what is named and of these; the 95 % interval
+    of its reduction; why they are not named."""
+
+    names: tuple[str, ...]
+    parameters: dict[str, dict[str, float]]
+    rmse_named: dict[str, float]
+    rmse_holdout: dict[str, float]
+    reduction_ci95: dict[str, tuple[float, float]]
+    why_not_named: str
+
+    def document(self) -> dict[str, Any]:
+        """In `peltier-diagnosis/1`."""
+        values = {
+            effect: {name: {"value": value, "ci95": None} for name, value in own.items()}
+            for effect, own in self.parameters.items()
+        }
+        return {
+            "names": list(self.names),
+            "parameters": values,
+            "rmse_holdout": self.rmse_holdout,
+            "why_not_named": self.why_not_named,
+        }
+
+
+def candidates_of(
+    chain: Chain, judged: Verdict, residuals: Residuals, held: Mask, noise: dict[str, float]
+) -> list[Candidate]:
+    """The best of them first, at most three. residuals: of a set's fit in every row, nan without a reading; held: rows
+    that no fit has seen; noise: of each channel."""
+    named = residuals(frozenset(judged.names))
+    found: list[Candidate] = []
+    for names in _fitted_better(chain, judged):
+        after = residuals(names)
+        gains = {channel: gain(named[channel], after[channel], held) for channel in named}
+        if not any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in gains.values()):
+            continue
+        if any(g.rmse_after > AS_GOOD * g.rmse_before for g in gains.values()):
+            continue
+        left = max(g.rmse_after / noise[channel] for channel, g in gains.items())
+        found.append(
+            Candidate(
+                tuple(sorted(names)),
+                _parameters(chain, names),
+                {channel: g.rmse_before for channel, g in gains.items()},
+                {channel: g.rmse_after for channel, g in gains.items()},
+                {channel: g.reduction_ci95 for channel, g in gains.items()},
+                _why(judged, names, left),
+            )
+        )
+    found.sort(key=_share_left)
+    return [c for c in found if not _told_by_fewer(c, found)][:SHOWN]
+
+
+def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
+    """Sets that were fitted on the way and tell the fitted rows better, most so first. What would need a new search of
+    the film behind another plate is left out."""
+    own = frozenset(judged.names)
+    upstream, downstream = chain.split(own)
+    sets: set[frozenset[str]] = {own | frozenset(judged.refused)}
+    if chain.first is not None:
+        sets |= {s | downstream for s in chain.first.fits}
+    if chain.record.output is not None:
+        sets |= {upstream | s for s in chain.last(upstream).fits}
+        sets = {s for s in sets if chain.split(s)[0] in chain.searches}
+    better = {s: chain.score(s) - chain.score(own) for s in sets if s != own}
+    return sorted((s for s in better if better[s] > ENTRY), key=lambda s: -better[s])[:LOOKED_AT]
+
+
+def _parameters(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, float]]:
+    """As they were fitted."""
+    return {
+        e.name: {p.name: float(value) for p, value in zip(e.effect.parameters, e.par, strict=True)}
+        for fit in chain.fits(names)
+        if fit is not None
+        for e in fit.effects
+    }
+
+
+def _why(judged: Verdict, names: frozenset[str], left: float) -> str:
+    refused = [f"{name}: {judged.refused[name]}" for name in sorted(names) if name in judged.refused]
+    if refused:
+        return "; ".join(refused)
+    if left > UNSEEN:
+        return f"held-out rows are still off by {left:.2g} times the noise: another cause may do as much"
+    return "fitted on the way to what is named, and not judged by itself"
+
+
+def _share_left(candidate: Candidate) -> float:
+    """Of the named set's error, in the channel that gains most."""
+    return min(candidate.rmse_holdout[c] / max(candidate.rmse_named[c], 1e-300) for c in candidate.rmse_named)
+
+
+def _told_by_fewer(candidate: Candidate, found: list[Candidate]) -> bool:
+    """Whether some of its effects alone do as well."""
+    return any(
+        set(other.names) < set(candidate.names)
+        and all(np.less_equal(other.rmse_holdout[c], AS_GOOD * value) for c, value in candidate.rmse_holdout.items())
+        for other in found
+    )
