@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
 RUNNERS_UP = 6
+SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
@@ -162,7 +163,7 @@ def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
     others, parts = alternatives(diagnosis), []
     for what, _ in channels_of(diagnosis).values():
-        mine = sorted((o for o in others if o[0] == what), key=lambda o: o[2])
+        mine = sorted((o for o in others if o[0] == what and o[2] > -SLIGHTLY), key=lambda o: o[2])
         if not mine:
             continue
         bare = [o for o in mine if o[1] == "none"]
@@ -172,6 +173,7 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
         parts.append(table(["effects", "log-likelihood behind the verdict"], rows))
     note = (
         "Sets of effects that were fitted to the end in place of those named. One with more effects may fit slightly "
-        "better; an effect is named only where it brings more than what clean records show."
+        "better; an effect is named only where it brings more than what clean records show. Sets that fit far better "
+        'are under "Found, and not named", where they tell held-out rows better, too.'
     )
     return [*parts, paragraph(note, "note")] if parts else [paragraph("No other set of effects was worth a fit.")]
