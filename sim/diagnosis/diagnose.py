@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
-from sim.diagnosis.data.record import Mask, Record, read_columns
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.judge.false_alarm import false_alarm
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
@@ -32,8 +31,7 @@ from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.held_out import residuals_on
-from sim.diagnosis.validate.residuals import residuals, rounded
+from sim.diagnosis.validate.unseen_rows import UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
@@ -41,23 +39,6 @@ from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
-
-
-@dataclass(frozen=True, eq=False)
-class UnseenRows:
-    """Where the gain is measured. other: another record, None: the held-out rows of the record itself; told: the rows
-    of the other to which what belongs to it is fitted, None: all."""
-
-    other: Record | None
-    told: Mask | None
-
-    def rows(self, chain: Chain) -> Mask:
-        """The rows that no fit has seen: of another record all."""
-        return chain.record.held_out if self.other is None else np.ones(self.other.rows, dtype=np.bool_)
-
-    def residuals(self, chain: Chain, names: frozenset[str]) -> dict[str, Array]:
-        """Of the fit with these effects, in K and decades, as if no reading were rounded; nan where it was told."""
-        return residuals(chain, names) if self.other is None else residuals_on(chain, names, self.other, self.told)
 
 
 def diagnose(
@@ -105,7 +86,7 @@ def diagnose(
                 why = "on the other record the film is not understood, and may bend its output itself"
                 refused = {**judged.refused, **dict.fromkeys(bends, why)}
                 judged = judge(chain, frozenset(judged.names) - bends, refused)
-        unseen = UnseenRows(other, told_rows(other) if as_predicted and other is not None else None)
+        unseen = UnseenRows(chain, other, told_rows(other) if as_predicted and other is not None else None)
         found = _diagnosis(chain, judged, unseen, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, unseen)
@@ -161,8 +142,8 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
     span_name = f"span_{chain.record.quantity.unit}"
-    before, after = (unseen.residuals(c, names)["resistance_dec"] for c in (bare, chain))
-    gains = {"resistance_dec": gain(before, after, unseen.rows(chain))}
+    before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
+    gains = {"resistance_dec": gain(before, after, unseen.rows)}
     term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
@@ -170,73 +151,21 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
 
 def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress) -> Diagnosis:
     record, names = chain.record, frozenset(judged.names)
-    held = unseen.rows(chain)
     say("gain")
-
-    sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
-    lattice = _lattice(record, float(np.hypot(sigma_K, record.step_K / np.sqrt(12.0)))) if record.step_K > 0.0 else None
-    readings = (record if unseen.other is None else unseen.other).temperature_degC
-
-    whole, bare = unseen.residuals(chain, names), unseen.residuals(chain, frozenset())
-    # What first rows leave open of another record's own is no fault of the model: what is left over counts with all.
-    everywhere = dict(whole) if unseen.told is None else replace(unseen, told=None).residuals(chain, names)
-    noise = {"temperature_K": sigma_K}
-    on_lattice = lattice is not None and "temperature_K" in whole
-    if lattice is not None and on_lattice:
-        before = whole["temperature_K"]
-        whole["temperature_K"] = rounded(readings, before, sigma_K, record.step_K)[0]
-        left_K = everywhere["temperature_K"]
-        everywhere["temperature_K"], variance = rounded(readings, left_K, sigma_K, record.step_K)
-        noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[held])))
-        lattice = replace(lattice, gain={"temperature_K": gain(before, whole["temperature_K"], held)})
-    if chain.facts is not None:
-        noise["resistance_dec"] = chain.facts.sigma_dec
-    channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
-    for name, residual in whole.items():
-        counted = held & np.isfinite(residual)
-        channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
-
-    def predicted(group: frozenset[str]) -> dict[str, Array]:
-        """What held-out rows lack with these effects, with the lattice on which a thermometer's readings are."""
-        left = unseen.residuals(chain, group)
-        if on_lattice:
-            left["temperature_K"] = rounded(readings, left["temperature_K"], sigma_K, record.step_K)[0]
-        return left
-
+    lattice = _lattice(chain)
+    unseen = replace(unseen, on_lattice=lattice is not None)
+    noise = unseen.noise(names)
+    channels = _channels(unseen, names, noise)
     say("candidates")
-    others = candidates_of(chain, judged, predicted, held, noise)
+    candidates = candidates_of(chain, judged, unseen.left, unseen.rows, noise)
     say("intervals")
-    parameters = intervals(chain, names)
     rivals = rivals_of(chain, names, judged)
-    findings = []
-    for name in judged.names:
-        rest = predicted(names - {name})
-        gains = {c: gain(rest[c], whole[c], held) for c in whole}
-        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
-        evidence = judged.evidence[name]
-        findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
+    findings = _findings(chain, judged, unseen, rivals)
     if lattice is not None:
-        findings.append(lattice)
-    findings.sort(key=lambda f: -f.evidence)
-    unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
-    if judged.temperature is not None and not judged.temperature.clean:
-        z, rows = temperature_residual(chain, names)
-        unexplained["temperature_K"] = describe(
-            z, record.time_s[rows], record.temperature_degC[rows], judged.temperature.left
-        )
-    if judged.resistance is not None and not judged.resistance.clean:
-        z, rows = resistance_residual(chain, names)
-        unexplained["resistance_dec"] = describe(
-            z, record.time_s[rows], record.temperature_degC[rows], judged.resistance.left
-        )
-    for name, channel in channels.items():
-        if channel is None or unexplained[name] is not None:
-            continue
-        times = rmse(everywhere[name][held & np.isfinite(everywhere[name])]) / channel.noise
-        if times > UNSEEN:
-            unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
-    left = [text for text in unexplained.values() if text is not None]
-    verdict = verdict_of(findings, unexplained)
+        smooth, shown = unseen.residuals(names), unseen.left(names)
+        gains = {c: gain(smooth[c], shown[c], unseen.rows) for c in smooth if c == "temperature_K"}
+        findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
+    unexplained = _unexplained(chain, judged, unseen, channels)
     film = None
     if chain.facts is not None:
         film = {
@@ -244,33 +173,85 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
             "operators": int(chain.facts.basis.fractions.size),
             "of_the_class": bool(chain.relays_bring(names) < ABSORBS),
         }
+    next_experiment = next_experiments(
+        chain.effects,
+        [f.name for f in findings],
+        rivals,
+        [text for text in unexplained.values() if text is not None],
+        record.current_A is not None,
+        record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
+    )
     return Diagnosis(
-        verdict,
+        verdict_of(findings, unexplained),
         findings,
         channels,
         unexplained,
         film,
         warnings_of(chain, names),
-        next_experiments(
-            chain.effects,
-            [f.name for f in findings],
-            rivals,
-            left,
-            record.current_A is not None,
-            record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
-        ),
+        next_experiment,
         record,
         chain,
         judged,
         plate_numbers(chain, names),
-        others,
+        candidates,
     )
 
 
-def _lattice(record: Record, noise_K: float) -> Finding | None:
+def _channels(unseen: UnseenRows, names: frozenset[str], noise: dict[str, float]) -> dict[str, Channel | None]:
+    """Of the base model, which stays as if no reading were rounded, and of the extended one."""
+    channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
+    bare = unseen.residuals(frozenset())
+    for name, residual in unseen.left(names).items():
+        counted = unseen.rows & np.isfinite(residual)
+        channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
+    return channels
+
+
+def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping[str, list[str]]) -> list[Finding]:
+    """What is named, with sizes and gains, in order of evidence."""
+    names, findings = frozenset(judged.names), []
+    parameters, whole = intervals(chain, names), unseen.left(names)
+    for name in judged.names:
+        rest = unseen.left(names - {name})
+        gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
+        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
+        evidence = judged.evidence[name]
+        findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
+    return findings
+
+
+def _unexplained(
+    chain: Chain, judged: Verdict, unseen: UnseenRows, channels: Mapping[str, Channel | None]
+) -> dict[str, str | None]:
+    """By channel: what is left in the fitted rows, or that unseen rows are predicted much worse; None: nothing."""
+    record, names = chain.record, frozenset(judged.names)
+    unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
+    for channel, adequacy, residual in (
+        ("temperature_K", judged.temperature, temperature_residual),
+        ("resistance_dec", judged.resistance, resistance_residual),
+    ):
+        if adequacy is not None and not adequacy.clean:
+            z, rows = residual(chain, names)
+            unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
+    if all(channel is None or unexplained[name] is not None for name, channel in channels.items()):
+        return unexplained
+    everywhere = unseen.rmse_everywhere(names)
+    for name, found in channels.items():
+        if found is None or unexplained[name] is not None:
+            continue
+        times = everywhere[name] / found.noise
+        if times > UNSEEN:
+            unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
+    return unexplained
+
+
+def _lattice(chain: Chain) -> Finding | None:
     """The thermometer's rounding, which the readings show by themselves."""
+    record = chain.record
     step = record.step_K
-    if step < 0.5 * noise_K:
+    sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
+    noise_K = float(np.hypot(sigma_K, step / np.sqrt(12.0)))
+    if step <= 0.0 or step < 0.5 * noise_K:
         return None
     values = record.temperature_degC[record.temperature_used]
     index = np.round(values / step)

@@ -1,0 +1,75 @@
+"""The rows that no fit has seen: of the record itself, held out, or of another record of the same rig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Mask, Record
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.gain import rmse
+from sim.diagnosis.validate.held_out import residuals_on
+from sim.diagnosis.validate.residuals import residuals, rounded
+
+
+@dataclass(frozen=True, eq=False)
+class UnseenRows:
+    """Where the gain is measured. chain: what was fitted; other: another record, None: the held-out rows of the record
+    itself; told: the rows of the other to which what belongs to it is fitted, None: all; on_lattice: whether the
+    thermometer's readings are rounded by more than their noise."""
+
+    chain: Chain
+    other: Record | None
+    told: Mask | None
+    on_lattice: bool = False
+
+    @property
+    def rows(self) -> Mask:
+        """The rows that no fit has seen: of another record all."""
+        return self.chain.record.held_out if self.other is None else np.ones(self.other.rows, dtype=np.bool_)
+
+    def residuals(self, names: frozenset[str], chain: Chain | None = None) -> dict[str, Array]:
+        """Of the fit with these effects in every row, K and decades, as if no reading were rounded; nan without a
+        reading or where it was told. chain: another than its own."""
+        chain = self.chain if chain is None else chain
+        return residuals(chain, names) if self.other is None else residuals_on(chain, names, self.other, self.told)
+
+    def left(self, names: frozenset[str]) -> dict[str, Array]:
+        """The same against what a thermometer shows that rounds, where it does."""
+        found = self.residuals(names)
+        if self._rounds(found):
+            found["temperature_K"] = self._rounded(found["temperature_K"])[0]
+        return found
+
+    def noise(self, names: frozenset[str]) -> dict[str, float]:
+        """Of each channel, K and decades: of a thermometer that rounds, about what it is expected to show."""
+        first, facts = self.chain.first, self.chain.facts
+        noise = {"temperature_K": first.channel.sigma_K if first is not None else 0.0}
+        everywhere = self._everywhere.residuals(names) if self.on_lattice else {}
+        if self._rounds(everywhere):
+            variance = self._rounded(everywhere["temperature_K"])[1]
+            noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[self.rows])))
+        if facts is not None:
+            noise["resistance_dec"] = facts.sigma_dec
+        return noise
+
+    def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
+        """Of each channel, what belongs to the other record fitted to all of it: what its first rows leave open of that
+        is no fault of the model."""
+        left = self._everywhere.left(names)
+        return {name: rmse(residual[self.rows & np.isfinite(residual)]) for name, residual in left.items()}
+
+    @property
+    def _everywhere(self) -> UnseenRows:
+        return replace(self, told=None)
+
+    def _rounds(self, found: dict[str, Array]) -> bool:
+        return self.on_lattice and "temperature_K" in found
+
+    def _rounded(self, residual_K: Array) -> tuple[Array, Array]:
+        """Residuals against the mean reading, and its variance."""
+        assert self.chain.first is not None
+        readings = (self.chain.record if self.other is None else self.other).temperature_degC
+        return rounded(readings, residual_K, self.chain.first.channel.sigma_K, self.chain.record.step_K)
