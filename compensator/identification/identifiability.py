@@ -96,23 +96,8 @@ def film_notes(
             "and neither envelopes nor weights are fixed. Sweep from well below to well above it and back."
         )
     else:
-        turned = reversals_inside(records, *inside)
         known = determined_combinations(operators, weights, rmse)
-        several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
-        if turned.size == 0:
-            notes.append(
-                f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
-                f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights.size} weights "
-                "are tied together by the loop's shape alone and minor loops are not fixed. "
-                f"Record first-order reversal curves or a decaying oscillation with {several}."
-            )
-        elif turned.size < ENOUGH_REVERSALS:
-            where = ", ".join(f"{value:.1f}" for value in turned)
-            notes.append(
-                f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
-                f"({where} degC): about {min(known, weights.size)} combinations of {weights.size} weights are fixed, "
-                f"minor loops elsewhere are extrapolated. Record {several}."
-            )
+        notes += _minor_loops(reversals_inside(records, *inside), inside, bool(one_way), known, weights.size)
     if v.size < 5 * parameters:
         notes.append(
             f"{v.size} readings for {parameters} fitted numbers: too few to trust the details. "
@@ -125,3 +110,24 @@ def film_notes(
                 "taken as monotone; an excursion inside a gap would have changed the film's memory unseen."
             )
     return tuple(notes)
+
+
+def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, known: int, weights: int) -> list[str]:
+    """What reversals inside the transition leave open. turned: their temperatures, degC; inside: the transition's ends,
+    degC; known: how many combinations of the weights the readings fix."""
+    several = f"reversals at ten or more temperatures between {inside[0]:.1f} and {inside[1]:.1f} degC"
+    if turned.size == 0:
+        return [
+            f"{'One way only' if one_way else 'A major loop only'}: no reversal lies inside the transition "
+            f"({inside[0]:.1f} to {inside[1]:.1f} degC), so the {weights} weights "
+            "are tied together by the loop's shape alone and minor loops are not fixed. "
+            f"Record first-order reversal curves or a decaying oscillation with {several}."
+        ]
+    if turned.size >= ENOUGH_REVERSALS:
+        return []
+    where = ", ".join(f"{value:.1f}" for value in turned)
+    return [
+        f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
+        f"({where} degC): about {min(known, weights)} combinations of {weights} weights are fixed, "
+        f"minor loops elsewhere are extrapolated. Record {several}."
+    ]

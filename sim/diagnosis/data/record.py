@@ -148,20 +148,8 @@ def read_columns(
 ) -> Record:
     """A record from its columns (names and units of a record file), with the film's output as `quantity` says. fewest:
     readings of a channel that it needs at least. Raises ValueError, a line a fault."""
-    lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
-    if lines:
-        raise ValueError("\n".join(lines))
-    data = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items() if _numeric(values)}
-    time = data["time_s"]
-    if not np.all(np.isfinite(time)):
-        raise ValueError("time_s: not finite in some rows; expected seconds in each")
-    if time.size >= 2 and np.any(np.diff(time) <= 0.0):
-        k = int(np.flatnonzero(np.diff(time) <= 0.0)[0]) + 1
-        raise ValueError(f"time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}; expected increasing seconds")
-    for name, values in data.items():
-        if values.shape != time.shape:
-            raise ValueError(f"{name}: {values.size} values for {time.size} rows")
-    temperature = data["temperature_degC"]
+    data = _checked(columns)
+    time, temperature = data["time_s"], data["temperature_degC"]
     used = np.isfinite(temperature)
     if np.sum(used) < fewest:
         raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {fewest}")
@@ -206,6 +194,24 @@ def read_columns(
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
         quantity,
     )
+
+
+def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """The columns that are numbers, of one length, with times that increase. Raises ValueError, a line a fault."""
+    lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
+    if lines:
+        raise ValueError("\n".join(lines))
+    data = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items() if _numeric(values)}
+    time = data["time_s"]
+    if not np.all(np.isfinite(time)):
+        raise ValueError("time_s: not finite in some rows; expected seconds in each")
+    if time.size >= 2 and np.any(np.diff(time) <= 0.0):
+        k = int(np.flatnonzero(np.diff(time) <= 0.0)[0]) + 1
+        raise ValueError(f"time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}; expected increasing seconds")
+    for name, values in data.items():
+        if values.shape != time.shape:
+            raise ValueError(f"{name}: {values.size} values for {time.size} rows")
+    return data
 
 
 def told_of(record: Record, sigma_K: float, sigma_dec: float) -> Told:

@@ -269,18 +269,9 @@ class ResistanceChannel:
             return -at.evidence if bending else at.cost
 
         for iteration in range(steps):
-            base = self.predict(p, point.x, point)
-            room = np.zeros(x.size)  # slope of what it takes
-            for k in range(x.size):
-                moved = point.x.copy()
-                moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-                shown = self.predict(p, moved, point)
-                jacobian[:, k] = (shown - base) / (moved[k] - point.x[k])
-                if k in bending:
-                    other = self.point(p, moved, point.coefficients)
-                    room[k] = (other.room - point.room) / (moved[k] - point.x[k])
+            room = self._slopes(p, point, high, h, bending, jacobian)
             j = jacobian[self.rows] / self.sigma_dec
-            residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
+            residual = self._over_noise(point.shown)
             cross = point.along(j) / self.sigma_dec
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
             gradient = j.T @ residual - room
@@ -310,7 +301,7 @@ class ResistanceChannel:
         point = self.point(p, point.x, point.coefficients)
         p, point = self._settled(p, point, 3 if settle else 0)
         effects, _ = self.split(p, point.x)
-        residual = (self.output[self.rows] - point.shown[self.rows]) / self.sigma_dec
+        residual = self._over_noise(point.shown)
         return ResistanceFit(
             replace(p, effects=tuple(effects), x=point.x),
             point.shown,
@@ -321,6 +312,25 @@ class ResistanceChannel:
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
+
+    def _slopes(
+        self, p: FilmParameters, point: Point, high: Array, h: Array, bending: list[int], jacobian: Array
+    ) -> Array:
+        """d shown / d x by difference quotients, into jacobian (rows, unknowns); returned is by how much the room that
+        the coefficients leave changes with those of x that bend the reading."""
+        base, room = self.predict(p, point.x, point), np.zeros(point.x.size)
+        for k in range(point.x.size):
+            moved = point.x.copy()
+            moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
+            jacobian[:, k] = (self.predict(p, moved, point) - base) / (moved[k] - point.x[k])
+            if k in bending:
+                other = self.point(p, moved, point.coefficients)
+                room[k] = (other.room - point.room) / (moved[k] - point.x[k])
+        return room
+
+    def _over_noise(self, shown: Array) -> Array:
+        """What is left in the fitted rows, in units of the noise."""
+        return (self.output[self.rows] - shown[self.rows]) / self.sigma_dec
 
     def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
         """The priors' widths at a fixed x, and the point with them."""
@@ -348,4 +358,4 @@ class ResistanceChannel:
 
     def residual(self, fit: ResistanceFit) -> Array:
         """In units of the noise, in the fitted rows."""
-        return (self.output[self.rows] - fit.shown[self.rows]) / self.sigma_dec
+        return self._over_noise(fit.shown)

@@ -83,7 +83,7 @@ def candidates_of(
 
 def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
     """Sets that were fitted on the way and tell the fitted rows better, most so first. What would need a new search of
-    the film behind another plate is left out."""
+    the film behind another plate is left out, and so are bends of no catalogue, with which one that is was compared."""
     own = frozenset(judged.names)
     upstream, downstream = chain.split(own)
     sets: set[frozenset[str]] = {own | frozenset(judged.refused)}
@@ -91,7 +91,7 @@ def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
         sets |= {s | downstream for s in chain.first.fits}
     if chain.record.output is not None:
         sets |= {upstream | s for s in chain.last(upstream).fits}
-        sets = {s for s in sets if chain.split(s)[0] in chain.searches}
+        sets = {s for s in sets if s <= chain.effects.keys() and chain.split(s)[0] in chain.searches}
     better = {s: chain.score(s) - chain.score(own) for s in sets if s != own}
     return sorted((s for s in better if better[s] > ENTRY), key=lambda s: -better[s])[:LOOKED_AT]
 
