@@ -88,7 +88,7 @@ def one(job: Job) -> Row:
 
     truth = case(job["kind"], job["seed"], **job["choice"])
     held = truth.seed % 4 == 0 and truth.kind != "unlike"  # major loops alone do not tell of the minor ones elsewhere
-    holdout = truth.holdout if held else None
+    holdout = [truth.holdout] if held and truth.holdout is not None else []
     began = time.perf_counter()
     document = diagnose(truth.columns, holdout=holdout, **truth.options).document()
     took = time.perf_counter() - began
@@ -99,7 +99,7 @@ def one(job: Job) -> Row:
         "choice": job["choice"],
         "rows": int(truth.columns["time_s"].size),
         "seconds": took,
-        "with_holdout": holdout is not None,
+        "with_holdout": bool(holdout),
         "parameters": truth.hidden,
         "noise": truth.noise,
         "details": truth.details,

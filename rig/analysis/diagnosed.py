@@ -1,12 +1,12 @@
 """A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
 
-With another record held out, the extended model's error there is that of the very model that is handed over, run as
+With other records held out, the extended model's error there is that of the very model that is handed over, run as
 `predict --initial fitted` runs it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,7 +28,7 @@ def diagnosed(
     record: Record,
     base: str | None = None,
     output: str = FALLING_RESISTANCE,
-    holdout: Record | None = None,
+    holdout: Sequence[Record] = (),
     plate: str | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Diagnosis, ExtendedModel]:
@@ -43,7 +43,7 @@ def diagnosed(
             columns,
             base=base,
             output=output,
-            holdout=holdout.columns if holdout is not None else None,
+            holdout=[other.columns for other in holdout],
             as_predicted=True,
             kinds=_kinds(record, plate),
             say=say,
@@ -55,7 +55,7 @@ def diagnosed(
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     diagnosis = with_film(diagnosis, extended)
-    return diagnosis if holdout is None else with_prediction(diagnosis, model_of(extended), holdout), extended
+    return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
 
 
 def model_of(extended: ExtendedModel) -> Model:
@@ -64,17 +64,21 @@ def model_of(extended: ExtendedModel) -> Model:
     return Model(extended.film, extended.plate, tuple(extended.effects), drive)  # type: ignore[arg-type]
 
 
-def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Record) -> Diagnosis:
-    """The diagnosis with the extended model's errors on another record as `predict --initial fitted` measures them."""
-    found = predicted(model, holdout, holdout.source, initial="fitted")
-    errors: dict[str, Array] = {}
-    if found.temperature_degC is not None:
-        errors["temperature_K"] = found.temperature_degC - holdout["temperature_degC"]
-    if found.output is not None and model.film is not None:
-        errors[diagnosis.record.quantity.channel] = found.output - holdout.output(model.film.output)
+def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record]) -> Diagnosis:
+    """The diagnosis with the extended model's errors on other records as `predict --initial fitted` measures them."""
+    errors: dict[str, list[Array]] = {}
+    for record in holdout:
+        found = predicted(model, record, record.source, initial="fitted")
+        if found.temperature_degC is not None:
+            left = found.temperature_degC - record["temperature_degC"]
+            errors.setdefault("temperature_K", []).append(left[~found.told])
+        if found.output is not None and model.film is not None:
+            left = found.output - record.output(model.film.output)
+            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.told])
     channels = dict(diagnosis.channels)
-    for name, error in errors.items():
-        channel, scored = channels.get(name), error[~found.told & np.isfinite(error)]
+    for name, parts in errors.items():
+        error = np.concatenate(parts)
+        channel, scored = channels.get(name), error[np.isfinite(error)]
         if channel is not None and scored.size:
             rmse = float(np.sqrt(np.mean(scored**2)))
             channels[name] = replace(channel, rmse_extended=rmse, samples_holdout=int(scored.size))

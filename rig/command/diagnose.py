@@ -45,7 +45,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="the film's base model; generalized_pi: without D(T)",
     )
     parser.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
-    parser.add_argument("--holdout", type=Path, metavar="RECORD", help="measure the gain on this record of the rig")
+    text = "measure the gain on this record of the rig (repeatable)"
+    parser.add_argument("--holdout", type=Path, metavar="RECORD", action="append", default=[], help=text)
     parser.add_argument(
         "--initial",
         choices=["cooled", "heated", "fitted"],
@@ -85,7 +86,7 @@ def main(options: argparse.Namespace) -> int:
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)
-    holdout = read_records([options.holdout], options)[0] if options.holdout is not None else None
+    holdout = read_records(options.holdout, options) if options.holdout else []
     if several:
         voice.report(_several(records, asked, holdout, options, voice))
     else:
@@ -109,7 +110,7 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _single(
-    record: Record, asked: Asked, holdout: Record | None, options: argparse.Namespace, voice: Voice
+    record: Record, asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
 ) -> dict[str, Any]:
     """One record, with progress on stderr; its document. Raises Faults."""
     from rig.report.diagnosed_record import told
@@ -120,7 +121,7 @@ def _single(
 
     folder = options.report
     path = options.out if options.out is not None else folder / MODEL if folder is not None else None
-    found = told(record, asked, None if path is None else str(path), holdout, folder is not None, say)
+    found = told(record, asked, None if path is None else str(path), *holdout, report=folder is not None, say=say)
     if found.faults:
         raise Faults(found.faults)
     for line in found.lines:
@@ -137,7 +138,7 @@ def _single(
 
 
 def _several(
-    records: list[Record], asked: Asked, holdout: Record | None, options: argparse.Namespace, voice: Voice
+    records: list[Record], asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
 ) -> list[dict[str, Any]]:
     """Each by itself, side by side; the documents in the order of the records. Raises Faults where there is none."""
     from rig.command.many_progress import ManyProgress

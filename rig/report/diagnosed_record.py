@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -41,7 +41,7 @@ def told(
     record: Any,
     asked: Asked,
     model: str | None = None,
-    holdout: Any = None,
+    *holdout: Any,
     report: bool | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Told:
@@ -50,7 +50,9 @@ def told(
     _know(asked.effect_files)
     one: Record = given(record)
     try:
-        diagnosis, extended = diagnosed(one, asked.base, asked.output, given(holdout), asked.plate, say)
+        diagnosis, extended = diagnosed(
+            one, asked.base, asked.output, [given(other) for other in holdout], asked.plate, say
+        )
     except Faults as faults:
         return Told(faults=tuple(faults.lines))
     if model is not None:
@@ -80,7 +82,7 @@ def _rank(row: Mapping[str, Any]) -> tuple[int, float, int]:
     return place, -max(evidence, default=0.0), int(row["number"])
 
 
-def diagnoses(asked: Asked, holdout: Record | None) -> Task:
+def diagnoses(asked: Asked, holdout: Sequence[Record]) -> Task:
     """Of many records."""
     return Task(
         work=told,
@@ -91,5 +93,5 @@ def diagnoses(asked: Asked, holdout: Record | None) -> Task:
         row=of_diagnosis,
         rank=_rank,
         columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
-        shared=() if holdout is None else (holdout,),
+        shared=tuple(holdout),
     )

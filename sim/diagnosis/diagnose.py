@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +31,7 @@ from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.unseen_rows import UnseenRows
+from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect
@@ -46,7 +46,7 @@ def diagnose(
     *,
     base: str | None = None,
     output: str = FALLING_OHM,
-    holdout: Mapping[str, ArrayLike] | None = None,
+    holdout: Sequence[Mapping[str, ArrayLike]] = (),
     as_predicted: bool = False,
     effects: dict[str, Effect] | None = None,
     kinds: tuple[str, ...] = ("peltier",),
@@ -55,15 +55,15 @@ def diagnose(
     """Diagnose one record (columns as in a record file: names with units).
 
     base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
-    a resistance rises, else a column, or "minus_" and a column. holdout: another record of the same rig, on which the
-    gain is measured; without it every fourth block of rows is held out. as_predicted: what belongs to the other record
+    a resistance rises, else a column, or "minus_" and a column. holdout: other records of the same rig, on which the
+    gain is measured; without any every fourth block of rows is held out. as_predicted: what belongs to another record
     (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
     all of them, so that what remains is the model's fault. Raises ValueError, a line a fault, where nothing can be
     said.
     """
     with threadpool_limits(limits=1):
         quantity = quantity_of(output, columns)
-        record = read_columns(columns, held_out=holdout is None, quantity=quantity)
+        record = read_columns(columns, held_out=not holdout, quantity=quantity)
         known = quantity.effects(effects if effects is not None else catalogue())
         record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
         chain = Chain(record, ~record.held_out, known)
@@ -79,14 +79,16 @@ def diagnose(
             weakest = min(vague, key=lambda name: judged.evidence[name])
             refused = {**judged.refused, weakest: "the record does not fix its size"}
             judged = judge(chain, frozenset(judged.names) - {weakest}, refused)
-        other = None
-        if holdout is not None:
-            other = read_columns(holdout, held_out=False, quantity=quantity).commanded_in_sight(known.values())
+        others = [
+            read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
+            for other in holdout
+        ]
+        for other in others:
             if bends := bends_elsewhere(chain, frozenset(judged.names), other):
-                why = "on the other record the film is not understood, and may bend its output itself"
+                why = "on another record the film is not understood, and may bend its output itself"
                 refused = {**judged.refused, **dict.fromkeys(bends, why)}
                 judged = judge(chain, frozenset(judged.names) - bends, refused)
-        unseen = UnseenRows(chain, other, told_rows(other) if as_predicted and other is not None else None)
+        unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
         found = _diagnosis(chain, judged, unseen, say)
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, unseen)

@@ -62,3 +62,28 @@ def test_the_error_said_is_the_error_got(tmp_path: Path, peltier: Peltier, said:
     longer = predicted("--initial", "fitted", "--first", "120")
     assert longer["rows_K"] == TIME.size - 241
     assert 'drive = "current"' in (tmp_path / "model.toml").read_text()
+
+
+def test_several_records_are_held_out_as_one(tmp_path: Path, peltier: Peltier) -> None:
+    """Each with a room of its own; the error said is that over the rows of all."""
+    record(tmp_path / "one.csv", 1, 25.0, 50.0, 17.0)
+    others = [record(tmp_path / "warm.csv", 2, 29.0, 62.0, 29.0), record(tmp_path / "cold.csv", 3, 19.0, 45.0, 23.0)]
+    words = [word for path in others for word in ("--holdout", path)]
+    status, out, err = peltier(
+        "diagnose", tmp_path / "one.csv", *words, "--out", tmp_path / "model.toml", "--json", "-"
+    )
+    assert status == 0, err
+    said = json.loads(out)
+    assert [e["name"] for e in said["effects"]] == ["sensor_lag"]
+    channel = said["channels"]["temperature_K"]
+    assert channel["samples_holdout"] == 2 * (TIME.size - TOLD)
+    square, rooms = 0.0, []
+    for path in others:
+        status, out, err = peltier("predict", tmp_path / "model.toml", path, "--initial", "fitted", "--json", "-")
+        assert status == 0, err
+        got = json.loads(out)
+        square += got["rmse_K"] ** 2 / 2.0
+        rooms.append(got["fitted"]["ambient_degC"])
+    assert square**0.5 == pytest.approx(channel["rmse_extended"], rel=1e-9)
+    assert channel["rmse_base"] > 3.0 * channel["rmse_extended"]
+    assert rooms == pytest.approx([29.0, 19.0], abs=0.5)

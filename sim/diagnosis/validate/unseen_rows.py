@@ -1,8 +1,9 @@
-"""The rows that no fit has seen: of the record itself, held out, or of another record of the same rig."""
+"""The rows that no fit has seen: of the record itself, held out, or of other records of the same rig."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,27 +15,39 @@ from sim.diagnosis.validate.held_out import residuals_on
 from sim.diagnosis.validate.residuals import residuals, rounded
 
 
+class Other(NamedTuple):
+    """Another record of the same rig. told: its rows to which what belongs to it is fitted, None: all."""
+
+    record: Record
+    told: Mask | None
+
+
 @dataclass(frozen=True, eq=False)
 class UnseenRows:
-    """Where the gain is measured. chain: what was fitted; other: another record, None: the held-out rows of the record
-    itself; told: the rows of the other to which what belongs to it is fitted, None: all; on_lattice: whether the
-    thermometer's readings are rounded by more than their noise."""
+    """Where the gain is measured. chain: what was fitted; others: other records, one after the other, none: the
+    held-out rows of the record itself; on_lattice: whether the thermometer's readings are rounded by more than their
+    noise."""
 
     chain: Chain
-    other: Record | None
-    told: Mask | None
+    others: tuple[Other, ...] = ()
     on_lattice: bool = False
 
     @property
     def rows(self) -> Mask:
-        """The rows that no fit has seen: of another record all."""
-        return self.chain.record.held_out if self.other is None else np.ones(self.other.rows, dtype=np.bool_)
+        """The rows that no fit has seen: of other records all."""
+        if not self.others:
+            return self.chain.record.held_out
+        return np.ones(sum(other.record.rows for other in self.others), dtype=np.bool_)
 
     def residuals(self, names: frozenset[str], chain: Chain | None = None) -> dict[str, Array]:
         """Of the fit with these effects in every row, K and decades, as if no reading were rounded; nan without a
         reading or where it was told. chain: another than its own."""
         chain = self.chain if chain is None else chain
-        return residuals(chain, names) if self.other is None else residuals_on(chain, names, self.other, self.told)
+        if not self.others:
+            return residuals(chain, names)
+        found = [(other.record.rows, residuals_on(chain, names, *other)) for other in self.others]
+        channels = dict.fromkeys(channel for _, left in found for channel in left)
+        return {c: np.concatenate([left.get(c, np.full(rows, np.nan)) for rows, left in found]) for c in channels}
 
     def left(self, names: frozenset[str]) -> dict[str, Array]:
         """The same against what a thermometer shows that rounds, where it does."""
@@ -56,14 +69,14 @@ class UnseenRows:
         return noise
 
     def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
-        """Of each channel, what belongs to the other record fitted to all of it: what its first rows leave open of that
+        """Of each channel, what belongs to another record fitted to all of it: what its first rows leave open of that
         is no fault of the model."""
         left = self._everywhere.left(names)
         return {name: rmse(residual[self.rows & np.isfinite(residual)]) for name, residual in left.items()}
 
     @property
     def _everywhere(self) -> UnseenRows:
-        return replace(self, told=None)
+        return replace(self, others=tuple(other._replace(told=None) for other in self.others))
 
     def _rounds(self, found: dict[str, Array]) -> bool:
         return self.on_lattice and "temperature_K" in found
@@ -71,5 +84,6 @@ class UnseenRows:
     def _rounded(self, residual_K: Array) -> tuple[Array, Array]:
         """Residuals against the mean reading, and its variance."""
         assert self.chain.first is not None
-        readings = (self.chain.record if self.other is None else self.other).temperature_degC
+        records = [other.record for other in self.others] or [self.chain.record]
+        readings = np.concatenate([record.temperature_degC for record in records])
         return rounded(readings, residual_K, self.chain.first.channel.sigma_K, self.chain.record.step_K)
