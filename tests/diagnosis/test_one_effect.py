@@ -12,8 +12,8 @@ ONE = [
     ("sensor_lag", 1),
     pytest.param("heat_sink_warmup", 1, marks=pytest.mark.other_processor),
     ("timestamp_skew", 1),
-    ("creep", 1),
-    ("self_heating", 1),
+    pytest.param("creep", 1, marks=pytest.mark.long),
+    pytest.param("self_heating", 1, marks=pytest.mark.long),
     ("series_resistance", 1),
     pytest.param("meter_lag", 3, marks=pytest.mark.long),  # of 7.6 s: envelopes are not found in what it shows
 ]

@@ -61,7 +61,10 @@ def is_known(folder: Path, driver: str) -> bool:
     return len(held) == 20 and all(held)
 
 
-@pytest.mark.parametrize(("driver", "lies"), [("meerstetter", True), ("meerstetter", False), ("te_technology", True)])
+@pytest.mark.parametrize(
+    ("driver", "lies"),
+    [("meerstetter", True), ("meerstetter", False), pytest.param("te_technology", True, marks=pytest.mark.long)],
+)
 def test_the_temperature_is_asked_after_a_kill(tmp_path: Path, driver: str, lies: bool) -> None:
     """A controller that says "off" and is not; and one that is. The plate is the working process's knowledge."""
     made: list[Disobedient] = []
