@@ -6,7 +6,7 @@ With other records held out, the extended model's error there is that of the ver
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,22 +30,29 @@ def diagnosed(
     output: str = FALLING_RESISTANCE,
     holdout: Sequence[Record] = (),
     plate: str | None = None,
+    assume: Mapping[str, Mapping[str, float]] | None = None,
+    budget_s: float | None = None,
+    further: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Diagnosis, ExtendedModel]:
-    """The diagnosis of one record, with the film's form found; output: of the film, as in a model file. Raises Faults
-    where nothing can be said."""
-    output = rising([record], output, say)
-    columns, notes = telling_columns(record, output)
-    for note in notes:
+    """The diagnosis of one record, with the film's form found; output: of the film, as in a model file; assume:
+    effects that are there, with the parameters that are known; budget_s: how long it may take; further: records
+    of the same rig, diagnosed with it as one. Raises Faults where nothing can be said."""
+    together = [record, *further]
+    output = rising(together, output, say)
+    telling = [telling_columns(one, output) for one in together]
+    for note in dict.fromkeys(note for _, notes in telling for note in notes):
         say(note)
     try:
         diagnosis = diagnose(
-            columns,
+            *(columns for columns, _ in telling),
             base=base,
             output=output,
             holdout=[other.columns for other in holdout],
             as_predicted=True,
             kinds=_kinds(record, plate),
+            assume=assume,
+            budget_s=budget_s,
             say=say,
         )
         extended = extended_model(diagnosis)
@@ -54,7 +61,7 @@ def diagnosed(
         raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
-    diagnosis = with_film(diagnosis, extended)
+    diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
 
 

@@ -15,20 +15,18 @@ from rig.core.faults import fault
 from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
-from sim.diagnosis.data.likelihood import quick_noise
-from sim.diagnosis.data.record import Mask, read_columns, told_of
+from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
 from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming, of_resistances
 from sim.model.chain import ChainModel
-from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told, first_readings, fit_own, told_rows
+from sim.model.own_fit import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films.rising import RisingFilm, film_of_world
 
 NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
-FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
 Initial = Literal["cooled", "heated", "fitted"]
 
 
@@ -135,7 +133,7 @@ def _rows(record: Record) -> Rows:
 
 def _readings(rows: Rows, record: Record, film: FilmModel | None) -> Told:
     """What was read, of the film in the output of its model."""
-    told = told_of(rows, LEAST_NOISE_K, LEAST_NOISE_DEC)
+    told = told_of(rows)
     output = None
     if film is not None and record.has_output(film.output):
         output = np.asarray(record.output(film.output), dtype=np.float64)
@@ -144,17 +142,8 @@ def _readings(rows: Rows, record: Record, film: FilmModel | None) -> Told:
             output = told.output  # without what stands out of its neighbours
         elif film.output == RISING_RESISTANCE:
             output = -output
-    return replace(
-        told,
-        output=output,
-        sigma_K=max(told.sigma_K, _noise(told.temperature_degC)),
-        sigma_dec=max(LEAST_NOISE_DEC, _noise(output)) if output is not None else LEAST_NOISE_DEC,
-    )
-
-
-def _noise(readings: Array) -> float:
-    finite = readings[np.isfinite(readings)]
-    return quick_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0
+    sigma_dec = max(LEAST_NOISE_DEC, own_noise(output)) if output is not None else LEAST_NOISE_DEC
+    return replace(told, output=output, sigma_dec=sigma_dec)
 
 
 def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> FilmStart:

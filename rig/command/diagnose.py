@@ -6,7 +6,8 @@ without resistance is diagnosed as far as the plate goes, one without current as
 
 Several records are diagnosed side by side, each by itself. --report DIR then has a folder for each, a table of all in
 report.html, diagnoses.csv and diagnoses.nc, what matters first; begun again with the same DIR, whatever interrupted it,
-the diagnosis goes on with the records that are missing.
+the diagnosis goes on with the records that are missing. With --joint records of one rig are diagnosed as one: only the
+room, first temperatures and the film's memory are each record's own.
 """
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("records", type=Path, nargs="+", metavar="RECORD")
+    text = "several records of one rig as one: one plate, one film, the same effects; a room for each"
+    parser.add_argument("--joint", action="store_true", help=text)
     add_record_arguments(parser)
     add_output_argument(parser)
     parser.add_argument("--model", type=Path, metavar="MODEL.toml", help="a film without D(T) in it restricts the base")
@@ -61,6 +64,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="a Python file with an effect of one's own (repeatable)",
     )
+    parser.add_argument(
+        "--assume",
+        action="append",
+        default=[],
+        metavar="NAME[:param=value]",
+        help="an effect that is there, with what is known of it (repeatable)",
+    )
+    text = "how long a record may take: what was found by then is reported"
+    parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
     parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
     add_engine_arguments(parser)
@@ -68,7 +80,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    several = len(options.records) > 1
+    several = len(options.records) > 1 and not options.joint
     if options.out is not None:
         if several:
             raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a model for each")
@@ -82,7 +94,14 @@ def main(options: argparse.Namespace) -> int:
         add_effect_files(options.effect_file)
     from rig.report.diagnosed_record import Asked
 
-    asked = Asked(_base(options), options.output, options.plate, tuple(path.absolute() for path in options.effect_file))
+    if options.budget is not None and not options.budget > 0.0:
+        raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
+    if options.assume:
+        from rig.files.effect_tables import assumed_effects
+
+        assumed_effects(options.assume)
+    own = tuple(path.absolute() for path in options.effect_file)
+    asked = Asked(_base(options), options.output, options.plate, own, tuple(options.assume), options.budget)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)
@@ -90,7 +109,7 @@ def main(options: argparse.Namespace) -> int:
     if several:
         voice.report(_several(records, asked, holdout, options, voice))
     else:
-        voice.report(_single(records[0], asked, holdout, options, voice))
+        voice.report(_single(records, asked, holdout, options, voice))
     return 0
 
 
@@ -110,18 +129,22 @@ def _base(options: argparse.Namespace) -> str | None:
 
 
 def _single(
-    record: Record, asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
+    records: list[Record], asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
 ) -> dict[str, Any]:
-    """One record, with progress on stderr; its document. Raises Faults."""
+    """One record, or several as one, with progress on stderr; its document. Raises Faults."""
     from rig.report.diagnosed_record import told
     from rig.report.told import MODEL
 
+    record, *further = records
+
     def say(text: str) -> None:
-        print(f"{record.source}: {text}", file=sys.stderr, flush=True)
+        others = f" and {len(further)} more" if further else ""
+        print(f"{record.source}{others}: {text}", file=sys.stderr, flush=True)
 
     folder = options.report
     path = options.out if options.out is not None else folder / MODEL if folder is not None else None
-    found = told(record, asked, None if path is None else str(path), *holdout, report=folder is not None, say=say)
+    model = None if path is None else str(path)
+    found = told(record, asked, model, *holdout, report=folder is not None, further=further, say=say)
     if found.faults:
         raise Faults(found.faults)
     for line in found.lines:

@@ -50,8 +50,26 @@ def add_effect_files(paths: Iterable[Path]) -> None:
         raise Faults(lines)
 
 
-def effect_in_words(text: str) -> dict[str, Any]:
-    """NAME[:param=value,...] as a table. Raises Faults."""
+def assumed_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:
+    """--assume NAME[:param=value,...]: the parameters that are known, by effect and name. Raises Faults."""
+    found: dict[str, dict[str, float]] = {}
+    lines, known = [], catalogue()
+    for text in texts:
+        table = effect_in_words(text, "--assume")
+        name = table["name"]
+        if name not in known:
+            lines.append(f"--assume: {_unknown(name, known)}")
+            continue
+        _, faults = _values(known[name], table, complete=False)
+        lines += [f"--assume: {name}: {fault}" for fault in faults]
+        found[name] = {key: value for key, value in table.items() if key != "name"}
+    if lines:
+        raise Faults(lines)
+    return found
+
+
+def effect_in_words(text: str, option: str = "--effect") -> dict[str, Any]:
+    """NAME[:param=value,...] as a table. option: where it was given. Raises Faults."""
     name, colon, rest = text.partition(":")
     table: dict[str, Any] = {"name": name.strip()}
     for part in rest.split(",") if colon else []:
@@ -61,7 +79,7 @@ def effect_in_words(text: str) -> dict[str, Any]:
         except ValueError:
             value = math.nan
         if not equals or not parameter or math.isnan(value):
-            raise fault("--effect", repr(text), f"{part!r}: expected NAME:param=value,... with numbers")
+            raise fault(option, repr(text), f"{part!r}: expected NAME:param=value,... with numbers")
         table[parameter] = value
     return table
 

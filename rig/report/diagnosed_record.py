@@ -12,7 +12,7 @@ from typing import Any
 from rig.analysis.diagnosed import diagnosed, model_of
 from rig.analysis.one_row import of_diagnosis
 from rig.core.faults import Faults
-from rig.files.effect_tables import add_effect_files
+from rig.files.effect_tables import add_effect_files, assumed_effects
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import write_model
 from rig.files.record_file import Record
@@ -29,12 +29,15 @@ RANK = ("partly_unexplained", "explained", "unexplained", "clean")  # what there
 @dataclass(frozen=True)
 class Asked:
     """How to diagnose. base: of the film; output: as in a model file; plate: its kind, None: what the drive allows.
-    effect_files: with effects of one's own, which another process has to be told of."""
+    effect_files: with effects of one's own, which another process has to be told of; assume: NAME[:param=value,...] of
+    effects that are there; budget_s: how long each record may take."""
 
     base: str | None = None
     output: str = FALLING_RESISTANCE
     plate: str | None = None
     effect_files: tuple[Path, ...] = ()
+    assume: tuple[str, ...] = ()
+    budget_s: float | None = None
 
 
 def told(
@@ -43,15 +46,25 @@ def told(
     model: str | None = None,
     *holdout: Any,
     report: bool | None = None,
+    further: Sequence[Record] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> Told:
     """record, holdout: `Record`s, or what an engine shares of them. model: where its model will stand; None: nowhere.
-    report: whether its files are wanted; None: where the model is. say: progress."""
+    report: whether its files are wanted; None: where the model is. further: records that are diagnosed with it as one;
+    say: progress."""
     _know(asked.effect_files)
     one: Record = given(record)
     try:
         diagnosis, extended = diagnosed(
-            one, asked.base, asked.output, [given(other) for other in holdout], asked.plate, say
+            one,
+            asked.base,
+            asked.output,
+            [given(other) for other in holdout],
+            asked.plate,
+            assumed_effects(asked.assume),
+            asked.budget_s,
+            further,
+            say,
         )
     except Faults as faults:
         return Told(faults=tuple(faults.lines))

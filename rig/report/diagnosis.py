@@ -9,9 +9,11 @@ from rig.files.run_folder import plain_json
 from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_words import (
+    assumed_lines,
     channels_of,
     judged_channels,
     left_over,
+    limit_rows,
     listed,
     not_named,
     number,
@@ -34,7 +36,7 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> N
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),
-        section("Effects", _effects(diagnosis), *_changes(diagnosis)),
+        section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
         *_not_named(diagnosis),
         section("What the repair gains", gain_figure(folder, diagnosis)),
         section("What is left, and what to do next", *_left(diagnosis)),
@@ -43,6 +45,7 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> N
     parts += _plate(diagnosis)
     if diagnosis.record.output is not None:
         parts.append(section("The loop", loop_figure(folder, diagnosis)))
+    parts += _limits(diagnosis)
     parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
     write_page(folder / "report.html", f"Diagnosis of {Path(source).name}", sentence(diagnosis), parts)
 
@@ -88,6 +91,12 @@ def _effects(diagnosis: Diagnosis) -> str:
     return table(head, rows)
 
 
+def _assumed(diagnosis: Diagnosis) -> list[str]:
+    """What the user knew."""
+    lines = assumed_lines(diagnosis)
+    return [paragraph("Assumed to be there, in the base model too:"), bullets(lines)] if lines else []
+
+
 def _not_named(diagnosis: Diagnosis) -> list[str]:
     """A section where something was found that did not earn its name."""
     if not diagnosis.candidates:
@@ -97,6 +106,16 @@ def _not_named(diagnosis: Diagnosis) -> list[str]:
         "little worse on another record: --holdout tells."
     )
     return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
+
+
+def _limits(diagnosis: Diagnosis) -> list[str]:
+    """A section of what is not named."""
+    rows = [list(row) for row in limit_rows(diagnosis)]
+    if not rows:
+        return []
+    head = ["effect", "size that this record allows (95 %)", "sizes met"]
+    note = "A larger one would have shown beside everything else that is fitted; of a leakage or a sink, a smaller one."
+    return [section("What is not named, and how large it may be", table(head, rows), paragraph(note, "note"))]
 
 
 def _plate(diagnosis: Diagnosis) -> list[str]:
@@ -144,7 +163,7 @@ def _left(diagnosis: Diagnosis) -> list[str]:
 
 def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     """(channel, effects, log-likelihood less than that of the verdict) of the other sets that were fitted."""
-    chain, names = diagnosis.chain, frozenset(diagnosis.judged.names)
+    chain, names = diagnosis.chain, diagnosis.judged.fitted
     upstream, downstream = chain.split(names)
     temperature, film = (what for what, _ in channels_of(diagnosis).values())
     found = []

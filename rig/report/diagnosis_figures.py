@@ -83,8 +83,8 @@ def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
 
 def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
     """Residuals against time, temperature, rate and current, a figure for each channel."""
-    names = frozenset(diagnosis.judged.names)
-    before, after = residuals(diagnosis, frozenset()), residuals(diagnosis, names)
+    names = diagnosis.judged.fitted
+    before, after = residuals(diagnosis, diagnosis.chain.assumed), residuals(diagnosis, names)
     return [_residual(folder, diagnosis, key, before[key], after[key]) for key in after]
 
 
@@ -113,7 +113,7 @@ def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after
     scale, prefix = _scale(spread)
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    same = not diagnosis.judged.names
+    same = diagnosis.judged.fitted == diagnosis.chain.assumed
     for axis, (label, x) in zip(axes.flat, against, strict=False):
         axis.plot(x[index], scale * before[index], ".", color=BASE, markersize=2.2, rasterized=True, label="base model")
         if not same:
@@ -134,15 +134,14 @@ def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after
 
 def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
     """Resistance, or what else was read, over temperature, measured and as the extended model shows it."""
-    record, names = diagnosis.record, frozenset(diagnosis.judged.names)
+    record, names = diagnosis.record, diagnosis.judged.fitted
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)
     path = diagnosis.chain.last(diagnosis.chain.split(names)[0]).channel.path
     temperature = path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    none: frozenset[str] = frozenset()
-    panels = (("base model", BASE, none), ("extended model", EXTENDED, names))
+    panels = (("base model", BASE, diagnosis.chain.assumed), ("extended model", EXTENDED, names))
     for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
         modelled = shown(diagnosis, group)[record.quantity.channel]
         _loop(axis, temperature[index], *(record.quantity.values(v[index]) for v in (record.output, modelled)))

@@ -121,9 +121,26 @@ def plate_lines(diagnosis: Diagnosis) -> list[str]:
     return [f"{diagnosis.plate.kind}: {', '.join(values)}", *(f"doubtful: {d}" for d in diagnosis.plate.doubts)]
 
 
+def assumed_lines(diagnosis: Diagnosis) -> list[str]:
+    """The effects that were assumed, with their parameters."""
+    return [
+        f"{effect}: {', '.join(parameter(name, value, ci) for name, (value, ci) in own.items())}"
+        for effect, own in diagnosis.assumed.items()
+    ]
+
+
+def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    """(effect, the sizes that the record still allows, those that one meets) of each effect that is not named."""
+    rows = []
+    for limit in diagnosis.limits:
+        bound = "any" if limit.limit is None else f"{'above' if limit.from_below else 'below'} {limit.limit:.2g}"
+        rows.append((limit.name, f"{limit.parameter} {bound}", f"{limit.met[0]:.2g} to {limit.met[1]:.2g}"))
+    return rows
+
+
 def lines(diagnosis: Diagnosis) -> list[str]:
     """The whole diagnosis for a terminal."""
-    out = [sentence(diagnosis)]
+    out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
     for f in diagnosis.findings:
         other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
         out.append(f"  {f.name}: {parameters(f)}; evidence {f.evidence:.4g}, false alarms {f.false_alarm:.2g}{other}")
@@ -133,6 +150,8 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         film = diagnosis.film
         out.append(f"film: D(T) {film['memoryless']}, {film['operators']} operators with weight")
     out += [f"not named: {text}" for text in not_named(diagnosis)]
+    known = [f"{name} ({allowed})" for name, allowed, _ in limit_rows(diagnosis) if not allowed.endswith("any")]
+    out += [f"not seen, and at 95 % no larger than: {'; '.join(known)}"] if known else []
     out += [f"left: {text}" for text in left_over(diagnosis)]
     out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
     out += [f"next: {text}" for text in diagnosis.next_experiment]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -9,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
-from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.judge.false_alarm import false_alarm
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
@@ -25,16 +28,18 @@ from sim.diagnosis.report.confounders import rivals_of
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
-from sim.diagnosis.report.warnings import warnings_of
+from sim.diagnosis.report.upper_limits import upper_limits
+from sim.diagnosis.report.warnings import out_of_time, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
-from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget
+from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
-from sim.effects.effect import Effect
+from sim.effects.effect import Effect, pinned
 from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
@@ -43,56 +48,90 @@ QUANTIZATION = "thermometer_quantization"
 
 def diagnose(
     columns: Mapping[str, ArrayLike],
-    *,
+    *further: Mapping[str, ArrayLike],
     base: str | None = None,
     output: str = FALLING_OHM,
     holdout: Sequence[Mapping[str, ArrayLike]] = (),
     as_predicted: bool = False,
     effects: dict[str, Effect] | None = None,
     kinds: tuple[str, ...] = ("peltier",),
+    assume: Mapping[str, Mapping[str, float]] | None = None,
+    budget_s: float | None = None,
+    clock: Callable[[], float] = time.monotonic,
     say: Progress = lambda text: None,
 ) -> Diagnosis:
-    """Diagnose one record (columns as in a record file: names with units).
+    """Diagnose one record (columns as in a record file: names with units), or several of one rig as one.
 
     base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
     a resistance rises, else a column, or "minus_" and a column. holdout: other records of the same rig, on which the
     gain is measured; without any every fourth block of rows is held out. as_predicted: what belongs to another record
     (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
-    all of them, so that what remains is the model's fault. Raises ValueError, a line a fault, where nothing can be
-    said.
+    all of them, so that what remains is the model's fault. assume: effects that are there, whatever the record says,
+    and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on
+    the clock: what was found by then is judged and reported, with a warning. Raises ValueError, a line a fault, where
+    nothing can be said.
     """
+    began_s = clock()
     with threadpool_limits(limits=1):
-        quantity = quantity_of(output, columns)
-        record = read_columns(columns, held_out=not holdout, quantity=quantity)
+        together, begins = joined((columns, *further)) if further else (columns, None)
+        quantity = quantity_of(output, together)
+        record = read_columns(together, held_out=not holdout, quantity=quantity, joined=begins)
         known = quantity.effects(effects if effects is not None else catalogue())
         record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
-        chain = Chain(record, ~record.held_out, known)
+        known, assumed = _assumed(known, assume or {}, record)
+        budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
+        chain = Chain(record, ~record.held_out, known, assumed=assumed, budget=budget)
         if record.current_A is not None:
-            chain.first = temperature_search(record, ~record.held_out, known, kinds)
+            chain.first = temperature_search(record, ~record.held_out, known, kinds, assumed, budget)
             chain.record = chain.first.channel.record
         elif record.output is None:
             raise ValueError(f"record: neither current_A nor {quantity.column}; expected at least one of them")
         names = select(chain, say)
+        cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         judged = judge(chain, names)
-        while vague := vague_effects(chain, frozenset(judged.names)):
-            weakest = min(vague, key=lambda name: judged.evidence[name])
-            refused = {**judged.refused, weakest: "the record does not fix its size"}
-            judged = judge(chain, frozenset(judged.names) - {weakest}, refused)
+        while vague := set(vague_effects(chain, judged.fitted)) - assumed:
+            weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
+            judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
         others = [
             read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             for other in holdout
         ]
         for other in others:
-            if bends := bends_elsewhere(chain, frozenset(judged.names), other):
+            if bends := bends_elsewhere(chain, judged.fitted, other):
                 why = "on another record the film is not understood, and may bend its output itself"
-                refused = {**judged.refused, **dict.fromkeys(bends, why)}
-                judged = judge(chain, frozenset(judged.names) - bends, refused)
+                judged = judge(chain, judged.fitted - bends, judged, why)
         unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
+        cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, judged, unseen, say)
+        if cut is not None:
+            found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
         if base == "generalized_pi" and record.output is not None:
             found = _restricted(found, unseen)
         return _in_its_unit(found)
+
+
+def _assumed(
+    known: dict[str, Effect], assume: Mapping[str, Mapping[str, float]], record: Record
+) -> tuple[dict[str, Effect], frozenset[str]]:
+    """All effects, those assumed with the parameters that are known; the names of those assumed. Raises ValueError for
+    one that the record cannot have."""
+    lines = []
+    for name in assume:
+        effect = known.get(name)
+        if effect is None:
+            lines.append(f"{name}: no effect of this record's film; expected one of {', '.join(known)}")
+        elif effect.link in ("driver", "plate", "thermometer") and record.current_A is None:
+            lines.append(f"{name}: current_A: missing; an effect on the {effect.link} needs it")
+        elif effect.link in ("film", "ohmmeter") and record.output is None:
+            lines.append(f"{name}: {record.quantity.column}: missing; an effect on the {effect.link} needs it")
+        elif getattr(effect.form, "heated", False) and record.test_current_A is None:
+            lines.append(f"{name}: meter_current_A: missing; the heat of the test current needs it")
+        elif rounds(effect):
+            lines.append(f"{name}: is seen in the readings, and needs no assumption")
+    if lines:
+        raise ValueError("\n".join(lines))
+    return {**known, **{name: pinned(known[name], values) for name, values in assume.items()}}, frozenset(assume)
 
 
 def _in_its_unit(found: Diagnosis) -> Diagnosis:
@@ -129,13 +168,15 @@ def _in_its_unit(found: Diagnosis) -> Diagnosis:
 
 def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     """What a base film without D(T) lacks, named as an effect of its own."""
-    chain, names = found.chain, frozenset(found.judged.names)
+    chain, names = found.chain, found.judged.fitted
     b = chain.fits(names)[1]
     if b is None or chain.facts is None or chain.facts.basis.curve is None:
         return found
-    plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=chain.first)
+    assumed, first = chain.assumed, chain.first
+    plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=first, assumed=assumed)
     of_the_class = chain.score(names) - plain.score(names) < ABSORBS  # then nothing but D may stand in for what D does
-    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=not of_the_class, first=chain.first)
+    relays = not of_the_class
+    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=relays, first=first, assumed=assumed)
     evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
     if evidence < ABSORBS:
         return found
@@ -152,14 +193,14 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
 
 
 def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress) -> Diagnosis:
-    record, names = chain.record, frozenset(judged.names)
+    record, names = chain.record, judged.fitted
     say("gain")
     lattice = _lattice(chain)
     unseen = replace(unseen, on_lattice=lattice is not None)
     noise = unseen.noise(names)
     channels = _channels(unseen, names, noise)
     say("candidates")
-    candidates = candidates_of(chain, judged, unseen.left, unseen.rows, noise)
+    candidates = candidates_of(chain, judged, unseen.left, unseen.deciding, unseen.rows, noise)
     say("intervals")
     rivals = rivals_of(chain, names, judged)
     findings = _findings(chain, judged, unseen, rivals)
@@ -196,13 +237,27 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         judged,
         plate_numbers(chain, names),
         candidates,
+        upper_limits(chain, names),
+        {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
+        _rooms_degC(chain, names),
+        sum(other.record.rows for other in unseen.others),
     )
 
 
+def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
+    """Each record's room; none without a current."""
+    fit = chain.fits(names)[0]
+    if fit is None:
+        return []
+    room = float(fit.parameters.plate()[4])
+    return [room, *(room + fit.parameters.rooms_K).tolist()]
+
+
 def _channels(unseen: UnseenRows, names: frozenset[str], noise: dict[str, float]) -> dict[str, Channel | None]:
-    """Of the base model, which stays as if no reading were rounded, and of the extended one."""
+    """Of the base model, which has the effects assumed and stays as if no reading were rounded, and of the extended
+    one."""
     channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
-    bare = unseen.residuals(frozenset())
+    bare = unseen.residuals(unseen.chain.assumed)
     for name, residual in unseen.left(names).items():
         counted = unseen.rows & np.isfinite(residual)
         channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
@@ -211,7 +266,7 @@ def _channels(unseen: UnseenRows, names: frozenset[str], noise: dict[str, float]
 
 def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping[str, list[str]]) -> list[Finding]:
     """What is named, with sizes and gains, in order of evidence."""
-    names, findings = frozenset(judged.names), []
+    names, findings = judged.fitted, []
     parameters, whole = intervals(chain, names), unseen.left(names)
     for name in judged.names:
         rest = unseen.left(names - {name})
@@ -226,7 +281,7 @@ def _unexplained(
     chain: Chain, judged: Verdict, unseen: UnseenRows, channels: Mapping[str, Channel | None]
 ) -> dict[str, str | None]:
     """By channel: what is left in the fitted rows, or that unseen rows are predicted much worse; None: nothing."""
-    record, names = chain.record, frozenset(judged.names)
+    record, names = chain.record, judged.fitted
     unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
     for channel, adequacy, residual in (
         ("temperature_K", judged.temperature, temperature_residual),

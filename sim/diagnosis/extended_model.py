@@ -49,14 +49,13 @@ class ExtendedModel:
 
 
 def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
-    """Base model and named effects of a diagnosis."""
+    """Base model, assumed and named effects of a diagnosis."""
     with threadpool_limits(limits=1):
-        chain, names = diagnosis.chain, frozenset(diagnosis.judged.names)
+        chain, names = diagnosis.chain, diagnosis.judged.fitted
         first, last = chain.fits(names)
+        found = diagnosis.assumed | {f.name: f.parameters for f in diagnosis.findings if f.name != MEMORYLESS_TERM}
         effects: list[dict[str, float | str]] = [
-            {"name": f.name, **{name: value for name, (value, _) in f.parameters.items()}}
-            for f in diagnosis.findings
-            if f.name != MEMORYLESS_TERM
+            {"name": effect, **{name: value for name, (value, _) in own.items()}} for effect, own in found.items()
         ]
         plate = _plate(first.parameters) if first is not None else None
         if last is None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.report.plate_numbers import PlateNumbers
+from sim.diagnosis.report.upper_limits import UpperLimit
 from sim.diagnosis.report.warnings import Warning
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
@@ -39,9 +43,11 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
-    film's form, warnings, what to do next, the plate's numbers, what was found and is not named; record and chain: for
-    figures and for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
+    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words,
+    the film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large
+    what is not named may be, the parameters of what was assumed, each record's room (of a record with a current);
+    sources: of the records; judging_elsewhere: rows of other records held out; record and chain: for figures and
+    for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
     (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
@@ -56,7 +62,26 @@ class Diagnosis:
     judged: Verdict
     plate: PlateNumbers | None
     candidates: list[Candidate]
+    limits: list[UpperLimit]
+    assumed: dict[str, dict[str, tuple[float, tuple[float, float] | None]]]
+    rooms_degC: list[float]
+    judging_elsewhere: int
+    sources: tuple[str, ...] = ()
     model: str | None = None
+
+    def _rows(self) -> dict[str, Any]:
+        """How many rows fitted, decided and judged, and which readings were left out. Of other records that
+        are held out all rows judge, and all of the record itself are fitted."""
+        record = self.record
+        return {
+            "fitted": int(np.sum(~record.held_out)),
+            "deciding": int(np.sum(record.deciding)),
+            "judging": int(np.sum(record.judging)) or self.judging_elsewhere,
+            "left_out": [
+                {"time_s": float(record.time_s[row]), "column": column, "rule": rule}
+                for row, column, rule in record.left_out
+            ],
+        }
 
     def document(self) -> dict[str, Any]:
         """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
@@ -66,10 +91,7 @@ class Diagnosis:
             "effects": [
                 {
                     "name": f.name,
-                    "parameters": {
-                        name: {"value": value, "ci95": list(ci) if ci is not None else None}
-                        for name, (value, ci) in f.parameters.items()
-                    },
+                    "parameters": _values(f.parameters),
                     "evidence": f.evidence,
                     "false_alarm": f.false_alarm,
                     "indistinguishable_from": f.indistinguishable_from,
@@ -98,11 +120,25 @@ class Diagnosis:
             "unexplained": self.unexplained,
             "film": self.film,
             "plate": None if self.plate is None else self.plate.document(),
+            "assumed": [{"name": name, "parameters": _values(own)} for name, own in self.assumed.items()],
             "candidates": [c.document() for c in self.candidates],
+            "upper_limits": [limit.document() for limit in self.limits],
+            "rows": self._rows(),
+            "records": [
+                {"source": source, "ambient_degC": room}
+                for source, room in zip(self.sources, self.rooms_degC, strict=False)
+            ],
             "warnings": [w.document() for w in self.warnings],
             "next_experiment": self.next_experiment,
             "model": self.model,
         }
+
+
+def _values(parameters: Mapping[str, tuple[float, tuple[float, float] | None]]) -> dict[str, Any]:
+    """Parameters with their intervals, in JSON."""
+    return {
+        name: {"value": value, "ci95": list(ci) if ci is not None else None} for name, (value, ci) in parameters.items()
+    }
 
 
 def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:

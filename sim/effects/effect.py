@@ -15,8 +15,8 @@ An effect of a user's own is one file with an `EFFECT` in it (`docs/own_effect.m
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -162,9 +162,26 @@ class Switched:
         return {p.name: float(v) for p, v in zip(self.effect.parameters, self.par, strict=True)}
 
 
+def pinned(effect: Effect, values: Mapping[str, float]) -> Effect:
+    """The effect with these parameters known: no fit moves them. Raises ValueError for one that it does not have."""
+    known = {p.name for p in effect.parameters}
+    for name in values:
+        if name not in known:
+            raise ValueError(f"{effect.name}: no parameter {name!r}; expected {', '.join(sorted(known))}")
+    parameters = tuple(replace(p, choices=(values[p.name],)) if p.name in values else p for p in effect.parameters)
+    return replace(effect, parameters=parameters)
+
+
+def with_pinned(effect: Effect, values: Sequence[float]) -> list[float]:
+    """The values, with those that are known in their places."""
+    return [p.choices[0] if len(p.choices) == 1 else v for p, v in zip(effect.parameters, values, strict=True)]
+
+
 def jumps(effect: Effect) -> bool:
     """Whether the outcome jumps with the effect's parameter, so that it has to be searched for."""
-    return isinstance(effect.form, Command) and effect.form.jumps is not None
+    if not isinstance(effect.form, Command) or effect.form.jumps is None:
+        return False
+    return any(len(p.choices) != 1 for p in effect.parameters)
 
 
 def at_the_terminals(effect: Effect) -> bool:

@@ -41,4 +41,5 @@ EFFECT = Effect(
     HeatFlow(plate_rate, own_rate),
     "the far side of the element is no fixed temperature: its heat sink warms up",
     "log the sink's temperature; a larger sink, a fan or water",
+    inverse=True,
 )

@@ -97,21 +97,24 @@ def simulate_plate(
     own_degC: Array,
     late_K: Array,
     spacing: Spacing = COARSE,
+    rooms_K: Array | None = None,
 ) -> PlateRun:
     """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
     and others of those that begin stretches. own_degC: there, of the effects on the plate, nan: as it was before,
-    (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters)."""
+    (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters). rooms_K: by how much
+    the room is warmer from there on than T_a, (anew,); None: by nothing."""
     heat = heat_flows(links.plate)
     n = nodes.time_s.size
     reset = np.full(n, np.nan)
     reset[nodes.rows[record.first_rows]] = first_degC
     temperature, slopes = np.empty(n), np.empty((n, 2))
     begins, bodies = nodes.rows[anew], own_degC[0]
-    for begin, end, own in zip(begins, [*begins[1:] + 1, n], own_degC, strict=True):
+    rooms = np.zeros(begins.size) if rooms_K is None else rooms_K
+    for begin, end, own, room in zip(begins, [*begins[1:] + 1, n], own_degC, rooms, strict=True):
         part = slice(begin, end)  # up to the next begin, whose slope before it is kept
         before, bodies = slopes[begin, 1], np.where(np.isnan(own), bodies, own)
         run(
-            plate,
+            np.append(plate[:4], plate[4] + room),
             heat.terms,
             heat.values,
             nodes.time_s[part],

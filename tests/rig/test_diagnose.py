@@ -33,9 +33,18 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     _, hidden, said = diagnosed
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
-        "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "candidates", "warnings",
-        "next_experiment", "model",
+        "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "assumed", "candidates",
+        "upper_limits", "rows", "records", "warnings", "next_experiment", "model",
     }  # fmt: skip
+    rows = said["rows"]
+    assert rows["fitted"] + rows["deciding"] + rows["judging"] == hidden.columns["time_s"].size
+    assert min(rows["deciding"], rows["judging"]) > 0.08 * rows["fitted"]
+    assert said["channels"]["resistance_dec"]["samples_holdout"] <= rows["judging"]
+    assert {left["rule"] for left in rows["left_out"]} == {"stamped where the plate is not known"}  # both ends
+    assert [Path(one["source"]).name for one in said["records"]] == ["record.csv"]
+    limits = {limit["name"]: limit for limit in said["upper_limits"]}
+    assert "film_lag" not in limits
+    assert 0.0 < limits["series_resistance"]["limit95"] < 1e3
     assert said["verdict"] == "explained"
     assert [effect["name"] for effect in said["effects"]] == list(hidden.hidden)
     effect = said["effects"][0]

@@ -4,31 +4,44 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.outliers import lone_outliers
+from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.effects.effect import Effect
 from sim.model.links import delays_s, stamps_off_s
-from sim.model.own_fit import Told
+from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.model.record_own import long_gaps
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
+FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
 FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
 FIRST_SHARE = 0.1
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
+ALONE, LONE = "apart from its neighbours", "apart from its neighbours beside a fit"
+OUTLYING = (ALONE, LONE)
 MOST_IN_A_GAP = 1000  # commands
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
+
+
+class LeftOut(NamedTuple):
+    """A reading that does not count, and the rule by which."""
+
+    row: int
+    column: str
+    rule: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +53,8 @@ class Record:
     another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
     test_current_A: of the ohmmeter, 0 where it is not known. after_gaps: the row after each gap; first_rows: where
     a stretch begins (the first row, and after each gap through which the plate is not known). held_out: rows that no
-    fit sees. outliers: readings left out, of each channel. quantity: what the output is.
+    fit sees. left_out: readings that do not count though they are there, each with its row, column and the rule by
+    which. quantity: what the output is. joined: where further records of the same rig begin.
     """
 
     time_s: Array
@@ -55,20 +69,48 @@ class Record:
     after_gaps: Rows
     first_rows: Rows
     held_out: Mask
-    outliers: tuple[int, int]
+    left_out: tuple[LeftOut, ...]
     uneven: bool
     quantity: Quantity = RESISTANCE
+    joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def rows(self) -> int:
         return int(self.time_s.size)
 
+    @property
+    def judging(self) -> Mask:
+        """Of the rows that no fit sees, those on which the reported gain is measured: every other block."""
+        block = np.arange(self.rows) * BLOCKS // max(self.rows, 1)
+        return np.asarray(self.held_out & (block // HELD_OUT % 2 == 1))
+
+    @property
+    def deciding(self) -> Mask:
+        """Of the rows that no fit sees, those that speak for or against a name: the other blocks."""
+        return np.asarray(self.held_out & ~self.judging)
+
     def without(self, temperature: Rows, output: Rows) -> Record:
-        """The same without some rows' readings, which are told as outliers."""
+        """The same without some rows' readings, which a fit shows to be lone."""
         temperature_used, output_used = self.temperature_used.copy(), self.output_used.copy()
         temperature_used[temperature], output_used[output] = False, False
-        outliers = self.outliers[0] + int(temperature.size), self.outliers[1] + int(output.size)
-        return replace(self, temperature_used=temperature_used, output_used=output_used, outliers=outliers)
+        return self._using(temperature_used, output_used, LONE)
+
+    def _using(self, temperature_used: Mask, output_used: Mask, rule: str) -> Record:
+        """The same with fewer readings, and the rule by which."""
+        left_out = [
+            LeftOut(int(row), column, rule)
+            for column, before, now in (
+                ("temperature_degC", self.temperature_used, temperature_used),
+                (self.quantity.column, self.output_used, output_used),
+            )
+            for row in np.flatnonzero(before & ~now)
+        ]
+        return replace(
+            self,
+            temperature_used=temperature_used,
+            output_used=output_used,
+            left_out=(*self.left_out, *left_out),
+        )
 
     def begun_also(self, rows: Rows) -> Record:
         """The same with stretches that begin at these rows, too; what follows them is held out no longer."""
@@ -84,7 +126,7 @@ class Record:
         for first, last in itertools.pairwise([0, *long_gaps(self).tolist(), self.rows]):
             taken = self.taken_s[first:last]
             within[first:last] = (taken >= self.time_s[first] + margin) & (taken <= self.time_s[last - 1] - margin)
-        return replace(self, output_used=self.output_used & within)
+        return self._using(self.temperature_used, self.output_used & within, "stamped where the plate is not known")
 
     @cached_property
     def commands(self) -> tuple[Array, Array]:
@@ -115,9 +157,8 @@ class Record:
         used = self.temperature_used & seen
         some = np.logical_or.reduceat(used, self.first_rows)
         some[0] = True  # what no reading tells of is no stretch of its own
-        return replace(
-            self, temperature_used=used, output_used=self.output_used & seen, first_rows=self.first_rows[some]
-        )
+        fewer = self._using(used, self.output_used & seen, "a command of the gap before may still act")
+        return replace(fewer, first_rows=self.first_rows[some])
 
     @property
     def interval_s(self) -> float:
@@ -144,10 +185,16 @@ def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
 
 
 def read_columns(
-    columns: Mapping[str, ArrayLike], *, held_out: bool = True, quantity: Quantity = RESISTANCE, fewest: int = FEWEST
+    columns: Mapping[str, ArrayLike],
+    *,
+    held_out: bool = True,
+    quantity: Quantity = RESISTANCE,
+    fewest: int = FEWEST,
+    joined: Rows | None = None,
 ) -> Record:
     """A record from its columns (names and units of a record file), with the film's output as `quantity` says. fewest:
-    readings of a channel that it needs at least. Raises ValueError, a line a fault."""
+    readings of a channel that it needs at least; joined: where further records begin. Raises ValueError, a line a
+    fault."""
     data = _checked(columns)
     time, temperature = data["time_s"], data["temperature_degC"]
     used = np.isfinite(temperature)
@@ -159,7 +206,8 @@ def read_columns(
     current = data.get("current_A")
     if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
         current = None
-    output, output_used, lone = None, np.zeros(time.size, dtype=np.bool_), 0
+    left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in strays]
+    output, output_used = None, np.zeros(time.size, dtype=np.bool_)
     readings = quantity.of(data)
     if readings is not None:
         good = np.isfinite(readings)
@@ -167,7 +215,8 @@ def read_columns(
             output = readings
             out = lone_outliers(output, good)
             good[out] = False
-            output_used, lone = good, int(out.size)
+            output_used = good
+            left_out += [LeftOut(int(row), quantity.column, ALONE) for row in out]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
     told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
@@ -190,9 +239,10 @@ def read_columns(
         after,
         begins,
         held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
-        (int(strays.size), lone),
+        tuple(left_out),
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
         quantity,
+        joined if joined is not None else np.empty(0, dtype=np.int64),
     )
 
 
@@ -214,11 +264,21 @@ def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
     return data
 
 
-def told_of(record: Record, sigma_K: float, sigma_dec: float) -> Told:
-    """The readings of a record that count."""
+def told_of(record: Record) -> Told:
+    """The readings of a record that count, with the noise that they show by themselves: what belongs to a record is
+    fitted alike whatever model it is fitted with."""
     output = np.where(record.output_used, record.output, np.nan) if record.output is not None else None
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
-    return Told(temperature, output, max(sigma_K, 0.3 * record.step_K), sigma_dec)
+    sigma_K = max(LEAST_NOISE_K, 0.3 * record.step_K, own_noise(temperature))
+    return Told(
+        temperature, output, sigma_K, LEAST_NOISE_DEC if output is None else max(LEAST_NOISE_DEC, own_noise(output))
+    )
+
+
+def own_noise(readings: Array) -> float:
+    """Of readings, nan where there is none, from row to row; 0 where they are too few to tell."""
+    finite = readings[np.isfinite(readings)]
+    return quick_noise(finite) if finite.size >= FEWEST_FOR_NOISE else 0.0
 
 
 def _numeric(values: ArrayLike) -> bool:

@@ -36,18 +36,26 @@ from sim.model.recorded import COARSE, Spacing
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
+ROOM_K = 5.0  # the spread of one laboratory's, from record to record
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
 @dataclass(frozen=True, eq=False)
 class PlateParameters:
-    """x: the fit's vector (plate, effects, temperatures of their own, each at its beginnings); first_degC: of each
-    stretch."""
+    """x: the fit's vector (plate, effects, rooms, temperatures of their own, each at its beginnings); first_degC: of
+    each stretch; rooms: how many further records have a room of their own."""
 
     kind: str
     effects: tuple[Switched, ...]
     x: Array
     first_degC: Array
+    rooms: int = 0
+
+    @property
+    def rooms_K(self) -> Array:
+        """By how much the room of each further record is warmer than the first one's."""
+        begin = len(self.base) + len(unknowns_of(self.effects))
+        return ROOM_K * self.x[begin : begin + self.rooms]
 
     @property
     def base(self) -> tuple[Unknown, ...]:
@@ -103,7 +111,8 @@ class TemperatureChannel:
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
-        self.anew: Rows = anew_rows(record)
+        self.anew: Rows = np.union1d(anew_rows(record), record.joined)
+        self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
 
     def with_noise(self, sigma_K: float) -> TemperatureChannel:
@@ -123,8 +132,10 @@ class TemperatureChannel:
         base = parameters.x[: len(parameters.base)]
         before = self._own(parameters)
         own = [before.get(effect.name, np.zeros(self.anew.size)) for effect in with_own_temperature(effects)]
-        x = np.concatenate((base, values_inside(effects), *own))
-        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy())
+        count = self.record.joined.size
+        rooms = parameters.rooms_K / ROOM_K if parameters.rooms == count else np.zeros(count)
+        x = np.concatenate((base, values_inside(effects), rooms, *own))
+        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy(), count)
 
     def awakened(self, p: PlateParameters) -> PlateParameters:
         """The same, with a Joule heat where the plate alone has driven it to nothing: from there it would take long
@@ -142,7 +153,7 @@ class TemperatureChannel:
     def _own(self, p: PlateParameters) -> dict[str, Array]:
         """Of each effect, at each of its beginnings here; parameters of another record begin as they did there."""
         names = [e.name for e in with_own_temperature(p.effects)]
-        own = p.x[len(p.base) + len(unknowns_of(p.effects)) :]
+        own = p.x[len(p.base) + len(unknowns_of(p.effects)) + p.rooms :]
         each = own.reshape(len(names), own.size // max(len(names), 1))
         if each.shape[1] != self.anew.size:
             each = np.repeat(each[:, :1], self.anew.size, axis=1)
@@ -161,25 +172,27 @@ class TemperatureChannel:
         """A fit's parameters, beginning where its path was where this record's stretches do: they may be others."""
         return replace(fit.parameters, first_degC=fit.path.at(self.record.time_s[self.record.first_rows]))
 
-    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array]:
-        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), and how far the
-        filters are behind (beginnings, filters), both in the chain's order."""
+    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array, Array]:
+        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), how far the
+        filters are behind (beginnings, filters), both in the chain's order, and by how much the room is warmer than the
+        first record's (beginnings,)."""
         end = x.size - self._owns(p.effects)
         effects = with_values(p.effects, x[len(p.base) : end])
-        ambient = replace(p, x=x).plate()[4]
+        p = replace(p, x=x)
+        ambient, rooms = p.plate()[4], np.append(0.0, p.rooms_K)[self._record_of]
         apart = APART_K * x[end:].reshape(-1, self.anew.size)
         flows = links_of(effects).plate
         place = [k for k, e in enumerate(flows) if has_own(e)]
-        own = np.full((self.anew.size, len(flows)), ambient)
+        own = np.repeat((ambient + rooms)[:, None], len(flows), axis=1)
         own[:, place] += apart[: len(place)].T
-        return effects, own, apart[len(place) :].T
+        return effects, own, apart[len(place) :].T, rooms
 
     def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows."""
-        effects, own, late = self.split(p, x)
+        effects, own, late, rooms = self.split(p, x)
         links = links_of(effects)
         plate, nodes = replace(p, x=x).plate(), self._nodes(links)
-        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing)
+        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing, rooms)
         return out.path, out.shown_degC
 
     def _nodes(self, links: Links) -> Nodes:
@@ -193,9 +206,9 @@ class TemperatureChannel:
         return self._known_nodes[moved]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
-        """What is known beforehand, in spreads, which unknown it speaks of (the ambient, temperatures of own), and by
-        how many spreads a step of that changes it."""
-        base, own = len(p.base), self._owns(p.effects)
+        """What is known beforehand, in spreads, which unknown it speaks of (the ambient, other records' rooms,
+        temperatures of own), and by how many spreads a step of that changes it."""
+        base, own = len(p.base), self._owns(p.effects) + p.rooms
         index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
         away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
         scale = np.ones(index.size)
@@ -285,8 +298,8 @@ class TemperatureChannel:
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
     ) -> TemperatureFit:
         like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
-        effects, _, _ = self.split(p, x)
-        final = PlateParameters(p.kind, tuple(effects), x, first)
+        effects, _, _, _ = self.split(p, x)
+        final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
         return TemperatureFit(
             final, path, shown, float(np.sum(like.minus_log)), self.sigma_K, self.step_K, jacobian, like.curvature
         )
@@ -294,11 +307,25 @@ class TemperatureChannel:
     def _slopes(
         self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array
     ) -> None:
-        """d shown / d x by difference quotients, into jacobian (rows, unknowns)."""
-        for k in range(x.size):
+        """d shown / d x by difference quotients, into jacobian (rows, unknowns). What is another one in each record or
+        after each long gap is moved everywhere at once: it shows in its own rows alone."""
+        shared = len(p.base) + len(unknowns_of(p.effects))
+        for k in range(shared):
             moved = x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
             jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
+        row, begin = np.arange(self.record.rows), shared
+        for firsts in (self.record.joined, *(self.anew for _ in with_own_temperature(p.effects))):
+            if not firsts.size:
+                continue
+            own = slice(begin, begin + firsts.size)
+            step = np.where(x[own] + h[own] <= high[own], h[own], -h[own])
+            moved = x.copy()
+            moved[own] += step
+            changed = self.simulate(p, moved, first)[1] - shown
+            mine = np.searchsorted(firsts, row, side="right")[:, None] == 1 + np.arange(firsts.size)
+            jacobian[:, own] = np.where(mine, changed[:, None], 0.0) / (moved[own] - x[own])
+            begin += firsts.size
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""

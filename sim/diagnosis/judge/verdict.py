@@ -15,6 +15,7 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
+from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.resistance_search import RELAY_STEPS, View
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
@@ -39,19 +40,21 @@ LITTLE_LEFT = 0.2  # of the noise's variance
 BEYOND = 2.0  # times the largest size met: more has no physical meaning
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
+NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
 
 @dataclass(frozen=True)
 class Verdict:
     """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing; refused: why
-    an effect that the search had selected is not named."""
+    an effect that the search had selected is not named; fitted: the names, and the effects that were assumed."""
 
     names: tuple[str, ...]
     evidence: dict[str, float]
     temperature: Adequacy | None
     resistance: Adequacy | None
     refused: dict[str, str]
+    fitted: frozenset[str]
 
     @property
     def clean(self) -> bool:
@@ -123,20 +126,27 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
     return whitened_score(z, free, cosines(rows.astype(np.float64), chain.record.rows))
 
 
-def judge(chain: Chain, names: frozenset[str], refused: dict[str, str] | None = None) -> Verdict:
-    """The names that may be said. refused: those that were refused before, and why."""
-    refused = dict(refused or {})
+def judge(chain: Chain, names: frozenset[str], before: Verdict | None = None, why: str = "") -> Verdict:
+    """The names that may be said; those assumed are the user's, and stay. before: what was said of more names; why:
+    they are fewer now. Where the time is over, what was found of a name with more beside it holds."""
+    refused: dict[str, str] = {}
+    known: dict[str, tuple[float, tuple[float, str] | None]] = {}
+    if before is not None:
+        refused = {**before.refused, **dict.fromkeys(before.fitted - names, why)}
+        known = {name: (evidence, None) for name, evidence in before.evidence.items()}
     while True:
         temperature, resistance = adequacies(chain, names)
         evidence: dict[str, float] = {}
         failing: dict[str, tuple[float, str]] = {}
-        for name in sorted(names):
-            evidence[name], found = _worth(chain, names, name, temperature, resistance)
+        for name in sorted(names - chain.assumed):
+            if not chain.budget.over(JUDGING):
+                known[name] = _worth(chain, names, name, temperature, resistance)
+            evidence[name], found = known.get(name, NOT_JUDGED)
             if found is not None:
                 failing[name] = found
         if not failing:
-            order = tuple(sorted(names, key=lambda n: -evidence[n]))
-            return Verdict(order, evidence, temperature, resistance, refused)
+            order = tuple(sorted(evidence, key=lambda n: -evidence[n]))
+            return Verdict(order, evidence, temperature, resistance, refused, names)
         weakest = min(failing, key=lambda n: failing[n][0])
         refused[weakest] = failing[weakest][1]
         names = names - {weakest}
@@ -177,7 +187,7 @@ def _worth(
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
     alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and value >= CERTAIN and seen)
-    bare = _excess(chain, frozenset(), not upstream)
+    bare = _excess(chain, chain.assumed, not upstream)
     together = now <= MOST_LEFT_OF_ALL * bare and value >= SURVIVES_BESIDE and seen
     if value < SURVIVES or not (alone or together):
         return evidence, (min(value, evidence), "something else is left with it, which may do what it seems to do")
@@ -217,7 +227,7 @@ def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None)
 
 def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
     """The effects that bend the reading of a film of another kind which another record shows not to be understood."""
-    bends = frozenset(n for n in names if only_bends(chain.effects[n]))
+    bends = frozenset(n for n in names - chain.assumed if only_bends(chain.effects[n]))
     if not bends or chain.facts is None or film_of_the_class(chain, names):
         return frozenset()
     left = residuals_on(chain, names, other).get("resistance_dec", np.zeros(1))
@@ -288,10 +298,10 @@ def _unseen_residual(
     b = other if other is not None else b
     residual = np.empty(0)
     if last and b is not None and record.output is not None:
-        rows = record.held_out & record.output_used
+        rows = record.deciding & record.output_used
         residual = record.output[rows] - b.shown[rows]
     elif not last and a is not None:
-        rows = record.held_out & record.temperature_used
+        rows = record.deciding & record.temperature_used
         residual = record.temperature_degC[rows] - a.shown_degC[rows]
     return residual if residual.size else None
 

@@ -53,18 +53,19 @@ class Candidate:
 
 
 def candidates_of(
-    chain: Chain, judged: Verdict, residuals: Residuals, held: Mask, noise: dict[str, float]
+    chain: Chain, judged: Verdict, residuals: Residuals, choosing: Mask, judging: Mask, noise: dict[str, float]
 ) -> list[Candidate]:
-    """The best of them first, at most three. residuals: of a set's fit in every row, nan without a reading; held: rows
-    that no fit has seen; noise: of each channel."""
-    named = residuals(frozenset(judged.names))
+    """The best of them first, at most three. residuals: of a set's fit in every row, nan without a reading; choosing,
+    judging: rows that no fit has seen, by which they are chosen and on which their gain is measured; noise: of each
+    channel."""
+    named = residuals(judged.fitted)
     found: list[Candidate] = []
-    for names in _fitted_better(chain, judged):
+    for names in chain.budget.in_time(_fitted_better(chain, judged), 1.0):
         after = residuals(names)
-        gains = {channel: gain(named[channel], after[channel], held) for channel in named}
-        if not any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in gains.values()):
+        seen, gains = ({c: gain(named[c], after[c], rows) for c in named} for rows in (choosing, judging))
+        if not all(any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in of.values()) for of in (seen, gains)):
             continue
-        if any(g.rmse_after > AS_GOOD * g.rmse_before for g in gains.values()):
+        if any(g.rmse_after > AS_GOOD * g.rmse_before for g in (*seen.values(), *gains.values())):
             continue
         left = max(g.rmse_after / noise[channel] for channel, g in gains.items())
         found.append(
@@ -84,7 +85,7 @@ def candidates_of(
 def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
     """Sets that were fitted on the way and tell the fitted rows better, most so first. What would need a new search of
     the film behind another plate is left out, and so are bends of no catalogue, with which one that is was compared."""
-    own = frozenset(judged.names)
+    own = judged.fitted
     upstream, downstream = chain.split(own)
     sets: set[frozenset[str]] = {own | frozenset(judged.refused)}
     if chain.first is not None:
@@ -92,7 +93,7 @@ def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
     if chain.record.output is not None:
         sets |= {upstream | s for s in chain.last(upstream).fits}
         sets = {s for s in sets if s <= chain.effects.keys() and chain.split(s)[0] in chain.searches}
-    better = {s: chain.score(s) - chain.score(own) for s in sets if s != own}
+    better = {s: chain.score(s) - chain.score(own) for s in sets if s != own and chain.assumed <= s}
     return sorted((s for s in better if better[s] > ENTRY), key=lambda s: -better[s])[:LOOKED_AT]
 
 

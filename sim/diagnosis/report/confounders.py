@@ -15,7 +15,7 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
     """By named effect, the others that do as well in its place."""
     out: dict[str, list[str]] = {}
     whole = chain.score(names)
-    for name in judged.names:
+    for name in chain.budget.in_time(judged.names, 1.0):
         rest = names - {name}
         upstream, downstream = chain.split(rest)
         is_last = name in chain.split(names)[1]

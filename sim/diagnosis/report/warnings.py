@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from sim.diagnosis.data.record import OUTLYING
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain
 
@@ -43,9 +45,8 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
         )
     if record.uneven:
         found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
-    for name, count in zip(("temperature_degC", record.quantity.column), record.outliers, strict=True):
-        if count:
-            found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
+    for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
+        found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
     if record.current_A is None:
         found.append(Warning("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
@@ -63,6 +64,12 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
             )
         found.append(Warning("absorbed_by_the_film", text))
     return found
+
+
+def out_of_time(doing: str, seconds: float) -> Warning:
+    """Of a diagnosis that its time cut short."""
+    text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
+    return Warning("out_of_time", text)
 
 
 def saturated_sink(chain: Chain) -> list[Warning]:

@@ -19,6 +19,7 @@ from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.joint_fit import Tied, settled, tied
 from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, base_fit
@@ -36,10 +37,15 @@ SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is non
 
 
 def temperature_search(
-    record: Record, fitted: Mask, effects: dict[str, Effect], kinds: tuple[str, ...] = ("peltier",)
+    record: Record,
+    fitted: Mask,
+    effects: dict[str, Effect],
+    kinds: tuple[str, ...] = ("peltier",),
+    assumed: frozenset[str] = frozenset(),
+    budget: Budget | None = None,
 ) -> TemperatureSearch:
     """The first links' base fit, weighed by the thermometer's own noise. Its record is without what that fit shows to
-    be lone readings."""
+    be lone readings. assumed: effects known to be there."""
     used = record.temperature_degC[record.temperature_used]
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
@@ -53,7 +59,7 @@ def temperature_search(
         base = channel.descend(base.parameters)
     channel = channel.with_noise(max(channel.noise(base), LEAST_NOISE_K))
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
-    return TemperatureSearch(channel, mine, base)
+    return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
 
 def rounds(effect: Effect) -> bool:
@@ -117,14 +123,23 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
 
 
 def resistance_search(
-    record: Record, path: PlatePath, fitted: Mask, facts: FilmFacts, effects: dict[str, Effect], relays: bool = True
+    record: Record,
+    path: PlatePath,
+    fitted: Mask,
+    facts: FilmFacts,
+    effects: dict[str, Effect],
+    relays: bool = True,
+    assumed: frozenset[str] = frozenset(),
+    budget: Budget | None = None,
 ) -> ResistanceSearch:
-    """The last links on one path. relays: whether the film may be of another kind."""
+    """The last links on one path. relays: whether the film may be of another kind; assumed: effects known to be
+    there."""
     channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis, relays)
     mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
     if record.test_current_A is None:
         mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
-    return ResistanceSearch(channel, mine, FilmParameters((), facts.shape, facts.start))
+    base = FilmParameters((), facts.shape, facts.start)
+    return ResistanceSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
 
 @dataclass
@@ -132,7 +147,8 @@ class Chain:
     """Both ends' searches; either may be missing. record: as it was read, less the readings that a fit has shown to be
     lone. Paths and searches of the last links are kept by the first links' effects. together: whether both channels are
     fitted as one, where the simulated temperature drives the film. asked: the effects beside which relays were tried
-    though little is left."""
+    though little is left. assumed: effects that the user knows are there, which no search takes out;
+    budget: of time."""
 
     record: Record
     fitted: Mask
@@ -145,6 +161,8 @@ class Chain:
     together: bool = False
     pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
     asked: set[frozenset[str]] = field(default_factory=set)
+    assumed: frozenset[str] = frozenset()
+    budget: Budget = field(default_factory=Budget)
 
     def __post_init__(self) -> None:
         self.as_read = self.record
@@ -159,7 +177,7 @@ class Chain:
                 self.facts = film_facts(self.record, path, self.fitted, self.curve)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
             self.searches[upstream] = resistance_search(
-                self.record, path, self.fitted, self.facts, self.effects, self.relays
+                self.record, path, self.fitted, self.facts, self.effects, self.relays, self.assumed, self.budget
             )
         return self.searches[upstream]
 
@@ -304,7 +322,7 @@ class Chain:
         self.fitted = self.fitted | (record.held_out & ~self.record.held_out)
         channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
         base = replace(old.base, parameters=channel.in_its_stretches(old.base))
-        self.first = TemperatureSearch(channel, old.effects, base)
+        self.first = TemperatureSearch(channel, old.effects, base, old.assumed, old.budget)
         for key, known in old.fits.items():
             if key <= upstream:
                 self.first.fits[key] = channel.descend(channel.in_its_stretches(known), 10)

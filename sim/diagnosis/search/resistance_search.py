@@ -13,7 +13,8 @@ from sim.diagnosis.fit.film_memory import begun, remembered
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.effects.effect import Effect, Reading, Switched, Warming, at_the_terminals, switched
+from sim.diagnosis.search.budget import Budget
+from sim.effects.effect import Effect, Parameter, Reading, Switched, Warming, at_the_terminals, switched
 from sim.model.film_nodes import FilmNodes
 
 FEWEST_ROWS = 30  # on either side of a threshold
@@ -62,11 +63,14 @@ class KnownShape:
 
 @dataclass
 class ResistanceSearch:
-    """Fits of the last links by the names of their effects, each computed once."""
+    """Fits of the last links by the names of their effects, each computed once. assumed: the effects that the user
+    knows are there; budget: of time, for the search."""
 
     channel: ResistanceChannel
     effects: dict[str, Effect]
     base: FilmParameters
+    assumed: frozenset[str] = frozenset()
+    budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
     known_shape: KnownShape | None = None
 
@@ -336,20 +340,27 @@ class View:
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
+def thresholds_inside(threshold: Parameter, channel: ResistanceChannel) -> tuple[float, ...]:
+    """The choices of a threshold with enough rows on either side; the one that is known, where it is."""
+    if len(threshold.choices) == 1:
+        return threshold.choices
+    ohm = channel.record.quantity.ohm(channel.output[channel.rows])
+    return tuple(c for c in threshold.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS)
+
+
 def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:
     """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
     axes: list[list[float]] = []
     for k, p in enumerate(effect.parameters):
         if p.choices:
-            ohm = channel.record.quantity.ohm(channel.output[channel.rows])
-            inside = [c for c in p.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS]
-            axes.append(inside or [p.choices[0]])
+            axes.append([*thresholds_inside(p, channel)] or [p.choices[0]])
         elif p.signed:
             values = np.geomspace(p.smallest, p.largest, sizes)[::2]
             axes.append([float(v) for v in (*-values[::-1], *values)])
         else:
             axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
-    if isinstance(effect.form, Warming) and effect.form.heated and channel.record.test_current_A is not None:
+    heated = isinstance(effect.form, Warming) and effect.form.heated and not effect.parameters[0].choices
+    if heated and channel.record.test_current_A is not None:
         ohm = channel.record.quantity.ohm(channel.output[channel.rows])
         power = channel.record.test_current_A[channel.rows] ** 2 * ohm
         largest = max(float(np.max(power)), 1e-30)

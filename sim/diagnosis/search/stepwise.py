@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.fit.temperature_channel import TemperatureFit
+from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.joint_fit import widened
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
@@ -57,6 +59,13 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf,
     return value < max(LEAST_TIME * p.smallest, SHORT * interval_s) if is_time else value < least * p.smallest
 
 
+def _sound(search: TemperatureSearch | ResistanceSearch, fit: TemperatureFit | ResistanceFit) -> bool:
+    """Whether every size that was found has a meaning; those assumed are the user's."""
+    interval = search.channel.record.interval_s
+    found = [Switched(search.effects[e.name], e.par) for e in fit.effects if e.name not in search.assumed]
+    return not any(without_meaning(e, interval) for e in found)
+
+
 def _hopeless(before: float, after: float, rows: int) -> bool:
     """Whether the best effect there is changes little of a residual many times the noise: then it is none of these."""
     square = 2.0 * after / rows
@@ -71,22 +80,18 @@ def _in_vain(before: ResistanceFit, after: ResistanceFit, rows: int) -> bool:
 
 
 def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozenset()) -> frozenset[str]:
-    """The effects that the thermometer's channel alone asks for. names: where the search begins."""
-    names = _improved_first(search, names)
-    while len(names) < MOST_EFFECTS:
+    """The effects that the thermometer's channel alone asks for, beside those assumed. names: where the search
+    begins."""
+    names = _improved_first(search, names | search.assumed)
+    while len(names - search.assumed) < MOST_EFFECTS and not search.budget.over(SEARCHING):
         fit = search.fit(names)
         others = [n for n in search.effects if n not in names]
         rough = 2.0 * fit.minus_log / search.channel.rows.size > ROUGH
         promise = {n: search.promise(fit, n) for n in others}
         order = sorted(others, key=lambda n: -promise[n])
         tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
-        interval = search.channel.record.interval_s
-        found = {n: search.fit(names | {n}, fit) for n in tried}
-        gains = {
-            n: fit.minus_log - f.minus_log
-            for n, f in found.items()
-            if not any(without_meaning(Switched(search.effects[e.name], e.par), interval) for e in f.effects)
-        }
+        found = {n: search.fit(names | {n}, fit) for n in search.budget.in_time(tried)}
+        gains = {n: fit.minus_log - f.minus_log for n, f in found.items() if _sound(search, f)}
         if not gains or max(gains.values()) < ENTRY:
             break
         best = max(gains, key=lambda n: gains[n])
@@ -102,7 +107,7 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
     """Swaps and removals until none is better."""
     for _ in range(4):
         best, changed = search.fit(names).minus_log, names
-        for name in sorted(names):
+        for name in search.budget.in_time(sorted(names - search.assumed)):
             rest = names - {name}
             fit = search.without(search.fit(names), name)
             if fit.minus_log - best < ENTRY:
@@ -111,7 +116,7 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
                 continue  # the only one was the best of all
             promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
             likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
-            for other in likely[:TRIED]:
+            for other in search.budget.in_time(likely[:TRIED]):
                 value = search.fit(rest | {other}, fit).minus_log
                 if value < best - 1.0:
                     best, changed = value, rest | {other}
@@ -135,10 +140,11 @@ def select_last_links(
     steps: int = MOST_EFFECTS,
     say: Progress = lambda text: None,
 ) -> frozenset[str]:
-    """The effects that the ohmmeter's channel alone asks for. names: where the search begins; steps: how many times one
-    is added, or two at once."""
+    """The effects that the ohmmeter's channel alone asks for, beside those assumed. names: where the search begins;
+    steps: how many times one is added, or two at once."""
+    names |= search.assumed
     for _ in range(steps):
-        if len(names) >= MOST_EFFECTS:
+        if len(names - search.assumed) >= MOST_EFFECTS or search.budget.over(SEARCHING):
             break
         say(f"temperature to resistance{': besides ' if names else ''}{', '.join(sorted(names))}")
         fit = search.ended(search.fit(names))
@@ -147,9 +153,10 @@ def select_last_links(
             found = search.ended(found)
             fit = search.ended(search.without(found, next(e.name for e in found.effects if e.name not in names)))
         if found is None or found.score - fit.score < entry_of(found, names) or _in_vain(fit, found, rows):
-            found = search.two_at_once(fit) if len(names) + 2 <= MOST_EFFECTS else None
-            interval = search.channel.record.interval_s
-            if found is None or any(without_meaning(e, interval) for e in found.effects):
+            if search.budget.over(SEARCHING):
+                break
+            found = search.two_at_once(fit) if len(names - search.assumed) + 2 <= MOST_EFFECTS else None
+            if found is None or not _sound(search, found):
                 break
             if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit, found, rows):
                 break
@@ -173,52 +180,50 @@ def _one_more(
     rough = search.channel.mean_square(fit) > ROUGH
     promises = search.promises(fit, others)
     tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
-    quick = [search.quick(fit, n, promises[n]) for n in (tried if rough else tried[:TRIED])]
+    budget = search.budget
+    quick = [search.quick(fit, n, promises[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
-    ends = [search.plain(q.parameters) for q in quick[:TRIED]]
-    interval = search.channel.record.interval_s
-    ends = [e for e in ends if np.isfinite(e.score) and not any(without_meaning(x, interval) for x in e.effects)]
+    ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
+    ends = [e for e in ends if np.isfinite(e.score) and _sound(search, e)]
     ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None
     if search.channel.mean_square(ends[0]) <= RELAYS_FROM:
         return search.keep(ends[0])
-    found = [search.widened(e) for e in ends[:WIDENED]]
+    found = [search.widened(e) for e in budget.in_time(ends[:WIDENED])]
     far = search.channel.mean_square(fit) > FAR_FROM_NOISE
     if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
         likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
-        found += [search.beside(fit, start) for start in begin]
-    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+        found += [search.beside(fit, start) for start in budget.in_time(begin)]
+    sound = [e for e in found if _sound(search, e)]
     return max(sound, key=lambda e: e.score) if sound else None
 
 
 def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
     """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
-    interval = search.channel.record.interval_s
     promises = {n: search.promise(fit, n, FINER) for n in others}
     likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
-    found = [search.beside(fit, promises[n].start) for n in likely[:TRIED]]
-    for name in others:
+    found = [search.beside(fit, promises[n].start) for n in search.budget.in_time(likely[:TRIED])]
+    for name in search.budget.in_time(others):
         if isinstance(search.effects[name].form, Reading):
             found.append(search.in_their_place(fit, name))
-    sound = [e for e in found if not any(without_meaning(x, interval) for x in e.effects)]
+    sound = [e for e in found if _sound(search, e)]
     return max(sound, key=lambda e: e.score) if sound else None
 
 
 def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     """With another lag or skew in the place of one that fits worse, the film as it is there: what alike effects were
     fitted to may differ by more than they do."""
-    for name in sorted(names & TIMING):
+    for name in sorted((names & TIMING) - search.assumed):
         best = search.fit(names)
         others = sorted((TIMING & search.effects.keys()) - names)
         if not others or search.channel.mean_square(best) > FAR_FROM_NOISE:
             return names
-        found = [search.instead(best, name, other) for other in others]
-        interval = search.channel.record.interval_s
-        sound = [f for f in found if not any(without_meaning(e, interval) for e in f.effects)]
+        found = [search.instead(best, name, other) for other in search.budget.in_time(others)]
+        sound = [f for f in found if _sound(search, f)]
         better = max(sound, key=lambda f: f.score, default=best)
         if better.score > best.score + 1.0:
             names = frozenset(e.name for e in search.finish(better).effects)
@@ -233,7 +238,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
         if len(names) < 2 or search.channel.mean_square(best) > too_much_left:
             return names  # as long as something large is missing, whatever is there may stand in for it
         changed: ResistanceFit | None = None
-        for name in sorted(names):
+        for name in search.budget.in_time(sorted(names - search.assumed)):
             fit = search.without(best, name)
             if best.score - fit.score < entry_of(best):
                 return _improved_last(search, names - {name})
@@ -293,22 +298,22 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     for _ in range(3):
         upstream, downstream = chain.split(names)
         moving = [n for n in first.effects if first.effects[n].link != "plate"]
-        timing = sorted(downstream & TIMING)
+        timing = sorted((downstream & TIMING) - chain.assumed)
         base = first.fit(upstream)
         options = []
         for n in moving:
-            if n in upstream or not timing:
+            if n in upstream or not timing or chain.budget.over(SEARCHING):
                 continue
             if first.promise(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
                 options.append(upstream | {n})
         for a in moving:
             for b in moving:
-                if a in upstream and b not in upstream:
+                if a in upstream - chain.assumed and b not in upstream:
                     option = (upstream - {a}) | {b}
                     if first.fit(option).minus_log - base.minus_log < NEAR:
                         options.append(option)
         best, value = names, worth(chain, names)
-        for option in options:
+        for option in chain.budget.in_time(options):
             for rest in [downstream, *[downstream - {n} for n in timing]]:
                 trial = option | rest
                 if worth(chain, trial) > value + 0.5:
@@ -321,7 +326,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
 
 def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
-    while len(names) < MOST_EFFECTS:
+    while len(names - chain.assumed) < MOST_EFFECTS:
         pair = chain.pair(names)
         if pair is None or chain.first is None:
             return names
@@ -331,9 +336,9 @@ def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
                 found[name] = pair.promised(effect)
         likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
         best, value = names, chain.score(names) + ENTRY
-        for name in likely:
+        for name in chain.budget.in_time(likely):
             trial = widened(pair, found[name][1])
-            if trial is None or any(without_meaning(e, chain.record.interval_s) for e in trial.a.effects):
+            if trial is None or not _sound(chain.first, trial.a):
                 continue
             chain.keep(names | {name}, trial)
             if chain.score(names | {name}) > value:
@@ -341,7 +346,7 @@ def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
         if best == names:
             return names
         added, names = best - names, best
-        for name in sorted(names - added):  # what stood in for it goes
+        for name in sorted(names - added - chain.assumed):  # what stood in for it goes
             if chain.score(names) - chain.score(names - {name}) < ENTRY:
                 names -= {name}
     return names

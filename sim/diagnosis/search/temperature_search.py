@@ -12,8 +12,8 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
-from sim.diagnosis.fit.unknowns import fitted_parameters
-from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched
+from sim.diagnosis.search.budget import Budget
+from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 
 ROUGH_STEPS = 12
 EXCHANGED_STEPS = 40
@@ -29,11 +29,14 @@ BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
 @dataclass
 class TemperatureSearch:
-    """Fits of the first links by the names of their effects, each computed once."""
+    """Fits of the first links by the names of their effects, each computed once. assumed: the effects that the user
+    knows are there; budget: of time, for the search."""
 
     channel: TemperatureChannel
     effects: dict[str, Effect]
     base: TemperatureFit
+    assumed: frozenset[str] = frozenset()
+    budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], TemperatureFit] = field(default_factory=dict)
 
     def fit(self, names: frozenset[str], near: TemperatureFit | None = None) -> TemperatureFit:
@@ -81,7 +84,8 @@ class TemperatureSearch:
             nothing = [NOTHING * p.smallest for p in effect.parameters]
             if effect.inverse:
                 nothing[0] = effect.parameters[0].largest / NOTHING
-            other = self.channel.descend(self._descend(fit, switched(effect, nothing), 10).parameters, 30)
+            begin = switched(effect, with_pinned(effect, nothing))
+            other = self.channel.descend(self._descend(fit, begin, 10).parameters, 30)
             best = min((best, other), key=lambda trial: trial.minus_log)
         return best
 
@@ -90,7 +94,8 @@ class TemperatureSearch:
         place: two first-order lags in a row show the same in either order, but for what is not linear."""
         best, p = fit, fit.parameters
         for effect in fit.effects:
-            if not (isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]):
+            plain = isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]
+            if not plain or effect.effect.parameters[0].choices:
                 continue
             s, r, g, q, ambient = p.plate()
             tau, met = float(effect.par[0]), effect.effect.parameters[0]
@@ -179,31 +184,44 @@ class TemperatureSearch:
                 ]
                 for start in starting_values(effect, fit)
             ]
-        channel = self.channel
-        p = fit.parameters
-        rows = channel.rows
-        like_residual = channel.residual(fit)
-        columns = [fit.jacobian[rows] / channel.sigma_K]
-        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        e = moved / (0.01 * channel.sigma_K)
-        d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
-        nuisance = columns[0] - e[:, None] * np.stack(
-            [(np.bincount(channel.stretch, e * c, channel.stretches) / d)[channel.stretch] for c in columns[0].T],
-            axis=1,
-        )
-        norms = np.linalg.norm(nuisance, axis=0)
-        q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
-        best = 0.0
+        view, best = FirstView(self.channel, fit), 0.0
         for value in values:
-            trial = channel.extended(p, [*fit.effects, switched(effect, list(value))])
-            shown = channel.simulate(trial, trial.x, p.first_degC)[1]
-            delta = (shown[rows] - fit.shown_degC[rows]) / channel.sigma_K
-            delta = delta - e * (np.bincount(channel.stretch, e * delta, channel.stretches) / d)[channel.stretch]
-            delta = delta - q @ (q.T @ delta)
+            delta = view.left_of(switched(effect, list(value)))
             size = float(delta @ delta)
             if size > 1e-9 and np.isfinite(size):
-                best = max(best, 0.5 * float(delta @ like_residual) ** 2 / size)
+                best = max(best, 0.5 * float(delta @ view.residual) ** 2 / size)
         return best
+
+
+class FirstView:
+    """A fit seen by what is left of it once plate, first temperatures and everything fitted may follow."""
+
+    def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
+        self._channel, self._fit, p = channel, fit, fit.parameters
+        rows = channel.rows
+        self.residual = channel.residual(fit)
+        columns = fit.jacobian[rows] / channel.sigma_K
+        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
+        self._e = e = moved / (0.01 * channel.sigma_K)
+        self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
+        nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
+        norms = np.linalg.norm(nuisance, axis=0)
+        self._q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
+
+    def _off_firsts(self, column: Array) -> Array:
+        """What is left of a column in the fitted rows once each stretch's first temperature may follow."""
+        stretch, e = self._channel.stretch, self._e
+        share = np.bincount(stretch, e * column, self._channel.stretches) / self._d
+        return np.asarray(column - e * share[stretch], dtype=np.float64)
+
+    def left_of(self, effect: Switched) -> Array:
+        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        others = [e for e in fit.effects if e.name != effect.name]
+        trial = channel.extended(fit.parameters, [*others, effect])
+        shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
+        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) / channel.sigma_K)
+        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
 def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
@@ -236,25 +254,21 @@ def held_effect(effect: Effect) -> Effect:
     """The same effect with parameters that no descent moves."""
     if all(p.choices for p in effect.parameters):
         return effect
-    parameters = tuple(
-        type(p)(p.name, p.smallest, p.largest, p.signed, (p.smallest, p.largest)) for p in effect.parameters
-    )
-    return Effect(
-        effect.name, effect.link, parameters, effect.form, effect.changes, effect.remedy, effect.order, effect.inverse
-    )
+    parameters = tuple(p if p.choices else replace(p, choices=(p.smallest, p.largest)) for p in effect.parameters)
+    return replace(effect, parameters=parameters)
 
 
 def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[list[float]]:
     """Where descents for an effect begin: within the sizes met, of both signs where it has one."""
     if any(p.signed for p in effect.parameters):
         middle = [0.3 * (p.smallest * p.largest) ** 0.5 for p in effect.parameters]
-        return [middle, [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]]
+        other = [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]
+        return [with_pinned(effect, middle), with_pinned(effect, other)]
     starts = [[float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH]
     if fit is not None and isinstance(effect.form, HeatFlow) and effect.name == "radiative_loss":
         g = fit.parameters.plate()[2]
         starts = [[0.05 * g / 1.2e8], [0.5 * g / 1.2e8]]
-    assert fitted_parameters(effect) or effect.parameters
-    return starts
+    return [with_pinned(effect, start) for start in starts]
 
 
 def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] = ("peltier",)) -> TemperatureFit:

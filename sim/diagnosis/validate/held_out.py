@@ -13,7 +13,7 @@ from sim.diagnosis.fit.path_estimate import measured_path
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.residuals import read_within
 from sim.model.links import links_of
-from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, fit_own
+from sim.model.own_fit import fit_own
 from sim.model.record_own import FilmStart
 
 
@@ -27,7 +27,7 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask 
     read = b is not None and other.output is not None
     last = chain.film_channel(names) if read else None
     fitted = FittedChain(a, b, last)
-    told = told_of(other, a.sigma_K if a is not None else LEAST_NOISE_K, last.sigma_dec if last else LEAST_NOISE_DEC)
+    told = told_of(other)
     if not read:
         told = replace(told, output=None)
     path = None if driven else measured_path(other)

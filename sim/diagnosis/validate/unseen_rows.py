@@ -33,10 +33,15 @@ class UnseenRows:
     on_lattice: bool = False
 
     @property
+    def deciding(self) -> Mask:
+        """The rows that no fit has seen and by which it may be chosen: of other records all."""
+        return self.rows if self.others else self.chain.record.deciding
+
+    @property
     def rows(self) -> Mask:
-        """The rows that no fit has seen: of other records all."""
+        """The rows that no fit has seen and no name was decided by: of other records all."""
         if not self.others:
-            return self.chain.record.held_out
+            return self.chain.record.judging
         return np.ones(sum(other.record.rows for other in self.others), dtype=np.bool_)
 
     def residuals(self, names: frozenset[str], chain: Chain | None = None) -> dict[str, Array]:

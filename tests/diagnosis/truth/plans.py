@@ -19,7 +19,7 @@ from tests.diagnosis.truth.manner import UNLIKE
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.outside import OUTSIDE, with_fault
 from tests.diagnosis.truth.rig import Effects, record
-from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, smallest, weaker
+from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, slower, smallest
 
 Random = np.random.Generator
 # "smallest" is asked only of effects whose limit is of a size that one meets: at least this share of the least one
@@ -163,23 +163,30 @@ def disturbed_record(
     return replace(made, columns=disturbed(rng, made.columns, kinds))
 
 
-def at_the_limit(rng: Random, seed: int, effect: str = "radiative_loss", factor: float = 1.5) -> Case:
-    """An effect at `factor` times the smallest that a test with the true model finds half of the time."""
+def at_the_limit(
+    rng: Random, seed: int, effect: str = "radiative_loss", factor: float = 1.5, any_size: bool = False
+) -> Case:
+    """An effect at `factor` times the smallest that a test with the true model finds half of the time. any_size: also
+    where that is far smaller than what one meets."""
     for _ in range(TRIES):
         bench = draw_bench(rng)
         rest = others(effect, rng, bench)
         if rest is None:
             continue
-        key = SIZES[effect][0]
-        low, high = bounds(effect, bench)
-        reference = {key: low if effect == "parallel_leakage" else high, **rest}
+        if effect == "heat_sink_warmup":
+            reference, low = {"sink_capacity_ratio": 3.0, "sink_conductance_ratio_per_s": 0.1}, 0.0
+        else:
+            low, high = bounds(effect, bench)
+            reference = {SIZES[effect][0]: low if effect == "parallel_leakage" else high, **rest}
         oracle = Oracle(bench.rig, bench.schedule, recorded_current(bench, {}), cautious=False)
-        share = smallest(effect, reference, oracle)
-        size = weaker(effect, reference, share * factor)[key]
-        if share * factor < 1.0 and (effect == "parallel_leakage" or size > NOT_TRIFLING * low):
-            hidden = {effect: weaker(effect, reference, share * factor)}
-            details = {"factor": factor, "effect": effect, "smallest": size / factor}
-            return finished(rng, "smallest", seed, bench, hidden, "exactly", details=details)
+        share = smallest(effect, reference, oracle, made=slower)
+        hidden = slower(effect, reference, share * factor)
+        key = SIZES[effect][0] or "sink_capacity_ratio"
+        size = hidden[key]
+        if share * factor < 1.0 and (any_size or effect == "parallel_leakage" or size > NOT_TRIFLING * low):
+            half = slower(effect, reference, share)[key]
+            details = {"factor": factor, "effect": effect, "smallest": half}
+            return finished(rng, "smallest", seed, bench, {effect: hidden}, "exactly", details=details)
     raise RuntimeError(f"no bench has {effect} at its limit within the sizes that one meets")
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tests.diagnosis.truth.draw import Bench
 from tests.diagnosis.truth.oracle import Oracle, threshold
 
 Parameters = dict[str, float]
+Made = Callable[[str, Parameters, float], Parameters]
 MARGIN = 4.0  # sizes are at least this many times the smallest that can be found
 SIZES: dict[str, tuple[str, float, float]] = {
     "actuator_delay": ("delay_s", 0.2, 5.0),
@@ -66,12 +69,20 @@ def others(name: str, rng: np.random.Generator, bench: Bench) -> Parameters | No
     return {}
 
 
-def smallest(name: str, reference: Parameters, oracle: Oracle, low: float = 1e-4) -> float:
-    """The factor on the reference's size at which the oracle finds the effect half of the time (inf: not below 1)."""
+def slower(name: str, parameters: Parameters, factor: float) -> Parameters:
+    """The same effect at `factor` times its size, its first parameter alone: a heat sink of the same conductance."""
+    if name == "heat_sink_warmup":
+        return {**parameters, "sink_capacity_ratio": parameters["sink_capacity_ratio"] / factor}
+    return weaker(name, parameters, factor)
+
+
+def smallest(name: str, reference: Parameters, oracle: Oracle, low: float = 1e-4, made: Made = weaker) -> float:
+    """The factor on the reference's size at which the oracle finds the effect half of the time (inf: not below 1).
+    made: how it is made weaker."""
     wanted = threshold(PARAMETERS.get(name, 1))
 
     def found(factor: float) -> bool:
-        return oracle.evidence({name: weaker(name, reference, factor)}) > wanted
+        return oracle.evidence({name: made(name, reference, factor)}) > wanted
 
     if not found(1.0):
         return float("inf")

@@ -1,0 +1,160 @@
+"""Upper limits: of every effect that is not named, the largest size that the record still allows (95 %).
+
+Along one effect the log-likelihood of the fitted rows falls by
+
+    fall(u) = d(u)^2 / 2 - a(u),     d^2 = delta' delta,  a = delta' residual,
+
+where u is the effect's strength, residual what the fit leaves over the noise, and delta(u) what the effect changes in
+the fitted rows over the noise, once plate, film and everything that was fitted may follow. From nothing to u the change
+is taken to grow as the strength does, d = k u and a = b u; the strength that fits best is then b / k^2 (0 if b < 0),
+and the likelihood has fallen from there by 1.645^2 / 2 at
+
+    u95 = (max(b, 0) + 1.645 k) / k^2,
+
+which is the one-sided limit of the profile likelihood (G. Cowan, K. Cranmer, E. Gross, O. Vitells, Eur. Phys. J. C 71
+(2011) 1554, section 3.7), never below the one of a record that speaks neither for nor against the effect: noise that
+happens to speak against an effect makes no instrument better than it is (power constraint, arXiv:1105.3166). Where the
+residual hangs together from row to row, or is larger than the noise, the deviation 1/k is widened as parameters'
+intervals are (`compensator.identification.covariance`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Final
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import block_sandwich
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.resistance_search import View, thresholds_inside
+from sim.diagnosis.search.temperature_search import FirstView
+from sim.effects.effect import Effect, Parameter, Switched, switched
+
+NORMAL_95_ONE_SIDED: Final = 1.645
+SMALLER: Final = 1000.0  # times smaller than the smallest size met: a hundred thousand rows show no less
+LARGER: Final = 10.0  # times larger than the largest size met: the end of the fits (`sim.diagnosis.fit.unknowns`)
+ROUNDS: Final = 20
+SAME: Final = 0.03  # relative change of the strength from which another round is not needed: far below its own meaning
+LONGEST_STEP: Final = 10.0  # factor of one round: what is linear about one strength says little of another
+Left = Callable[[Switched], Array]
+
+
+@dataclass(frozen=True)
+class UpperLimit:
+    """name; parameter: of the size; limit: in its unit, None where the record allows any size that was looked at;
+    from_below: whether the record excludes what is smaller (a leakage's resistance) instead of what is larger; met: the
+    smallest and largest size met."""
+
+    name: str
+    parameter: str
+    limit: float | None
+    from_below: bool
+    met: tuple[float, float]
+
+    def document(self) -> dict[str, Any]:
+        """In `peltier-diagnosis/1`."""
+        return {"name": self.name, "parameter": self.parameter, "limit95": self.limit}
+
+
+def upper_limits(chain: Chain, names: frozenset[str]) -> list[UpperLimit]:
+    """Of every effect that the record could show and that is not among the names, along the chain."""
+    a, b = chain.fits(names)
+    found = []
+    if a is not None and chain.first is not None:
+        first = FirstView(chain.first.channel, a)
+        for name, effect in chain.first.effects.items():
+            if name not in names:
+                found.append(_limit(effect, first.left_of, first.residual, ()))
+    if b is not None:
+        channel, search = chain.film_channel(names), chain.last(chain.split(names)[0])
+        last = View(channel, b)
+        for name, effect in search.effects.items():
+            if name not in names:
+                thresholds = [t for p in effect.parameters if p.choices for t in thresholds_inside(p, channel)]
+                found.append(_limit(effect, last.left_of, last.residual, tuple(thresholds)))
+    return found
+
+
+def _limit(effect: Effect, left_of: Left, residual: Array, thresholds: tuple[float, ...]) -> UpperLimit:
+    """The largest over what the effect has besides its size, and over both signs."""
+    place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
+    size = effect.parameters[place]
+    from_below = effect.inverse and place == 0
+    found: list[float | None] = []
+    for others in _others(effect, place, thresholds):
+        for sign in (1.0, -1.0) if size.signed else (1.0,):
+
+            def at(strength: float, others: tuple[float, ...] = others, sign: float = sign) -> Array:
+                value = sign * (1.0 / strength if from_below else strength)
+                return left_of(switched(effect, [*others[:place], value, *others[place:]]))
+
+            found.append(_allowed(at, residual, size, from_below))
+    limit = None
+    if found and None not in found:
+        strength = max(value for value in found if value is not None)
+        limit = 1.0 / strength if from_below else strength
+    return UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest))
+
+
+def _others(effect: Effect, place: int, thresholds: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+    """Values of the parameters beside the size: the thresholds that the record can show, the sizes met."""
+    axes = []
+    for k, p in enumerate(effect.parameters):
+        if k != place:
+            axes.append(thresholds if p.choices else (p.smallest, math.sqrt(p.smallest * p.largest), p.largest))
+    yield from product(*axes)
+
+
+def _allowed(at: Callable[[float], Array], residual: Array, size: Parameter, from_below: bool) -> float | None:
+    """The largest strength that the record allows; None: any that is looked at.
+
+    Each strength that is looked at gives a limit of its own: it is allowed if it lies below that limit, else excluded.
+    """
+    low, high = size.smallest / SMALLER, size.largest * LARGER
+    if from_below:
+        low, high = 1.0 / (size.largest * SMALLER), LARGER / size.smallest
+    allowed, excluded = low, math.inf
+    strength = math.sqrt(size.smallest * size.largest)
+    strength = 1.0 / strength if from_below else strength
+    for _ in range(ROUNDS):
+        wanted = _linear_limit(at(strength), residual, strength)
+        if abs(wanted / strength - 1.0) < SAME:
+            return strength
+        if wanted > strength:
+            allowed = max(allowed, strength)
+            if strength >= high:
+                return None
+        else:
+            excluded = min(excluded, strength)
+            if strength <= low:
+                return low
+        if excluded < (1.0 + SAME) * allowed:  # what a command's dead band changes jumps
+            return excluded
+        strength = min(max(wanted, strength / LONGEST_STEP, low), strength * LONGEST_STEP, high)
+        if not allowed < strength < excluded:
+            strength = math.sqrt(allowed * excluded) if excluded < math.inf else high
+    return excluded if excluded < math.inf else None
+
+
+def _linear_limit(delta: Array, residual: Array, strength: float) -> float:
+    """u95 of the equations above, from what one strength changes; 0 where it cannot be computed, inf where it changes
+    nothing."""
+    if not np.all(np.isfinite(delta)):
+        return 0.0
+    k = float(np.linalg.norm(delta)) / strength
+    if k <= 0.0:
+        return math.inf
+    b = float(delta @ residual) / strength
+    return max(b, 0.0) / k**2 + NORMAL_95_ONE_SIDED * _widened(delta, residual) / k
+
+
+def _widened(delta: Array, residual: Array) -> float:
+    """By how much a deviation is larger than for a residual that is white and of the noise's size."""
+    size = float(np.linalg.norm(delta))
+    error = float(block_sandwich((delta / size)[:, None], residual).standard_errors[0])
+    return max(error, 1.0) if math.isfinite(error) else 1.0

@@ -1,0 +1,63 @@
+"""Upper limits: above the true size of what is too small to be named, and not far above what could have been found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.report.upper_limits import _allowed
+from sim.effects.effect import Parameter
+from tests.diagnosis.cases import case
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "seed"),
+    [
+        ("self_heating", "theta_K_per_W", 1),
+        ("parallel_leakage", "leakage_ohm", 2),
+        ("heat_sink_warmup", "sink_capacity_ratio", 1),
+        ("film_lag", "tau_s", 1),
+        ("actuator_deadband", "deadband_A", 2),
+    ],
+)
+def test_the_true_size_is_below_and_not_far(effect: str, parameter: str, seed: int) -> None:
+    hidden = case("smallest", seed, effect=effect, factor=0.6, any_size=True)
+    found = diagnose(hidden.columns)
+    assert effect not in [f.name for f in found.findings]
+    limits = {limit.name: limit for limit in found.limits}
+    assert limits[effect].parameter == parameter
+    allowed, half = limits[effect].limit, hidden.details["smallest"]
+    assert allowed is not None
+    assert limits[effect].from_below == (effect in ("parallel_leakage", "heat_sink_warmup"))
+    above = half / allowed if limits[effect].from_below else allowed / half
+    assert 0.6 < above < 3.0
+
+
+@pytest.mark.parametrize("along", [-3.0, 0.0, 2.0])
+def test_a_linear_effect_in_white_noise(along: float) -> None:
+    """The limit is that of the equation: an estimate, if it is positive, and 1.645 deviations."""
+    rng = np.random.default_rng(1)
+    column, noise = rng.standard_normal((2, 4000))
+    noise += column * (along * np.linalg.norm(column) - column @ noise) / (column @ column)
+    deviation = 1.0 / float(np.linalg.norm(column))
+    size = Parameter("size_K", 0.01, 10.0)
+    allowed = _allowed(lambda strength: strength * column, noise, size, from_below=False)
+    assert allowed == pytest.approx((max(along, 0.0) + 1.645) * deviation, rel=0.15)  # widened as blocks of rows say
+
+
+def test_what_changes_nothing_is_allowed_at_any_size() -> None:
+    size = Parameter("size_K", 0.01, 10.0)
+    assert _allowed(lambda strength: np.zeros(500), np.ones(500), size, from_below=False) is None
+
+
+def test_what_jumps_has_a_limit_at_the_jump() -> None:
+    """A dead band below the smallest command changes nothing."""
+    size, column = Parameter("band_A", 0.02, 0.3), np.ones(500)
+    residual = np.random.default_rng(2).standard_normal(500)
+    allowed = _allowed(lambda strength: column * (strength > 0.07), residual, size, from_below=False)
+    assert allowed is not None
+    assert 0.07 < allowed < 0.07 * 1.04
+    assert math.isfinite(allowed)
