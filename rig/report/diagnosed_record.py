@@ -23,7 +23,13 @@ from rig.report.many_records import Task
 from rig.report.told import MODEL, Told, files_in
 from sim.diagnosis.result import with_model
 
-RANK = ("partly_unexplained", "explained", "unexplained", "clean")  # what there is to do about it, most first
+RANK = (
+    "partly_unexplained",
+    "explained",
+    "unexplained",
+    "too_short",
+    "clean",
+)  # what there is to do about it, most first
 
 
 @dataclass(frozen=True)

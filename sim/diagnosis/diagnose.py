@@ -36,6 +36,7 @@ from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
+from sim.diagnosis.validate.sparse_loop import sparse_loop
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -209,8 +210,9 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         gains = {c: gain(smooth[c], shown[c], unseen.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
     unexplained = _unexplained(chain, judged, unseen, channels)
-    film = None
+    film, sparse = None, None
     if chain.facts is not None:
+        sparse = sparse_loop(record, chain.facts.sigma_dec)
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
@@ -224,8 +226,11 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
     )
+    verdict = verdict_of(findings, unexplained, sparse is not None)
+    if verdict == "too_short" and sparse is not None:
+        next_experiment = [f"record {sparse.missing}", *next_experiment]
     return Diagnosis(
-        verdict_of(findings, unexplained),
+        verdict,
         findings,
         channels,
         unexplained,

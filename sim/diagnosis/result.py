@@ -141,8 +141,11 @@ def _values(parameters: Mapping[str, tuple[float, tuple[float, float] | None]]) 
     }
 
 
-def verdict_of(findings: list[Finding], unexplained: dict[str, str | None]) -> str:
-    """clean, explained, partly_unexplained or unexplained."""
+def verdict_of(findings: list[Finding], unexplained: dict[str, str | None], sparse: bool = False) -> str:
+    """clean, explained, partly_unexplained or unexplained; too_short where nothing is named and the film's channel
+    alone is left, of a record too sparse to tell a film's flank."""
+    if sparse and not findings and unexplained["temperature_K"] is None and any(unexplained.values()):
+        return "too_short"
     left = any(text is not None for text in unexplained.values())
     if findings:
         return "partly_unexplained" if left else "explained"

@@ -8,6 +8,7 @@ import pytest
 from sim.diagnosis.data.likelihood import expected_reading
 from sim.diagnosis.data.record import held_out_rows, read_columns
 from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.validate.sparse_loop import sparse_loop
 
 
 def test_outliers_stand_out_of_a_residual_that_drifts() -> None:
@@ -17,7 +18,7 @@ def test_outliers_stand_out_of_a_residual_that_drifts() -> None:
     alone, pair = 700, (1200, 1202)
     for k in (alone, *pair):
         residual[k] += 0.4
-    found = strays(residual, np.ones(n, dtype=np.bool_), 0.0)
+    found = strays(residual, np.zeros(n), np.ones(n, dtype=np.bool_), 0.0)
     assert found.tolist() == [alone, *pair]
 
 
@@ -25,7 +26,39 @@ def test_a_step_that_stays_is_no_outlier() -> None:
     rng = np.random.default_rng(4)
     residual = 0.01 * rng.standard_normal(1000)
     residual[500:] += 1.0
-    assert strays(residual, np.ones(1000, dtype=np.bool_), 0.0).size == 0
+    assert strays(residual, np.zeros(1000), np.ones(1000, dtype=np.bool_), 0.0).size == 0
+
+
+def test_where_rows_are_far_apart_nothing_is_lone() -> None:
+    """A flank that a model misses in one of its few rows: the readings tell as little of one another."""
+    kelvin = np.arange(200) % 100 * 0.7
+    readings = -2.0 * np.tanh((kelvin - 35.0) / 3.0)
+    shown = -2.0 * np.tanh((kelvin - 35.2) / 3.0)
+    assert strays(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).size == 0
+    readings[20] += 0.05
+    assert strays(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).tolist() == [20]
+
+
+def test_an_instrument_that_is_noisier_in_one_range_has_no_outliers() -> None:
+    noise = 1e-4 * np.random.default_rng(6).standard_normal(1000)
+    noise[600:700] *= 30.0
+    every = np.ones(1000, dtype=np.bool_)
+    assert strays(noise, np.zeros(1000), every, 1e-5).size <= 2  # at its ends
+
+
+@pytest.mark.parametrize(("step_K", "loops", "sparse"), [(0.6, 1, True), (0.05, 1, False), (0.6, 3, False)])
+def test_one_loop_with_few_rows_on_its_flanks_decides_nothing(step_K: float, loops: int, sparse: bool) -> None:
+    up = np.arange(30.0, 80.0, step_K)
+    degC = np.tile(np.concatenate((up, up[::-1])), loops)
+    rising = np.tile(np.repeat([True, False], up.size), loops)
+    ohm = 10.0 ** (4.0 - 2.0 * np.tanh((degC - np.where(rising, 58.0, 52.0)) / 2.0))
+    record = read_columns({"time_s": np.arange(degC.size) * 5.0, "temperature_degC": degC, "resistance_ohm": ohm})
+    found = sparse_loop(record, 2e-4)
+    assert (found is not None) == sparse
+    if found is not None:
+        assert found.step_K == pytest.approx(step_K)
+        assert 0.0 < found.wanted_K < 0.5 * step_K
+        assert "minor loops" in found.missing
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 0.4])

@@ -1,7 +1,8 @@
 """Readings that a fit shows to be lone: far from what the readings around them are off by.
 
 What a model is off by changes slowly beside what an outlier is off by, so that outliers stand out of a residual that
-they do not stand out of in the readings themselves: on a flank, at a corner, on a lattice, two near one another.
+they do not stand out of in the readings themselves: on a flank, at a corner, on a lattice, two near one another. Where
+the readings lie so far apart that neighbours tell as little of one another, nothing is lone.
 """
 
 from __future__ import annotations
@@ -13,18 +14,25 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask, Rows
 
 AROUND = 7  # readings of which the middle one is judged
+NEARBY = 21  # readings by whose deviations the noise is taken: seven outliers among them do not show in the median
+BESIDE = 11  # the same of what neighbours are off one another: two outliers change the deviations of five or six
 FAR = 8.0  # robust standard deviations, besides twice what the medians around differ by
 FEWEST = 30
 
 
-def strays(residual: Array, used: Mask, least: float) -> Rows:
-    """Rows of lone readings among the used ones. residual: (rows,); least: the noise at least, in its unit."""
+def strays(readings: Array, shown: Array, used: Mask, least: float) -> Rows:
+    """Rows of lone readings among the used ones. readings, shown: as they are and as a fit has them, (rows,); least:
+    the noise at least, in their unit."""
+    residual = readings - shown
     rows = np.flatnonzero(used & np.isfinite(residual))
     if rows.size < FEWEST:
         return np.empty(0, dtype=np.int64)
-    r = residual[rows]
+    r, y = residual[rows], readings[rows]
     middle = median_filter(r, AROUND, mode="nearest")
     reach = maximum_filter1d(middle, AROUND, mode="nearest") - minimum_filter1d(middle, AROUND, mode="nearest")
     away = np.abs(r - middle)
-    noise = max(1.4826 * float(np.median(away)), least)
-    return np.asarray(rows[away > FAR * noise + 2.0 * reach], dtype=np.int64)
+    around = median_filter(away, NEARBY, mode="nearest")  # an instrument's noise is not the same everywhere
+    noise = np.maximum(1.4826 * np.maximum(around, np.median(away)), least)
+    chord = median_filter(np.abs(y - 0.5 * (np.roll(y, 1) + np.roll(y, -1))), BESIDE, mode="nearest")
+    apart = maximum_filter1d(chord, BESIDE, mode="nearest")  # how far neighbours are off one another about here
+    return np.asarray(rows[away > FAR * noise + 2.0 * (reach + apart)], dtype=np.int64)

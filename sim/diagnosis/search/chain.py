@@ -52,7 +52,7 @@ def temperature_search(
         rough = max(rough, 0.3 * record.step_K)
     channel = TemperatureChannel(record, fitted, rough, record.step_K)
     base = base_fit(channel, record, kinds)
-    lone = strays(record.temperature_degC - base.shown_degC, record.temperature_used, 0.5 * record.step_K)
+    lone = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
     if lone.size:
         record = record.without(lone, lone[:0])
         channel = TemperatureChannel(record, fitted, rough, record.step_K)
@@ -118,7 +118,7 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
         fit = channel.descend(replace(fit.parameters, start=start))
     facts.shape = fit.parameters.x[:4]
     facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
-    facts.strays = strays(output - fit.shown, record.output_used, LEAST_NOISE_DEC)
+    facts.strays = strays(output, fit.shown, record.output_used, LEAST_NOISE_DEC)
     return facts
 
 
@@ -312,7 +312,7 @@ class Chain:
         fit = old.fit(upstream)
         sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
         left = record.temperature_degC - fit.shown_degC
-        lone = strays(left, self.as_read.temperature_used, 0.5 * record.step_K)
+        lone = strays(record.temperature_degC, fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
         changed = self._without(temperature=lone)
         left = np.where(self.record.temperature_used, left / sigma, np.nan)
         off = off_after_missing_rows(left, record.time_s, record.first_rows)
@@ -337,7 +337,7 @@ class Chain:
             return False
         sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
         assert self.record.output is not None
-        lone = strays(self.record.output - b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
+        lone = strays(self.record.output, b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
         start = remembered(self.searches[upstream].channel, b.parameters)
         used = self.record.output_used
         same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE and start == self.facts.start
