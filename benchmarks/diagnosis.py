@@ -1,6 +1,7 @@
 """Blind cases: what is hidden in a record is found, alone, and nothing else is blamed. The table of what is asked.
 
-    ./peltier benchmark diagnosis [--kinds one,two,...] [--seeds 20] [--first 0] [--results FILE] [--workers 2]
+    ./peltier benchmark diagnosis [--kinds one,two,...] [--seeds 20] [--first 0] [--results FILE]
+                                  [--workers N] [--engine dask [--address tcp://...]]
 
 Every case is drawn from its seed by a generator that shares no code with the simulator. Each finished case is a line of
 the results file; started again, the benchmark goes on where it was interrupted, and prints the table of all lines that
@@ -18,7 +19,6 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
+from rig.many.cases import Case, each_ended  # noqa: E402
+from rig.many.engine import EngineChoice, opened  # noqa: E402
 from tests.diagnosis.score import Row, confusion, coverage, wilson  # noqa: E402
 
 Job = dict[str, Any]
@@ -110,14 +113,6 @@ def one(job: Job) -> Row:
     return row
 
 
-def attempt(job: Job) -> Row:
-    """`one`, or what went wrong."""
-    try:
-        return one(job)
-    except Exception as error:
-        return {"key": key_of(job), "kind": job["kind"], "choice": job["choice"], "error": repr(error)}
-
-
 def read(results: Path, wanted: set[str]) -> dict[str, Row]:
     """The finished lines among the wanted ones; a line cut off by an interruption is none."""
     done: dict[str, Row] = {}
@@ -132,15 +127,22 @@ def read(results: Path, wanted: set[str]) -> dict[str, Row]:
     return done
 
 
-def run(todo: list[Job], results: Path, workers: int) -> None:
+def run(todo: list[Job], results: Path, choice: EngineChoice) -> None:
     """Do the jobs, a line for each as it is finished."""
     began = time.perf_counter()
     if results.is_file() and results.stat().st_size and not results.read_bytes().endswith(b"\n"):
         with results.open("a", encoding="utf-8") as file:
             file.write("\n")
-    with ProcessPoolExecutor(workers) as pool, results.open("a", encoding="utf-8") as file:
-        for count, future in enumerate(as_completed([pool.submit(attempt, job) for job in todo]), 1):
-            row = future.result()
+    cases = [Case(k, one, (job,)) for k, job in enumerate(todo)]
+    with opened(choice, len(todo)) as engine, results.open("a", encoding="utf-8") as file:
+        for count, ended in enumerate(each_ended(cases, engine), 1):
+            job = todo[ended.number]
+            row = ended.value or {
+                "key": key_of(job),
+                "kind": job["kind"],
+                "choice": job["choice"],
+                "error": ended.fault,
+            }
             file.write(json.dumps(row, default=float) + "\n")
             file.flush()
             said = row.get("error") or f"{row['hidden']} -> {row['named'] or row['verdict']}"
@@ -233,7 +235,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--results", type=Path, default=Path("diagnosis_results.jsonl"))
-    parser.add_argument("--workers", type=int, default=2)
+    add_engine_arguments(parser)
     parser.add_argument("--table", action="store_true", help="only print the table of what is there")
     options = parser.parse_args()
     kinds = options.kinds.split(",")
@@ -243,7 +245,7 @@ def main() -> int:
     done = read(options.results, {key_of(job) for job in asked})
     todo = [job for job in asked if key_of(job) not in done]
     if todo and not options.table:
-        run(todo, options.results, options.workers)
+        run(todo, options.results, engine_choice(options))
         done = read(options.results, {key_of(job) for job in asked})
     table([done[key_of(job)] for job in asked if key_of(job) in done])
     missing = len(asked) - len(done)

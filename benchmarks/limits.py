@@ -1,6 +1,6 @@
 """Upper limits: is the true size below them, and how far above what could have been found are they?
 
-    ./peltier benchmark limits [--cases 300] [--first 0] [--workers 2] [--results FILE]
+    ./peltier benchmark limits [--cases 300] [--first 0] [--results FILE] [--workers N] [--engine dask]
 
 Each case hides one effect at 0.3 to 1 times the size that a test with the true model finds half of the time; the rig,
 film and record are drawn by a generator that shares no code with the simulator. The record is diagnosed, and the limit
@@ -16,7 +16,6 @@ import os
 import statistics
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,9 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402
 
+from rig.command.many_arguments import add_engine_arguments, engine_choice  # noqa: E402
+from rig.many.cases import Case, each_ended  # noqa: E402
+from rig.many.engine import opened  # noqa: E402
 from tests.diagnosis.score import wilson  # noqa: E402
 
 FROM_BELOW = ("parallel_leakage", "heat_sink_warmup")
@@ -93,14 +95,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=2)
+    add_engine_arguments(parser)
     parser.add_argument("--results", type=Path, help="a line of JSON for each case")
     options = parser.parse_args()
     rows: list[Row] = []
-    with ProcessPoolExecutor(options.workers) as pool:
-        futures = [pool.submit(one, options.first + k) for k in range(options.cases)]
-        for count, future in enumerate(as_completed(futures), 1):
-            row = future.result()
+    cases = [Case(k, one, (options.first + k,)) for k in range(options.cases)]
+    with opened(engine_choice(options), options.cases) as engine:
+        for count, ended in enumerate(each_ended(cases, engine), 1):
+            row = ended.value or {"seed": options.first + ended.number, "error": ended.fault}
             rows.append(row)
             print(f"{count}/{options.cases} {json.dumps(row)}", file=sys.stderr, flush=True)
             if options.results is not None:
