@@ -101,7 +101,7 @@ def kills(count: int, engines: list[str]) -> bool:
     good = True
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        path = _configured(folder, 4 * count, 6000.0)
+        path = _configured(folder, 12 * count, 6000.0)  # on a quick computer six of them end between two kills
         assert _sweep(path, folder / "whole").wait() == 0
         whole = (folder / "whole" / "sweep.csv").read_bytes()
         for engine in engines:

@@ -2,7 +2,7 @@
 
 Whoever has cases sees an `Engine`: something to submit to, as to a `concurrent.futures.Executor`, which can be begun
 anew when a worker died, and to which a value that many cases need is given once. Source: Python library, chapter
-concurrent.futures; Dask.distributed, `Client.get_executor`, `Client.scatter`.
+concurrent.futures; Dask.distributed, `Client.get_executor`, `Client.submit`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import shutil
 import signal
 import tempfile
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from rig.safety.signals import CAUGHT
 
 ENGINES = ("processes", "dask")
 KEPT = 8  # shared values that a worker keeps: a hold-out record and the records of the cases at hand
+ON_THE_WAY = 2  # cases for each worker, each with a record of its own
 DASK_WAIT_S = 20.0  # for a scheduler that is there: it answers in milliseconds, over a slow network in seconds
 
 
@@ -75,6 +77,19 @@ class Shared:
     """A value in a file of this computer, which is named by what is in it."""
 
     path: str
+
+
+@dataclass(frozen=True, eq=False)
+class OnCluster:
+    """A value that a Dask cluster is to hold, and its name by what is in it."""
+
+    key: str
+    value: Any
+
+
+def _itself(value: Any) -> Any:
+    """In a worker."""
+    return value
 
 
 @lru_cache(maxsize=KEPT)
@@ -191,24 +206,33 @@ class _Dask:
         except (OSError, ValueError, TypeError) as error:
             raise fault("--address", repr(self._address), f"no Dask scheduler answers there ({error})") from None
         self._executor = self._client.get_executor(pure=False)
-        self._shared: dict[str, Any] = {}
+        self._shared: OrderedDict[str, Any] = OrderedDict()
 
     @property
     def workers(self) -> int:
         return max(1, sum(self._client.nthreads().values())) if self._address is not None else self._count
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        future: Future[Any] = self._executor.submit(work, *arguments)
+        there = [self._held(value) if isinstance(value, OnCluster) else value for value in arguments]
+        future: Future[Any] = self._executor.submit(work, *there)
         return future
 
-    def share(self, value: Any) -> Any:
-        key = hashlib.sha256(pickle.dumps(value)).hexdigest()
-        if key not in self._shared:
-            self._shared[key] = self._client.scatter(value, hash=True)
-        return self._shared[key]
+    def share(self, value: Any) -> OnCluster:
+        return OnCluster(hashlib.sha256(pickle.dumps(value)).hexdigest(), value)
+
+    def _held(self, shared: OnCluster) -> Any:
+        """The value on the cluster, as what came out of a task: one that was scattered is gone for good with the worker
+        that held it, and so are the cases that wait for it; a task is computed again."""
+        if shared.key not in self._shared:
+            self._shared[shared.key] = self._client.submit(_itself, shared.value, pure=False)
+            while len(self._shared) > KEPT + ON_THE_WAY * self.workers:
+                self._shared.popitem(last=False)
+        self._shared.move_to_end(shared.key)
+        return self._shared[shared.key]
 
     def begin_anew(self) -> None:
         """Dask replaces a worker by itself; a scheduler that is gone takes everything along."""
+        self._shared.clear()
         if self._client.status == "running":
             return
         self.close()

@@ -78,38 +78,56 @@ def diagnose(
         quantity = quantity_of(output, together)
         record = read_columns(together, held_out=not holdout, quantity=quantity, joined=begins)
         known = quantity.effects(effects if effects is not None else catalogue())
-        record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
-        known, assumed = _assumed(known, assume or {}, record)
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
-        chain = Chain(record, ~record.held_out, known, assumed=assumed, budget=budget)
-        if record.current_A is not None:
-            chain.first = temperature_search(record, ~record.held_out, known, kinds, assumed, budget)
-            chain.record = chain.first.channel.record
-        elif record.output is None:
-            raise ValueError(f"record: neither current_A nor {quantity.column}; expected at least one of them")
+        chain = _chain(record, known, kinds, assume or {}, budget)
         names = select(chain, say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         judged = judge(chain, names)
-        while vague := set(vague_effects(chain, judged.fitted)) - assumed:
+        while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
         others = [
             read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             for other in holdout
         ]
-        for other in others:
-            if bends := bends_elsewhere(chain, judged.fitted, other):
-                why = "on another record the film is not understood, and may bend its output itself"
-                judged = judge(chain, judged.fitted - bends, judged, why)
+        judged = _borne_out(chain, judged, others)
         unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
         cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, judged, unseen, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
-        if base == "generalized_pi" and record.output is not None:
+        if base == "generalized_pi" and chain.record.output is not None:
             found = _restricted(found, unseen)
         return _in_its_unit(found)
+
+
+def _chain(
+    record: Record,
+    known: dict[str, Effect],
+    kinds: tuple[str, ...],
+    assume: Mapping[str, Mapping[str, float]],
+    budget: Budget,
+) -> Chain:
+    """What is searched on this record. Raises ValueError."""
+    record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
+    known, assumed = _assumed(known, assume, record)
+    chain = Chain(record, ~record.held_out, known, assumed=assumed, budget=budget)
+    if record.current_A is not None:
+        chain.first = temperature_search(record, ~record.held_out, known, kinds, assumed, budget)
+        chain.record = chain.first.channel.record
+    elif record.output is None:
+        raise ValueError(f"record: neither current_A nor {record.quantity.column}; expected at least one of them")
+    return chain
+
+
+def _borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> Verdict:
+    """Less the names that other records speak against."""
+    for other in others:
+        if bends := bends_elsewhere(chain, judged.fitted, other):
+            why = "on another record the film is not understood, and may bend its output itself"
+            judged = judge(chain, judged.fitted - bends, judged, why)
+    return judged
 
 
 def _assumed(

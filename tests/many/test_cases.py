@@ -81,3 +81,14 @@ def test_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
     assert {k: ended[k].value for k in range(6)} == {k: 2 * k for k in range(6)}
     assert ended[6].fault.startswith("ValueError: no value for 6")
     assert ended[7].value == 3
+
+
+def test_what_a_killed_dask_worker_held_is_given_to_the_next(tmp_path: Path) -> None:
+    """What is shared is computed by nobody, so that the cluster cannot make it anew."""
+    pytest.importorskip("distributed")
+    with opened(EngineChoice("dask", 1), 8) as engine:
+        shared = engine.share(list(range(1000)))
+        process, _ = next(each_ended([Case(0, read_from, (shared,))], engine)).value
+        os.kill(process, signal.SIGKILL)
+        ended = list(each_ended([Case(k, size_of, (shared,)) for k in range(1, 6)], engine))
+    assert [(e.value, e.fault) for e in ended] == [(1000, "")] * 5

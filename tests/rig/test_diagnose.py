@@ -48,7 +48,15 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     assert said["verdict"] == "explained"
     assert [effect["name"] for effect in said["effects"]] == list(hidden.hidden)
     effect = said["effects"][0]
-    assert set(effect) == {"name", "parameters", "evidence", "false_alarm", "indistinguishable_from", "gain"}
+    assert set(effect) == {
+        "name",
+        "parameters",
+        "evidence",
+        "false_alarm",
+        "false_alarm_kind",
+        "indistinguishable_from",
+        "gain",
+    }
     tau = effect["parameters"]["tau_s"]
     assert tau["value"] == pytest.approx(hidden.hidden["film_lag"]["tau_s"], rel=0.1)
     assert tau["ci95"][0] < tau["value"] < tau["ci95"][1]

@@ -17,8 +17,10 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import RELAY_STEPS, View
-from sim.diagnosis.search.stepwise import ABSORBS, CHOICE, LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.search.meaning import LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.search.resistance_search import RELAY_STEPS
+from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
+from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.diagnosis.validate.held_out import residuals_on

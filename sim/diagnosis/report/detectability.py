@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from sim.diagnosis.judge.verdict import least_evidence
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import View, starts_of
+from sim.diagnosis.search.resistance_search import starts_of
+from sim.diagnosis.search.views import View
 from sim.effects.effect import at_the_terminals
 
 SIZES = 9

@@ -31,8 +31,8 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import View, thresholds_inside
-from sim.diagnosis.search.temperature_search import FirstView
+from sim.diagnosis.search.resistance_search import thresholds_inside
+from sim.diagnosis.search.views import FirstView, View
 from sim.effects.effect import Effect, Parameter, Switched, switched
 
 NORMAL_95_ONE_SIDED: Final = 1.645

@@ -14,6 +14,7 @@ from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.views import View
 from sim.effects.effect import Effect, Parameter, Reading, Switched, Warming, at_the_terminals, switched
 from sim.model.film_nodes import FilmNodes
 
@@ -307,37 +308,6 @@ class ResistanceSearch:
         fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
         best = max(fits, key=lambda fit: fit.score)
         return replace(best, plain=best.parameters)
-
-
-class View:
-    """A fit seen by what is left of it once the film's coefficients and everything fitted may follow."""
-
-    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
-        p = fit.parameters
-        self._channel, self._fit = channel, fit
-        self._point = channel.point(p, p.x, fit.coefficients)
-        rows = channel.rows
-        self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
-        outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
-        norms = np.linalg.norm(outer, axis=0)
-        self._q = (
-            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
-            if np.any(norms > 1e-9)
-            else np.zeros((rows.size, 1))
-        )
-
-    def expected(self, effect: Switched) -> float:
-        """The log-likelihood that a fit which lacks this effect is expected to lose: what of it the film cannot do."""
-        left = self.left_of(effect)
-        return 0.5 * float(left @ left) if np.all(np.isfinite(left)) else 0.0
-
-    def left_of(self, effect: Switched) -> Array:
-        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
-        channel, fit, rows = self._channel, self._fit, self._channel.rows
-        others = [e for e in fit.effects if e.name != effect.name]
-        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
-        delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
-        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
 def thresholds_inside(threshold: Parameter, channel: ResistanceChannel) -> tuple[float, ...]:

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
-from sim.diagnosis.fit.temperature_channel import TemperatureFit
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.joint_fit import widened
+from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch
 from sim.effects.effect import Reading, Switched, jumps
@@ -31,39 +31,6 @@ NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never acco
 LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 Progress = Callable[[str], None]
-
-
-SMALL = 0.2  # of the smallest size met
-LEAST_TIME = LEAST_BESIDE = 0.5  # the same of a time, and where the film is of another kind
-SHORT = 0.2  # of the sampling interval: shorter delays are one class
-ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
-
-
-def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf, least: float = SMALL) -> bool:
-    """Whether an effect's size has no physical meaning: below `least` of the smallest met (a time: below half, or below
-    a fifth of the sampling interval); or `beyond` times the largest met. Or what it has besides: a creep of some
-    seconds is a lag."""
-    parameters = effect.effect.parameters
-    first = next((k for k, p in enumerate(parameters) if not p.choices), None)
-    if first is None:
-        return False
-    p, value = parameters[first], abs(float(effect.par[first]))
-    for q, other in zip(parameters[first + 1 :], effect.par[first + 1 :], strict=True):
-        if not q.choices and not q.smallest / ELSEWHERE <= abs(float(other)) <= q.largest * ELSEWHERE:
-            return True
-    if effect.effect.inverse:
-        return value > p.largest / least or value < p.smallest / beyond**2
-    if value > beyond * p.largest:
-        return True
-    is_time = p.name.endswith("_s") and "per" not in p.name
-    return value < max(LEAST_TIME * p.smallest, SHORT * interval_s) if is_time else value < least * p.smallest
-
-
-def _sound(search: TemperatureSearch | ResistanceSearch, fit: TemperatureFit | ResistanceFit) -> bool:
-    """Whether every size that was found has a meaning; those assumed are the user's."""
-    interval = search.channel.record.interval_s
-    found = [Switched(search.effects[e.name], e.par) for e in fit.effects if e.name not in search.assumed]
-    return not any(without_meaning(e, interval) for e in found)
 
 
 def _hopeless(before: float, after: float, rows: int) -> bool:
@@ -91,7 +58,7 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
         order = sorted(others, key=lambda n: -promise[n])
         tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
         found = {n: search.fit(names | {n}, fit) for n in search.budget.in_time(tried)}
-        gains = {n: fit.minus_log - f.minus_log for n, f in found.items() if _sound(search, f)}
+        gains = {n: fit.minus_log - f.minus_log for n, f in found.items() if has_meaning(search, f)}
         if not gains or max(gains.values()) < ENTRY:
             break
         best = max(gains, key=lambda n: gains[n])
@@ -156,7 +123,7 @@ def select_last_links(
             if search.budget.over(SEARCHING):
                 break
             found = search.two_at_once(fit) if len(names - search.assumed) + 2 <= MOST_EFFECTS else None
-            if found is None or not _sound(search, found):
+            if found is None or not has_meaning(search, found):
                 break
             if found.score - fit.score < 2.0 * entry_of(found) or _in_vain(fit, found, rows):
                 break
@@ -184,7 +151,7 @@ def _one_more(
     quick = [search.quick(fit, n, promises[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
-    ends = [e for e in ends if np.isfinite(e.score) and _sound(search, e)]
+    ends = [e for e in ends if np.isfinite(e.score) and has_meaning(search, e)]
     ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None
@@ -198,7 +165,7 @@ def _one_more(
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
         found += [search.beside(fit, start) for start in budget.in_time(begin)]
-    sound = [e for e in found if _sound(search, e)]
+    sound = [e for e in found if has_meaning(search, e)]
     return max(sound, key=lambda e: e.score) if sound else None
 
 
@@ -210,7 +177,7 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     for name in search.budget.in_time(others):
         if isinstance(search.effects[name].form, Reading):
             found.append(search.in_their_place(fit, name))
-    sound = [e for e in found if _sound(search, e)]
+    sound = [e for e in found if has_meaning(search, e)]
     return max(sound, key=lambda e: e.score) if sound else None
 
 
@@ -223,7 +190,7 @@ def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[st
         if not others or search.channel.mean_square(best) > FAR_FROM_NOISE:
             return names
         found = [search.instead(best, name, other) for other in search.budget.in_time(others)]
-        sound = [f for f in found if _sound(search, f)]
+        sound = [f for f in found if has_meaning(search, f)]
         better = max(sound, key=lambda f: f.score, default=best)
         if better.score > best.score + 1.0:
             names = frozenset(e.name for e in search.finish(better).effects)
@@ -338,7 +305,7 @@ def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
         best, value = names, chain.score(names) + ENTRY
         for name in chain.budget.in_time(likely):
             trial = widened(pair, found[name][1])
-            if trial is None or not _sound(chain.first, trial.a):
+            if trial is None or not has_meaning(chain.first, trial.a):
                 continue
             chain.keep(names | {name}, trial)
             if chain.score(names | {name}) > value:

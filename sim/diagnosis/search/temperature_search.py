@@ -13,6 +13,7 @@ from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 
 ROUGH_STEPS = 12
@@ -191,37 +192,6 @@ class TemperatureSearch:
             if size > 1e-9 and np.isfinite(size):
                 best = max(best, 0.5 * float(delta @ view.residual) ** 2 / size)
         return best
-
-
-class FirstView:
-    """A fit seen by what is left of it once plate, first temperatures and everything fitted may follow."""
-
-    def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
-        self._channel, self._fit, p = channel, fit, fit.parameters
-        rows = channel.rows
-        self.residual = channel.residual(fit)
-        columns = fit.jacobian[rows] / channel.sigma_K
-        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        self._e = e = moved / (0.01 * channel.sigma_K)
-        self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
-        nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
-        norms = np.linalg.norm(nuisance, axis=0)
-        self._q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
-
-    def _off_firsts(self, column: Array) -> Array:
-        """What is left of a column in the fitted rows once each stretch's first temperature may follow."""
-        stretch, e = self._channel.stretch, self._e
-        share = np.bincount(stretch, e * column, self._channel.stretches) / self._d
-        return np.asarray(column - e * share[stretch], dtype=np.float64)
-
-    def left_of(self, effect: Switched) -> Array:
-        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
-        channel, fit, rows = self._channel, self._fit, self._channel.rows
-        others = [e for e in fit.effects if e.name != effect.name]
-        trial = channel.extended(fit.parameters, [*others, effect])
-        shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
-        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) / channel.sigma_K)
-        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
 def cells(effect: Effect, record: Record, apart: float = APART) -> Array:

@@ -1,0 +1,78 @@
+"""Fits seen by what is left of them: what one more effect would change that nothing fitted can follow.
+
+The change of the fitted rows by the effect, over the noise, is projected off the slopes of everything that is free; of
+what is left, half the square is the log-likelihood that a fit without the effect is expected to lose, and its product
+with the residual says whether the record asks for it (score test).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.effects.effect import Switched
+
+
+class FirstView:
+    """A fit seen by what is left of it once plate, first temperatures and everything fitted may follow."""
+
+    def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
+        self._channel, self._fit, p = channel, fit, fit.parameters
+        rows = channel.rows
+        self.residual = channel.residual(fit)
+        columns = fit.jacobian[rows] / channel.sigma_K
+        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
+        self._e = e = moved / (0.01 * channel.sigma_K)
+        self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
+        nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
+        norms = np.linalg.norm(nuisance, axis=0)
+        self._q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
+
+    def _off_firsts(self, column: Array) -> Array:
+        """What is left of a column in the fitted rows once each stretch's first temperature may follow."""
+        stretch, e = self._channel.stretch, self._e
+        share = np.bincount(stretch, e * column, self._channel.stretches) / self._d
+        return np.asarray(column - e * share[stretch], dtype=np.float64)
+
+    def left_of(self, effect: Switched) -> Array:
+        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        others = [e for e in fit.effects if e.name != effect.name]
+        trial = channel.extended(fit.parameters, [*others, effect])
+        shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
+        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) / channel.sigma_K)
+        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
+
+
+class View:
+    """A fit seen by what is left of it once the film's coefficients and everything fitted may follow."""
+
+    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
+        p = fit.parameters
+        self._channel, self._fit = channel, fit
+        self._point = channel.point(p, p.x, fit.coefficients)
+        rows = channel.rows
+        self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
+        outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
+        norms = np.linalg.norm(outer, axis=0)
+        self._q = (
+            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
+            if np.any(norms > 1e-9)
+            else np.zeros((rows.size, 1))
+        )
+
+    def expected(self, effect: Switched) -> float:
+        """The log-likelihood that a fit which lacks this effect is expected to lose: what of it the film cannot do."""
+        left = self.left_of(effect)
+        return 0.5 * float(left @ left) if np.all(np.isfinite(left)) else 0.0
+
+    def left_of(self, effect: Switched) -> Array:
+        """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        others = [e for e in fit.effects if e.name != effect.name]
+        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
+        delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
