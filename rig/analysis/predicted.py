@@ -120,7 +120,15 @@ def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
 
 def _rows(record: Record) -> Rows:
     """When the record's rows were commanded and read, gaps found as a diagnosis finds them."""
-    asked = ("time_s", "temperature_degC", "current_A", "resistance_ohm", "meter_current_A", "resistance_time_s")
+    asked = (
+        "time_s",
+        "temperature_degC",
+        "current_A",
+        "resistance_ohm",
+        "meter_current_A",
+        "resistance_time_s",
+        "current_time_s",
+    )
     try:
         rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)
     except ValueError as error:

@@ -42,6 +42,7 @@ COLUMNS = [
     "current_A",
     "meter_current_A",
     "resistance_time_s",
+    "current_time_s",
     "setpoint_degC",
     "reference_degC",
     "target_ohm",
@@ -277,9 +278,10 @@ class Loop:
         test_current_A = meter.test_current_A if meter is not None else math.nan
         read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s, test_current_A)
         decision = policy.decide(k * period_s, degC, output, read)
+        current_time_s = math.nan  # as before
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
-            acts_s = self._apply(decision, now, degC)
-            self._acts_after_s = min(max(acts_s - self._start_s - row_s, 0.0), period_s)
+            current_time_s = self._apply(decision, now, degC) - self._start_s
+            self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         self.folder.row(
             (
@@ -289,6 +291,7 @@ class Loop:
                 self.sent.current_A,
                 test_current_A,
                 output_s,
+                current_time_s,
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,

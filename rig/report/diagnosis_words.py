@@ -28,6 +28,13 @@ def number(value: float) -> str:
     return f"{value:.4g}"
 
 
+def rough(value: float) -> str:
+    """Two digits that matter; 4,700,000 in full."""
+    if not 100.0 <= abs(value) < 1e8:
+        return f"{value:.2g}"
+    return f"{float(f'{value:.2g}'):,.0f}"
+
+
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
     """tau_s 2.27 (2.25 to 2.29)."""
     text = f"{name} {number(value)}"
@@ -135,8 +142,8 @@ def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     """(effect, the sizes that the record still allows, those that one meets) of each effect that is not named."""
     rows = []
     for limit in diagnosis.limits:
-        bound = "any" if limit.limit is None else f"{'above' if limit.from_below else 'below'} {limit.limit:.2g}"
-        rows.append((limit.name, f"{limit.parameter} {bound}", f"{limit.met[0]:.2g} to {limit.met[1]:.2g}"))
+        bound = "any" if limit.limit is None else f"{'above' if limit.from_below else 'below'} {rough(limit.limit)}"
+        rows.append((limit.name, f"{limit.parameter} {bound}", f"{rough(limit.met[0])} to {rough(limit.met[1])}"))
     return rows
 
 

@@ -10,14 +10,17 @@ SEEBECK, JOULE, LOSS = 2e-3, 0.07, 0.02
 STEPS = 200  # of the balance in a row
 
 
-def record(room_degC: float, levels: NDArray[np.float64], seed: int, noise_K: float = 0.01) -> Columns:
-    """A plate driven by currents that are held for 20 s each; one row a second."""
+def record(
+    room_degC: float, levels: NDArray[np.float64], seed: int, noise_K: float = 0.01, acts_after_s: float = 0.0
+) -> Columns:
+    """A plate driven by currents that are held for 20 s each; one row a second, its current acting so much later."""
     rng = np.random.default_rng(seed)
     current = np.repeat(levels, 20)
     degC, plate = np.empty(current.size), 25.0
-    for k, amperes in enumerate(current):
+    for k in range(current.size):
         degC[k] = plate
-        for _ in range(STEPS):
+        for step in range(STEPS):
+            amperes = current[k] if step >= acts_after_s * STEPS else current[max(k - 1, 0)]
             heat = SEEBECK * amperes * (plate + 273.15) + 0.5 * JOULE * amperes**2 - LOSS * (plate - room_degC)
             plate += heat / STEPS
     time = np.arange(float(current.size))

@@ -49,3 +49,15 @@ def test_no_current_no_plate() -> None:
     degC = 60.0 + 20.0 * np.sin(time / 60.0)
     ohm = 10.0 ** (4.0 - 1.5 / (1.0 + np.exp(-(degC - 60.0) / 2.0)))
     assert diagnose({"time_s": time, "temperature_degC": degC, "resistance_ohm": ohm}).document()["plate"] is None
+
+
+def test_a_current_that_acts_after_its_row_where_the_record_says_when() -> None:
+    """As in the program's own runs: thermometer, law and command take their time. Without the column it is a delay."""
+    late = record(24.0, levels(6), 6, acts_after_s=0.3)
+    silent = diagnose(late)
+    assert [f.name for f in silent.findings] == ["actuator_delay"]
+    assert silent.findings[0].parameters["delay_s"][0] == pytest.approx(0.3, abs=0.02)
+    told = diagnose({**late, "current_time_s": late["time_s"] + 0.3})
+    assert told.verdict == "clean"
+    assert told.plate is not None
+    assert told.plate.parameters["seebeck_over_capacity_per_A_s"][0] == pytest.approx(SEEBECK, rel=0.003)

@@ -48,13 +48,14 @@ class LeftOut(NamedTuple):
 class Record:
     """One record; arrays of shape (rows,).
 
-    time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that
-    the readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
+    time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that the
+    readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
     another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
-    test_current_A: of the ohmmeter, 0 where it is not known. after_gaps: the row after each gap; first_rows: where
-    a stretch begins (the first row, and after each gap through which the plate is not known). held_out: rows that no
-    fit sees. left_out: readings that do not count though they are there, each with its row, column and the rule by
-    which. quantity: what the output is. joined: where further records of the same rig begin.
+    commanded_s: when the row's current began to act. test_current_A: of the ohmmeter, 0 where it is not known.
+    after_gaps: the row after each gap; first_rows: where a stretch begins (the first row, and after each gap through
+    which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
+    there, each with its row, column and the rule by which. quantity: what the output is. joined: where further records
+    of the same rig begin.
     """
 
     time_s: Array
@@ -65,6 +66,7 @@ class Record:
     output: Array | None
     output_used: Mask
     taken_s: Array
+    commanded_s: Array
     test_current_A: Array | None
     after_gaps: Rows
     first_rows: Rows
@@ -130,16 +132,19 @@ class Record:
 
     @cached_property
     def commands(self) -> tuple[Array, Array]:
-        """When a current was commanded, and which: in the rows, and in a gap on a straight line, at the usual pace or
+        """When a current was commanded, and which: of the rows, and in a gap on a straight line, at the usual pace or
         a thousand times."""
         assert self.current_A is not None
-        time = [self.time_s]
+        time = []
         for k in self.after_gaps:
             begin, end = self.time_s[k - 1], self.time_s[k]
             steps = min(max(round((end - begin) / self.interval_s), 1), MOST_IN_A_GAP)
             time.append(np.linspace(begin, end, steps + 1)[1:-1])
-        every = np.sort(np.concatenate(time))
-        return every, np.interp(every, self.time_s, self.current_A)
+        between = np.concatenate(time) if time else np.empty(0)
+        every = np.concatenate((self.commanded_s, between))
+        order = np.argsort(every, kind="stable")
+        current = np.concatenate((self.current_A, np.interp(between, self.time_s, self.current_A)))
+        return every[order], current[order]
 
     def commanded_in_sight(self, effects: Iterable[Effect]) -> Record:
         """The same without the readings after a gap that a command sent in it may still change, if commands act as
@@ -235,6 +240,7 @@ def read_columns(
         output,
         output_used,
         taken,
+        _commanded_s(data, time),
         None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
         after,
         begins,
@@ -244,6 +250,14 @@ def read_columns(
         quantity,
         joined if joined is not None else np.empty(0, dtype=np.int64),
     )
+
+
+def _commanded_s(data: Mapping[str, Array], time: Array) -> Array:
+    """When each row's current began to act: with the row, or before the next one where the record says so."""
+    acts = data.get("current_time_s", np.full(time.size, np.nan))
+    latest = np.append(time[1:], np.inf)
+    acts = np.where(np.isfinite(acts), np.clip(acts, time, latest), time)
+    return np.asarray(acts - time[0], dtype=np.float64)
 
 
 def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
