@@ -6,6 +6,7 @@ With other records held out, the extended model's error there is that of the ver
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -53,6 +54,7 @@ def diagnosed(
             kinds=_kinds(record, plate),
             assume=assume,
             budget_s=budget_s,
+            clock=time.monotonic,
             say=say,
         )
         extended = extended_model(diagnosis)

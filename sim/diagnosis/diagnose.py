@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -31,7 +30,7 @@ from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import out_of_time, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
-from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget
+from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
@@ -58,7 +57,7 @@ def diagnose(
     kinds: tuple[str, ...] = ("peltier",),
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
-    clock: Callable[[], float] = time.monotonic,
+    clock: Callable[[], float] = stopped,
     say: Progress = lambda text: None,
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file: names with units), or several of one rig as one.
@@ -68,10 +67,12 @@ def diagnose(
     gain is measured; without any every fourth block of rows is held out. as_predicted: what belongs to another record
     (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
     all of them, so that what remains is the model's fault. assume: effects that are there, whatever the record says,
-    and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on
-    the clock: what was found by then is judged and reported, with a warning. Raises ValueError, a line a fault, where
-    nothing can be said.
+    and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the
+    clock (s, one that goes): what was found by then is judged and reported, with a warning. Raises ValueError, a line a
+    fault, where nothing can be said.
     """
+    if budget_s is not None and clock is stopped:
+        raise ValueError("budget_s: needs a clock; expected clock=time.monotonic beside it")
     began_s = clock()
     with threadpool_limits(limits=1):
         together, begins = joined((columns, *further)) if further else (columns, None)

@@ -1,0 +1,140 @@
+"""Measured records: how well what a diagnosis finds predicts rows that no fit has seen, beside what was asked.
+
+    ./peltier benchmark measured --data DIR [--only film,pair,joint,steps,later,lamp] [--splits 21]
+
+DIR holds the records (VO2 films, runs of one Peltier plate, two-heater boards, a lamp). Each is diagnosed as it is, as
+the command does; the error is that of the extended model, run as `predict --initial fitted` runs it: what belongs to a
+record is fitted to its first 30 s.
+
+film    the two single loops: held-out blocks, readings left out, verdict
+pair    one run of the plate to another
+joint   any five of its seven runs jointly, the other two predicted from their currents; --splits of the 21
+steps   random steps of a heater, first half to second, at 1 s and thinned to 4 s: the same names
+later   one board on two days
+lamp    a lamp on a plate: nothing in the catalogue is the cause
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from rig.analysis.diagnosed import diagnosed  # noqa: E402
+from rig.files.record import Record  # noqa: E402
+from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
+
+if TYPE_CHECKING:
+    from sim.diagnosis.result import Diagnosis
+
+RUNS = ("500", "8010", "8020", "8051", "80510", "8052", "8055")
+PLATE = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")
+STEPS = ("time_s=t_s", "temperature_degC=T1_C", "current_A=duty1@duty")
+BOARD = ("time_s=#1", "temperature_degC=#4@degC", "current_A=#2@percent")
+LAMP = ("temperature_degC=y_C", "current_A=u_V@duty")
+
+
+def read(path: Path, columns: Iterable[str] = ()) -> Record:
+    """A record, by --column arguments."""
+    return read_record(path, [ColumnMapping.parse(text) for text in columns])
+
+
+def part(record: Record, rows: slice) -> Record:
+    """Some of its rows."""
+    return Record({name: values[rows] for name, values in record.columns.items()}, record.source, drive=record.drive)
+
+
+def told(what: str, asked: str, found: Diagnosis, channel: str, began: float) -> float:
+    """A line of the table; the error."""
+    own = found.channels[channel]
+    assert own is not None
+    names = ", ".join(f.name for f in found.findings) or "-"
+    better = "".join(f"; not named {'+'.join(c.names)}: {c.rmse_holdout[channel]:.3g}" for c in found.candidates[:1])
+    took = time.perf_counter() - began
+    print(
+        f"{what:<44}{own.rmse_extended:>9.4g}  asked {asked:<8}{found.verdict}: {names}{better} ({took:.0f} s)",
+        flush=True,
+    )
+    return own.rmse_extended
+
+
+def film(data: Path, _: int) -> None:
+    for name in ("vo2_film_small_gap_raw.tsv", "vo2_film_major_loop.tsv"):
+        began = time.perf_counter()
+        found = diagnosed(read(data / name))[0]
+        told(name, "0.02", found, "resistance_dec", began)
+        left = sum("neighbours" in out.rule for out in found.record.left_out)
+        print(f"{'':<44}{left:>9d}  asked 2       readings left out", flush=True)
+
+
+def pair(data: Path, _: int) -> None:
+    began = time.perf_counter()
+    one, other = (read(data / f"peltier_{name}.csv", PLATE) for name in ("80510", "8052"))
+    told("peltier_80510 to 8052", "0.60 K", diagnosed(one, holdout=[other])[0], "temperature_K", began)
+
+
+def joint(data: Path, splits: int) -> None:
+    runs = {name: read(data / f"peltier_{name}.csv", PLATE) for name in RUNS}
+    every = list(itertools.combinations(runs, 2))
+    errors = []
+    for held in every[:: max(1, len(every) // splits)][:splits]:
+        began = time.perf_counter()
+        first, *further = (record for name, record in runs.items() if name not in held)
+        found = diagnosed(first, further=further, holdout=[runs[name] for name in held])[0]
+        errors.append(told(f"peltier: five runs to {' and '.join(held)}", "", found, "temperature_K", began))
+    middle, worst = statistics.median(errors), max(errors)
+    print(f"{f'median, worst of {len(errors)} splits':<44}{middle:>9.3g}{worst:>9.3g}  asked 1.8, 2.6 K")
+
+
+def steps(data: Path, _: int) -> None:
+    whole = read(data / "heater_random_steps.csv", STEPS)
+    half = whole["time_s"].size // 2
+    for stride in (1, 4):
+        began = time.perf_counter()
+        first, second = part(whole, slice(0, half, stride)), part(whole, slice(half, None, stride))
+        found = diagnosed(first, holdout=[second], plate="heater")[0]
+        told(f"heater_random_steps, each {stride} s", "1.3 K", found, "temperature_K", began)
+
+
+def later(data: Path, _: int) -> None:
+    began = time.perf_counter()
+    one, other = (read(data / f"heater_two_channels{name}.txt", BOARD) for name in ("", "_later"))
+    found = diagnosed(one, holdout=[other], plate="heater")[0]
+    told("heater_two_channels to _later", "0.68 K", found, "temperature_K", began)
+
+
+def lamp(data: Path, _: int) -> None:
+    began = time.perf_counter()
+    found = diagnosed(read(data / "lamp_heating.csv", LAMP), plate="heater")[0]
+    told("lamp_heating", "1.6 K", found, "temperature_K", began)
+
+
+PARTS: dict[str, Callable[[Path, int], None]] = {
+    "film": film, "pair": pair, "joint": joint, "steps": steps, "later": later, "lamp": lamp,
+}  # fmt: skip
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, required=True, help="the folder of the records")
+    parser.add_argument("--only", default=",".join(PARTS), help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--splits", type=int, default=21)
+    options = parser.parse_args(words)
+    for name in options.only.split(","):
+        PARTS[name](options.data, options.splits)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
