@@ -17,7 +17,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.meaning import LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, without_meaning
 from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
@@ -39,7 +39,6 @@ SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
 CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
 LITTLE_LEFT = 0.2  # of the noise's variance
-BEYOND = 2.0  # times the largest size met: more has no physical meaning
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
 NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
@@ -185,6 +184,8 @@ def _worth(
     left = temperature if upstream else resistance
     if left is None or left.clean:
         return evidence, None
+    if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
+        return evidence, None  # what is left is in the likelihood: the evidence is that beside it
     value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
@@ -288,7 +289,8 @@ def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -
 
 def _told_apart_K(chain: Chain) -> float:
     assert chain.first is not None
-    return max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
+    noise = max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
+    return noise * float(np.sqrt(chain.first.channel.misfit))
 
 
 def _unseen_residual(
@@ -327,6 +329,7 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
     else:
         assert chain.first is not None
         sigma = float(np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0)))
+        sigma *= float(np.sqrt(chain.first.channel.misfit))
     return float(np.mean(residual**2)) / sigma**2
 
 

@@ -13,6 +13,7 @@ from sim.effects.effect import Switched
 SMALL = 0.2  # of the smallest size met
 LEAST_TIME = LEAST_BESIDE = 0.5  # the same of a time, and where the film is of another kind
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
+BEYOND = 2.0  # times the largest size met: more has no physical meaning
 ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
 
 

@@ -22,10 +22,11 @@ class FirstView:
     def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
         self._channel, self._fit, p = channel, fit, fit.parameters
         rows = channel.rows
-        self.residual = channel.residual(fit)
-        columns = fit.jacobian[rows] / channel.sigma_K
+        self._per_K = per_K = np.sqrt(channel.weight) / channel.sigma_K
+        self.residual = channel.residual(fit) * np.sqrt(channel.weight)
+        columns = fit.jacobian[rows] * per_K[:, None]
         moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        self._e = e = moved / (0.01 * channel.sigma_K)
+        self._e = e = moved * per_K / 0.01
         self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
         nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
         norms = np.linalg.norm(nuisance, axis=0)
@@ -43,7 +44,7 @@ class FirstView:
         others = [e for e in fit.effects if e.name != effect.name]
         trial = channel.extended(fit.parameters, [*others, effect])
         shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
-        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) / channel.sigma_K)
+        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) * self._per_K)
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
