@@ -17,7 +17,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
 from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
@@ -185,7 +185,7 @@ def _worth(
     if left is None or left.clean:
         return evidence, None
     if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
-        return evidence, None  # what is left is in the likelihood: the evidence is that beside it
+        return evidence, None  # the likelihood knows of what is left
     value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
@@ -289,8 +289,8 @@ def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -
 
 def _told_apart_K(chain: Chain) -> float:
     assert chain.first is not None
-    noise = max(chain.first.channel.sigma_K, 0.3 * chain.record.step_K)
-    return noise * float(np.sqrt(chain.first.channel.misfit))
+    channel = chain.first.channel
+    return max(channel.sigma_K, 0.3 * chain.record.step_K) * float(np.sqrt(channel.misfit))
 
 
 def _unseen_residual(
@@ -328,8 +328,8 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
         sigma = chain.facts.sigma_dec
     else:
         assert chain.first is not None
-        sigma = float(np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0)))
-        sigma *= float(np.sqrt(chain.first.channel.misfit))
+        noise = np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0))
+        sigma = float(noise * np.sqrt(chain.first.channel.misfit))
     return float(np.mean(residual**2)) / sigma**2
 
 
@@ -339,7 +339,8 @@ def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:
-                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND, least)
+                beyond = BEYOND if chain.first is None else min(BEYOND, most_of_what_is_met(chain.first.channel.misfit))
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, beyond, least)
     return False
 
 
