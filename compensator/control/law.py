@@ -51,7 +51,8 @@ class LawSettings:
     one period ahead. reversal: the output turns round for a difference of so many standard deviations of the estimate,
     and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
     (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
-    use.
+    use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
+    (`compensator.control.whole_law.share_within`).
     """
 
     name: LawName
@@ -67,6 +68,7 @@ class LawSettings:
     trusts_model: bool = True
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
+    most_share: float = 1.0
 
 
 class Law:
@@ -100,6 +102,7 @@ class Law:
             s.trusts_model,
             s.rate_share,
             s.fastest_K_per_s,
+            s.most_share,
             film is not None,
             s.gains,
             inverse.model.packed,
