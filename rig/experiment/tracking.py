@@ -16,6 +16,7 @@ import numpy as np
 from compensator.control.design import Design, design_log_resistance, design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
+from compensator.control.linear_plant import Timing
 from compensator.control.observer import Observer
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
@@ -32,6 +33,21 @@ from rig.files.model_file import Model
 from rig.files.target import Target
 
 HOT_DWELL_S = 3.0
+OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
+
+
+def timing_of(
+    configuration: Configuration, output_age_s: float | None = None, acts_after_s: float | None = None
+) -> Timing:
+    """When a period's readings are taken and its command acts; by default as usual instruments have it.
+
+    A dead time that is configured beyond a period is taken for one that no stamp tells.
+    """
+    period = configuration.experiment.period_s
+    age = min(OUTPUT_AGE_S, 0.36 * period) if output_age_s is None else output_age_s
+    acts = min(ACTS_AFTER_S, 0.17 * period) if acts_after_s is None else acts_after_s
+    late = max((configuration.control.dead_time_s or 0.0) - period, 0.0)
+    return Timing(period, age, acts, late)
 
 
 def law_and_design(
@@ -70,6 +86,7 @@ def law_and_design(
         band=control.band_dec,
         rate_share=control.rate_share,
         fastest_K_per_s=fastest_K_per_s,
+        most_share=control.most_share,
     )
     return warmed_up(Law(settings, plate, film, observer)), design
 
