@@ -1,13 +1,11 @@
 """How near the film's own resistance comes to the wanted one, on a plate and films that no part of the program wrote.
 
     ./peltier benchmark tracking [--seeds N] [--only class|outside] [--laws full,feedforward] [--current 4] [--repeat N]
-    ./peltier benchmark tracking --laws instrument_pid,instrument_pid+tune      the controller's own PID, told setpoints
 
 The plant (`_tracked_plant`) is behind the emulated instruments, on the virtual clock: 30 J/K, 0.5 W/K, 0.05 V/K, 2 ohm,
 25 degC, readings with 0.01 K and n = 0.002 decades of noise, at 10 Hz. The model is what `calibrate` makes of it. The
 target stays in the middle 80 % of the film's range: ramps of 0.01 decades/s between random levels, dwells of 30 s, and
 a sine of 0.8 decades peak to peak in 300 s. Errors are those of the film itself, in n, from the first row to the last.
-"+tune": with the gains for the controller's own PID that `peltier tune` gives, else it has those it is delivered with.
 """
 
 from __future__ import annotations
@@ -35,7 +33,6 @@ from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheC
 HOT_DEGC, COLD_DEGC = 85.0, 35.0
 RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
 SINE_DEC, SINE_S = 0.8, 300.0
-TUNED = "+tune"
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
 
 CONFIGURATION = (
@@ -107,13 +104,12 @@ def tracked(case: tuple[str, int, tuple[str, ...], float, float, int]) -> dict[s
         for verb, law in (("calibrate", "full"), *(("run", law) for law in laws)):
             path = folder / "config.toml"
             model = "target.csv" if verb == "calibrate" else "cal/MODEL.toml"
-            times_over, name = 1 if verb == "calibrate" else repeat, law.removesuffix(TUNED)
-            text = CONFIGURATION.format(
-                current=current_A, model=model, law=name, low=COLD_DEGC, high=HOT_DEGC, repeat=times_over
+            times_over = 1 if verb == "calibrate" else repeat
+            path.write_text(
+                CONFIGURATION.format(
+                    current=current_A, model=model, law=law, low=COLD_DEGC, high=HOT_DEGC, repeat=times_over
+                )
             )
-            path.write_text(text)
-            if law.endswith(TUNED):
-                path.write_text(text + own_gains(path))
             out = folder / ("cal" if verb == "calibrate" else law)
             err = io.StringIO()
             note = noted_phase(lambda name: name == "track", lambda: float(plants[-1].time_s))
@@ -128,17 +124,6 @@ def tracked(case: tuple[str, int, tuple[str, ...], float, float, int]) -> dict[s
                 found[f"{law}, repetitions"] = [rms for rms, _ in errors]
     shutil.rmtree(folder, ignore_errors=True)
     return found
-
-
-def own_gains(path: Path) -> str:
-    """The driver's options that `peltier tune` prints, as a table of the configuration."""
-    from rig.__main__ import main
-
-    told = path.with_suffix(".json")
-    with contextlib.redirect_stdout(io.StringIO()):
-        main(["tune", str(path), "--json", str(told)])
-    gains = json.loads(told.read_text())["instrument_pid_gains"]["options"]
-    return "[bench.controller.options]\n" + "".join(f"{key} = {value!r}\n" for key, value in gains.items())
 
 
 def error(plant: TrackedPlant, begin_s: float, times: list[float], values: list[float]) -> tuple[float, float]:

@@ -37,7 +37,7 @@ from compensator.control.pid import PidGains, PidState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory
 from compensator.hysteresis.functions import Array
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Choice, Inverse
 from compensator.thermal.plate import PlateModel
 
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
@@ -52,7 +52,8 @@ class LawSettings:
     and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
     (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
     use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
-    (`compensator.control.whole_law.share_within`).
+    (`compensator.control.whole_law.share_within`). heading: of several temperatures for an output the nearest is taken
+    (0), or the one further up (1) or down (-1), where there is one.
     """
 
     name: LawName
@@ -69,6 +70,7 @@ class LawSettings:
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
     most_share: float = 1.0
+    heading: int = 0
 
 
 class Law:
@@ -89,7 +91,8 @@ class Law:
         self.observer = observer
         s = settings
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
-        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC)
+        choice: Choice = "fewest_reversals" if s.heading else "nearest"
+        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC, choice=choice)
         self.rule = Rule(
             NAMES.index(s.name),
             s.period_s,
@@ -106,7 +109,7 @@ class Law:
             film is not None,
             s.gains,
             inverse.model.packed,
-            inverse.settings(),
+            inverse.settings(s.heading),
         )
 
     def start(

@@ -78,11 +78,11 @@ def differentiated(
     known = np.zeros(count, dtype=bool)
     moved = np.any(b[:count] != 0.0, axis=1)
     while np.any(moved & ~known):
-        for k in np.flatnonzero(moved & ~known):
+        for n in np.flatnonzero(moved & ~known):
             off = np.zeros(count)
-            off[k] = SMALL
-            a[:, k] = np.nan_to_num((step(before + off, still) - step(before - off, still)) / (2.0 * SMALL))
-            known[k] = True
+            off[n] = SMALL
+            a[:, n] = np.nan_to_num((step(before + off, still) - step(before - off, still)) / (2.0 * SMALL))
+            known[n] = True
         moved = known | np.any(a[:count] != 0.0, axis=1)
     kept = known & reached(a[:count].T, a[count:].T)
     return a[:count][np.ix_(kept, kept)], b[:count][kept], a[count:][:, kept], b[count:]

@@ -25,7 +25,7 @@ from rig.command.record_arguments import (
     writable_file,
 )
 from rig.command.say import Voice
-from rig.control.resistance import ohm
+from rig.control.law_units import plain_units
 from rig.core.faults import Faults, fault
 from rig.files.film_output import column_of, in_decades, sign_of
 from rig.files.record_file import print_columns, write_columns
@@ -94,14 +94,9 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-def shown_output(output: float, name: str) -> float:
-    """The quantity in its own unit: ohms, or that of the record's column."""
-    return ohm(output, name) if in_decades(name) else sign_of(name) * output
-
-
 def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dict[str, Any], list[int]]:
     """The four columns of `invert`, and the evaluations that each row took."""
-    film = inverse.model
+    film, units = inverse.model, plain_units(inverse.model)
     rows: list[tuple[float, int, float, float]] = []
     counts, memory = [], None
     for target in wanted:
@@ -111,8 +106,8 @@ def inverted(inverse: Any, wanted: np.ndarray, initial: str | None) -> tuple[dic
             memory = solution.memory
         output = film.output_at(memory) if memory is not None else math.nan
         temperature = memory.input_degC if memory is not None else math.nan
-        shown = shown_output(output, film.output)
-        nearest = shown if solution.reachable else shown_output(solution.nearest, film.output)
+        shown = units.shown(output)
+        nearest = shown if solution.reachable else units.shown(solution.nearest)
         rows.append((temperature, int(solution.reachable), shown, nearest))
     name = column_of(film.output)
     last = "nearest_ohm" if name == "resistance_ohm" else f"nearest_{name}"

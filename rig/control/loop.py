@@ -54,9 +54,10 @@ COLUMNS = [
 
 
 def columns_of(bench: Bench) -> list[str]:
-    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does."""
+    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
+    by the model, and read."""
     output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
-    return COLUMNS if output == LOG_RESISTANCE else [*COLUMNS, output]
+    return COLUMNS if output == LOG_RESISTANCE else [*COLUMNS, f"target_{output}", f"predicted_{output}", output]
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Decision:
     """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
 
     setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
-    that the plate can follow.
+    that the plate can follow. target_output, predicted_output: of a meter that reads another quantity than ohms.
 
     done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
     """
@@ -75,6 +76,8 @@ class Decision:
     reference_degC: float = math.nan
     target_ohm: float = math.nan
     predicted_ohm: float = math.nan
+    target_output: float = math.nan
+    predicted_output: float = math.nan
     done: bool = False
     wait: bool = False
 
@@ -283,11 +286,12 @@ class Loop:
             current_time_s = self._apply(decision, now, degC) - self._start_s
             self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
+        ohms = self._output == LOG_RESISTANCE
         self.folder.row(
             (
                 row_s,
                 degC,
-                value if self._output == LOG_RESISTANCE else math.nan,
+                value if ohms else math.nan,
                 self.sent.current_A,
                 test_current_A,
                 output_s,
@@ -295,11 +299,11 @@ class Loop:
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,
-                decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                decision.predicted_ohm if ohms else math.nan,
                 acts_after_s,
                 k,
                 name,
-                *([] if self._output == LOG_RESISTANCE else [value]),
+                *([] if ohms else [decision.target_output, decision.predicted_output, value]),
             )
         )
         if not self.bench.virtual:

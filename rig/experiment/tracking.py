@@ -22,12 +22,13 @@ from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.analysis.score import Score, score
+from rig.control.law_units import LawUnits, in_law_units, law_units
 from rig.control.loop import Loop
-from rig.control.policies import Follow, handed_over, temperature_now, warmed_up
-from rig.control.resistance import ohm
+from rig.control.policies import Branches, Follow, handed_over, temperature_now, warmed_up
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
+from rig.experiment.feasible import Course, check_target
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
@@ -96,7 +97,8 @@ class Plan:
     """What a tracking run needs, made before anything is switched on.
 
     law: the one that tracks, with its design; mover: for the way to the first target. own: the target as the film's own
-    resistance. inverse: of the film. correction: what is added to the target (`rig.experiment.repeated`).
+    output, inverse: of the film, both in the law's units. branches: the way to go, where a target has several
+    temperatures and the nearest is not the one. correction: what is added to the target (`rig.experiment.repeated`).
     """
 
     name: LawName
@@ -107,6 +109,8 @@ class Plan:
     target: Target
     own: Target
     setpoints: bool
+    units: LawUnits
+    branches: Branches | None = None
     correction: Target | None = None
 
 
@@ -114,48 +118,68 @@ def plan_tracking(
     configuration: Configuration, target: Target, model: Model, name: LawName, fastest_K_per_s: float
 ) -> Plan:
     """Laws designed and compiled, for one run; fastest_K_per_s: of the reference."""
-    film, plate, effects, e = model.film, model.plate, model.switched(), configuration.experiment
-    assert film is not None
+    plate, effects, e = model.plate, model.switched(), configuration.experiment
+    assert model.film is not None
     assert plate is not None
+    limits_degC, hot = configuration.limits.temperature_degC, calibration_range(configuration)[1]
+    units = law_units(model.film, limits_degC)
+    film = in_law_units(model.film, units)
     observer = chain_observer(effects, plate, film, e.period_s) if name in COMPENSATED else None
     law, design = law_and_design(name, configuration, film, plate, observer, fastest_K_per_s)
     setpoints = name == "instrument_pid"
     mover, _ = law_and_design("temperature", configuration, film, plate, observer, fastest_K_per_s)
     if setpoints:  # the current is the controller's own: the reading is all that is known of the temperature
         mover = Law(replace(mover.settings, trusts_model=False), plate, film)
-    own = own_target(target, film, effects if observer is not None else ())
-    inverse = Inverse(film, *configuration.limits.temperature_degC)
-    inverse.solve(float(own.values[0]), film.initial_memory(calibration_range(configuration)[1], "heated"))
-    return Plan(name, law, design, mover, inverse, target, own, setpoints)
+    own = own_target(target, film, effects if observer is not None else (), units)
+    inverse = Inverse(film, *limits_degC)
+    inverse.solve(float(own.values[0]), film.initial_memory(hot, "heated"))
+    branches = None
+    if inverse.least_slope < 0.0 and name != "pid":
+        course = check_target(own, film, plate, configuration, hot, "experiment.target", units)
+        branches = branches_of(law, course) if course.planned else None
+    return Plan(name, law, design, mover, inverse, target, own, setpoints, units, branches)
+
+
+def branches_of(law: Law, course: Course) -> Branches:
+    """The law heading either way, and the course that says which."""
+    up, down = (
+        warmed_up(Law(replace(law.settings, heading=way), law.plate, law.film, law.observer)) for way in (1, -1)
+    )
+    return Branches(Target("temperature", course.times_s, course.temperatures_degC), up, down)
 
 
 def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
     e, target, setpoints = configuration.experiment, plan.target, plan.setpoints
-    hot = calibration_range(configuration)[1]
-    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints)
+    hot, units = calibration_range(configuration)[1], plan.units
+    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints, units)
     if state.state is None:  # of a record: a loop waits for a reading
         raise fault("the run", "condition", "expected rows with a reading in this phase")
     first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
     if not first.reachable:
-        low, high = first.interval or (math.nan, math.nan)
-        least, most = sorted((ohm(high, plan.inverse.model.output), ohm(low, plan.inverse.model.output)))
+        low, high = sorted(first.interval or (math.nan, math.nan), key=units.shown)
         raise fault(
             "experiment.target",
             "its first value",
-            f"{ohm(float(target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
-            f"expected {least:.6g} to {most:.6g} ohm",
+            f"{units.in_words(units.law(float(target.values[0])))} cannot be reached on the way down from {hot:g} "
+            f"degC; expected {units.shown(low):.6g} to {units.in_words(high)}",
         )
-    approach = to_temperature(loop, plan.mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
+    first_degC = first.temperature_degC
+    if plan.branches is not None:  # of several, the one that the plan begins with
+        several, _ = plan.inverse.solutions(float(plan.own.values[0]), state.state.memory)
+        planned_degC = float(plan.branches.planned.values[0])
+        first_degC = float(min(several, key=lambda degC: abs(degC - planned_degC)))
+    approach = to_temperature(loop, plan.mover, state, first_degC, e.settle_s, "approach", setpoints, units)
     if approach.state is None:
         raise fault("the run", "approach", "expected rows with a reading in this phase")
-    follow = Follow(plan.law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
+    first_target = replace(target, times_s=np.array([0.0]), values=target.values[:1])
+    follow = Follow(plan.law, first_target, setpoints=setpoints, units=units)
     follow.state = handed_over(approach.state, plan.law)
     if plan.correction is not None:
         follow.correction = replace(plan.correction, times_s=np.zeros(1), values=plan.correction.values[:1])
     if e.settle_s > 0.0:
         loop.phase("settle", follow, e.settle_s, e.period_s)
-    follow.target, follow.correction = target, plan.correction
+    follow.target, follow.correction, follow.branches = target, plan.correction, plan.branches
     loop.phase("track", follow, target.duration_s, e.period_s)
     found = score(loop.folder, plan.name, configuration.limits.current_A)
     if found is None:
@@ -164,7 +188,14 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
 
 
 def to_temperature(
-    loop: Loop, law: Law, before: Follow | None, temperature_degC: float, dwell_s: float, name: str, setpoints: bool
+    loop: Loop,
+    law: Law,
+    before: Follow | None,
+    temperature_degC: float,
+    dwell_s: float,
+    name: str,
+    setpoints: bool,
+    units: LawUnits | None = None,
 ) -> Follow:
     """Ramp to a temperature as fast as the plate can, and dwell there."""
     period = law.settings.period_s
@@ -183,6 +214,6 @@ def to_temperature(
     ramp_s = abs(temperature_degC - start) / max(rate, 0.01) + period
     times = np.array([0.0, ramp_s, ramp_s + max(dwell_s, period)])
     target = Target("temperature", times, np.array([start, temperature_degC, temperature_degC]))
-    follow = Follow(law, target, memory, state, setpoints)
+    follow = Follow(law, target, memory, state, setpoints, units)
     loop.phase(name, follow, target.duration_s, period)
     return follow

@@ -131,14 +131,18 @@ class LimitsTable(Table):
     polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
+Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+
+
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words.
+    """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
+    meter's voltage stands for.
 
     repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
     missed. learned: the folder of a run whose learned.csv the first one begins with.
     """
 
-    kind: Literal["track_resistance", "temperature_profile", "current_profile", "hold"] = "track_resistance"
+    kind: Kind = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
     target: str | list[str] | None = None
     model: str | None = None
@@ -304,8 +308,12 @@ class Configuration(Table):
             raise ValueError(f"bench: ports {', '.join(ports)}: expected all of them sim://, or none")
         if self.bench.time == "virtual" and not all(simulated):
             raise ValueError("bench.time: 'virtual' goes only with sim:// ports; expected 'real'")
-        if self.experiment.kind == "track_resistance" and self.bench.meter is None:
-            raise ValueError("bench.meter: missing; expected a meter for kind 'track_resistance'")
+        kind, meter = self.experiment.kind, self.bench.meter
+        if kind in ("track_resistance", "track_output") and meter is None:
+            raise ValueError(f"bench.meter: missing; expected a meter for kind {kind!r}")
+        if kind == "track_output" and meter is not None and meter.output is None:
+            text = "expected 'voltage', with output and formula, for kind 'track_output'"
+            raise ValueError(f"bench.meter.quantity: {meter.quantity!r}; {text}")
         return self
 
     @property

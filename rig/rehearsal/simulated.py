@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.score import PROFILE, TRACK, error_dec, largest, rms
+from rig.analysis.score import largest, profile_error, rms, tracked, tracking_error
 from rig.bench.simulation import simulated_world
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
 from rig.experiment.expected import Onlooker
-from rig.experiment.session import run, target_of
+from rig.experiment.session import run
+from rig.experiment.wanted import target_of
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
@@ -41,6 +42,11 @@ class Simulated:
     @property
     def rows(self) -> int:
         return len(self.columns["time_s"])
+
+    def column(self, name: str) -> Any:
+        """A column; nan in every row where the record does not have it."""
+        found = self.columns.get(name)
+        return np.array(found) if found is not None else np.full(self.rows, np.nan)
 
 
 def read_simulation(path: Path, effects: list[str], effect_files: list[Path], seed: int | None) -> ConfigurationFile:
@@ -158,13 +164,7 @@ def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: 
 
 def target_error(simulated: Simulated) -> dict[str, float]:
     """RMS and largest error over the whole target (`rig.analysis.score`): rms_dec, or rms_K."""
-    columns = simulated.columns
-    phase = np.array(columns.get("phase", [""] * simulated.rows))
-    inside = (phase == TRACK) | (phase == PROFILE)
-    for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
-        if wanted in columns and shown in columns:
-            a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
-            error = error_dec(a, b) if unit == "dec" else a - b
-            if np.any(np.isfinite(error)):
-                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
+    for unit, error in ((tracked(simulated).unit, tracking_error(simulated)[1]), ("K", profile_error(simulated)[1])):
+        if np.any(np.isfinite(error)):
+            return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
     return {}
