@@ -19,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from compensator.thermal.plate import PlateModel
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
+from rig.control.loop import Loop
 from rig.core.outcome import Tripped
 from rig.core.reading import Reading
 from rig.drivers.heater_drive import cools
