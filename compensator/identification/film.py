@@ -17,6 +17,7 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
@@ -113,16 +114,29 @@ def identify_film_records(
         raise ValueError(f"operators: {operators}: expected at least 1")
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
-    rows = share_out([prepare(record, noise_K=temperature_noise_K) for record in records])
-    _check_outputs(rows.records)
-    low = min(float(np.min(record.inputs)) for record in rows.records)
-    high = max(float(np.max(record.inputs)) for record in rows.records)
+    prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
+    _check_outputs(prepared)
+    low = min(float(np.min(record.inputs)) for record in prepared)
+    high = max(float(np.max(record.inputs)) for record in prepared)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
     increasing = monotone if monotone is not None else form not in ("sin", "cos")
     forms = [Form(name, increasing, low, high) for name in names]
     structure = equal_structure(operators, 1, ordered)
-    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+    with threadpool_limits(limits=1):  # see `triangle`
+        return _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
 
+
+def _identified(
+    rows: Rows,
+    structure: Structure,
+    forms: Sequence[Form],
+    kind: Kind | None,
+    initial: Initial | Literal["fitted"],
+    output_name: str,
+    seed: int,
+) -> FilmFit:
+    """The same, from rows that are ready for a fit and the forms of D to choose from."""
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
     starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
@@ -143,7 +157,7 @@ def identify_film_records(
     if kind in (None, "mixed_envelopes"):
         error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
         to_beat = MIXED_WORTH * error if kind is None else math.inf
-        most = MIXED_OPERATORS * operators if kind is None else None
+        most = MIXED_OPERATORS * structure.group.size if kind is None else None
         mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
         candidates += tried
         if mixed is not None:
