@@ -73,8 +73,8 @@ def constants(source: str) -> Iterator[tuple[str, int, bool]]:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target
-        name = target.id if isinstance(target, ast.Name) else ""
-        if name.strip("_").isupper() and _is_number(node.value):
+        name = ast.unparse(target)
+        if name.isupper() and _is_number(node.value):
             lines = range(node.lineno - 1, (node.end_lineno or node.lineno) + 1)
             yield name, node.lineno, any(line in comments for line in lines)
 

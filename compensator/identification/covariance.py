@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 
-MOST_BLOCKS: Final = 200
-FEWEST_BLOCKS: Final = 12
+MOST_BLOCKS: Final = 200  # these tell a spread to 5 %: 1 / sqrt(2 blocks)
+FEWEST_BLOCKS: Final = 12  # these tell a spread to 20 %
 UNKNOWN: Final = 3e-7  # relative size of a singular value below which a combination is not determined
 
 

@@ -12,6 +12,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.multistart import transition
 from compensator.identification.rows import Path, Prepared
 
+# at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
 TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change to nearly all of it
 

@@ -54,7 +54,7 @@ NAMES: Final = {
 HUBER: Final = 4.0  # in robust standard deviations
 UNUSUAL: Final = 6.0  # squared spreads from a usual plate
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
-SHORTEST_LAG_S: Final = 0.05
+SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
 
 

@@ -21,7 +21,7 @@ from compensator.inverse.search import largest, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
 Settings = tuple[Array, Array]
-LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)
+LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)  # places in the first of `Settings`
 
 
 @lean

@@ -16,7 +16,7 @@ from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import read_model
 from rig.files.toml_text import parsed_toml, shown
 
-USUAL_S = 600.0
+USUAL_S = 600.0  # of a hold whose time nobody gives: long enough to look at a film, too short to be forgotten
 LONGEST_S = 7 * DAY_S  # longer holds are written down in a configuration
 HEADER = re.compile(r"\s*\[{1,2}\s*([\w.\-]+)\s*\]{1,2}\s*(#.*)?")
 

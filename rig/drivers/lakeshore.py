@@ -38,19 +38,20 @@ from rig.drivers.lakeshore_line import LakeShoreLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-KELVIN = 273.15
-RANGES = {"low": 1, "medium": 2, "high": 3}
-CLOSED_LOOP, OPEN_LOOP = 1, 3
+KELVIN = 273.15  # 0 degC in K
+RANGES = {"low": 1, "medium": 2, "high": 3}  # of the heater, as RANGE takes them
+CLOSED_LOOP, OPEN_LOOP = 1, 3  # of OUTMODE
 MODES = {0: "off", CLOSED_LOOP: "own regulation", 2: "zones", OPEN_LOOP: "open loop", 4: "monitor", 5: "warm-up"}
 KELVIN_UNITS, CELSIUS_UNITS = 1, 2  # of a sensor (INTYPE)
 SHOWS_POWER = "2"
 HEATER_ERRORS = {1: "heater open", 2: "heater shorted", 3: "heater compliance"}
 READING_FAULTS = {1: "invalid", 16: "too cold", 32: "too hot", 64: "sensor at zero", 128: "sensor over range"}
+# of MOUT, SETP and TLIMIT: what reads back within this was set
 RESOLUTION_PERCENT, RESOLUTION_K, LIMIT_RESOLUTION_K = 0.011, 2e-3, 0.6
 NO_OUTPUT_PERCENT = 0.1  # some show 0.005 % with the output off
 SETTLE_S, AGAIN_S = 0.6, 0.05
-TRIALS, OFF_ATTEMPTS = 3, 3
-SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0
+TRIALS, OFF_ATTEMPTS = 3, 3  # one answer may be hurt, and its repetition by the same disturbance
+SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0  # of RAMP, by the manual
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
 
 

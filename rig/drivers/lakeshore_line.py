@@ -20,7 +20,7 @@ from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.drivers.scpi import ScpiLink
 from rig.ports.transport import Transport
 
-ANSWER_S = 0.3
+ANSWER_S = 0.3  # until an answer begins: it takes commands every 50 ms, and another may be under way
 BITS = (1, 4, 16, 32, 128)  # of the event status enable register that are used
 TOKENS = tuple(sorted(sum(bits) for bits in product(*((0, bit) for bit in BITS)) if any(bits)))
 ERRORS = {4: "query error", 8: "device error", 16: "execution error", 32: "command error"}

@@ -25,7 +25,7 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
-READY, RUNNING, IN_ERROR = 1, 2, 3
+READY, RUNNING, IN_ERROR = 1, 2, 3  # of parameter 104, device status
 OUT_OF_RANGE = 7  # what a device says to a value that it does not take
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output

@@ -24,7 +24,8 @@ from collections.abc import Callable
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
-RESYNCHRONISATIONS = 3
+RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
+# until an answer begins, where a driver says nothing else: meters answer within 50 ms unless they measure
 ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")

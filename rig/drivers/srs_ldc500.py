@@ -30,9 +30,9 @@ from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-CURRENT_MODE, TEMPERATURE_MODE = 0, 1
+CURRENT_MODE, TEMPERATURE_MODE = 0, 1  # of TMOD
 WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}
-LARGEST_CURRENT_A = 4.5
+LARGEST_CURRENT_A = 4.5  # of the LDC500 series' temperature controller
 RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
 NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
 TRIALS = 3

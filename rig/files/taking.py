@@ -16,6 +16,7 @@ from rig.files.field_times import clock_alone, date_alone, time_like
 from rig.files.table import Column, Table
 from rig.files.units import UNITS
 
+# between 2001 and 2128: numbers that are moments and no times of a run
 SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}
 MOST_DUTY = 1.05  # a duty of 256 in 255 is written too
 LEAST_PLATE_A = 0.02  # a plate's current reaches more; an ohmmeter's test current does not

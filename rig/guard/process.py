@@ -37,6 +37,7 @@ from rig.safety.after_off import Courses, courses_of
 from rig.safety.signals import CAUGHT
 from rig.safety.switching_off import Verdict
 
+# longer than anything that a run computes with the output on; controllers' own dead men are sooner
 SILENCE_S = 30.0
 PATIENCE_S = 3.0  # for an adapter that comes back
 FRESH_S = 3.0  # what a temperature would do is told twice a second; later the plate is elsewhere

@@ -18,7 +18,7 @@ from rig.core.columns import KEPT
 
 WORDS = ("quality", "phase", "job")
 RAW_COLUMNS = ("time_s", *KEPT, *WORDS)
-BUCKETS_S = {"minute": 60, "hour": 3600}
+BUCKETS_S = {"minute": 60, "hour": 3600}  # s of a roll-up's bucket
 ROLLED = tuple(f"{name}_{of}" for name in KEPT for of in ("mean", "low", "high"))
 COLUMNS = {  # without written_s, which an older program's tables lack
     "raw": ("id", *RAW_COLUMNS),

@@ -27,8 +27,8 @@ from sim.instruments.meerstetter_parameters import Parameter, table
 from sim.instruments.meerstetter_strikes import Strikes
 from sim.instruments.regulator import Regulator
 
-INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)
-TICK_S = 0.1
+INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)  # of parameter 104
+TICK_S = 0.1  # of its control loop (not specified, see above)
 EMERGENCY_STOP = 11  # device error
 MOVES_OUTPUT = frozenset({2000, 2010, 2020, 2021, 2030, 2031, 3034, 50000, 50001, 50002})
 READ, SET = b"?VR", b"VS"
