@@ -1,8 +1,7 @@
 """The one root of F = target inside a bracket that is proven to hold exactly one.
 
 The step is exact in the operators' kinks (`compensator.inverse.branch.common_step`, `kinked_step`); one that leaves the
-bracket or gains too little is replaced by one that halves it. The compiled loops of common envelopes take plain arrays,
-not the tuples of the others: taking an array out of a tuple counts a reference, which would double their time.
+bracket or gains too little is replaced by one that halves it.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from compensator.inverse.branch import (
     Work,
     Z,
     evaluate,
-    hold,
     kinked_step,
     level,
     mixed_step,
@@ -70,67 +68,6 @@ def halved(near: float, near_f: float, far: float, far_f: float, end: float, tar
 
 
 @lean
-def curved_step(
-    target: float,
-    z: float,
-    e0: float,
-    e1: float,
-    e2: float,
-    gamma: float,
-    slope: float,
-    side: float,
-    code: float,
-    a: float,
-    b: float,
-    held: Array,
-    radii: Array,
-    weights: Array,
-) -> float:
-    """The z where F reaches the target, from E, E', E'', G and G' > 0 at z. Common envelopes.
-
-    E is taken as a straight line in G, with which the operators' kinks are exact; then follows one Newton step for what
-    E's curvature in z makes of that.
-    """
-    kappa = e1 / slope
-    g, moving = level(kappa, target - e0 + kappa * gamma, gamma, held, radii, weights)
-    step = side * envelope_inverse(code, a, b, side * g) - z
-    slope_there = slope
-    if code == 0.0:
-        slope_there = a
-    elif code == 1.0:
-        slope_there = a * (1.0 - g * g)
-    error = step * (e1 + 0.5 * step * e2) - kappa * (g - gamma)
-    total = e1 + e2 * step + moving * slope_there
-    if total > 0.0:
-        step -= error / total
-    return z + step
-
-
-@lean
-def common_point(
-    z: float,
-    side: float,
-    code: float,
-    a: float,
-    b: float,
-    d_code: int,
-    par: Array,
-    held: Array,
-    radii: Array,
-    weights: Array,
-    parts: Array,
-) -> tuple[float, float, float, float, float, float, float]:
-    """One evaluation: (F, H, D, E', E'', G, G') at z. Common envelopes."""
-    d0, d1, d2 = memoryless(d_code, par, side * z)
-    gamma, slope = envelope(code, a, b, side * z)
-    gamma *= side
-    for j in range(radii.size):
-        parts[j] = max(gamma - radii[j], held[j])
-    h = play.weighted_sum(weights, parts)
-    return side * d0 + h, h, d0, d1, side * d2, gamma, slope
-
-
-@lean
 def common_root(
     near_row: int,
     far: float,
@@ -152,21 +89,39 @@ def common_root(
     """The one root of F = target from a point up to `far`, where F is known to increase: (found, evaluations).
 
     far_f: F there, nan where it is not evaluated; it may then turn out not to reach the target. e_increasing:
-    whether E increases, too. Common envelopes. The root is left in the row FOUND.
+    whether E increases, too. Common envelopes. The root is left in the row FOUND. Plain arrays, not the tuples of
+    the other functions: taking an array out of a tuple counts a reference, which would double the time. One loop, not
+    three functions: handing its numbers over would cost a tenth of the inverse's time (docs/decisions.md, 38).
     """
     first = 0 if side > 0.0 else 3
     code, a, b = envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2]
-    hold(side, memory, held)
-    near, near_f, h = points[near_row, Z], points[near_row, F], points[near_row, H]
+    for j in range(radii.size):
+        held[j] = side * memory[j]
+    z, f, h = points[near_row, Z], points[near_row, F], points[near_row, H]
     e1, e2, d0 = points[near_row, E1], points[near_row, E2], points[near_row, D]
     gamma, slope = points[near_row, GAMMA], points[near_row, SLOPE]
-    z, f, end = near, near_f, far
+    near, near_f, end = z, f, far
     count, fallbacks, gap_before = 0, 0, math.inf
-    while not (abs(f - target) <= tolerance or far - near <= TOUCHING * max(abs(far), abs(near)) or count >= MOST):
-        gap, trial = abs(f - target), math.nan
+    while True:
+        gap = abs(f - target)
+        if gap <= tolerance or far - near <= TOUCHING * max(abs(far), abs(near)) or count >= MOST:
+            break
+        trial = math.nan
         if gap <= 0.5 * gap_before:
             if slope > 0.0:
-                trial = curved_step(target, z, side * d0, e1, e2, gamma, slope, side, code, a, b, held, radii, weights)
+                kappa = e1 / slope
+                g, moving = level(kappa, target - side * d0 + kappa * gamma, gamma, held, radii, weights)
+                step = side * envelope_inverse(code, a, b, side * g) - z
+                slope_there = slope
+                if code == 0.0:
+                    slope_there = a
+                elif code == 1.0:
+                    slope_there = a * (1.0 - g * g)
+                error = step * (e1 + 0.5 * step * e2) - kappa * (g - gamma)
+                total = e1 + e2 * step + moving * slope_there
+                if total > 0.0:
+                    step -= error / total
+                trial = z + step
             if not near < trial < far:
                 trial = z + kinked_step(target - f, e1, slope, gamma, held, radii, weights)
         gap_before = gap
@@ -180,11 +135,19 @@ def common_root(
                 fallbacks += 1
                 trial = halved(near, near_f, far, far_f, end, target, fallbacks)
         z = trial
-        f, h, d0, e1, e2, gamma, slope = common_point(z, side, code, a, b, d_code, par, held, radii, weights, parts)
+        d0, d1, d2 = memoryless(d_code, par, side * z)
+        e1, e2 = d1, side * d2
+        gamma, slope = envelope(code, a, b, side * z)
+        gamma *= side
+        for j in range(radii.size):
+            parts[j] = max(gamma - radii[j], held[j])
+        h = play.weighted_sum(weights, parts)
+        f = side * d0 + h
         count += 1
         if f < target:
             near, near_f = z, f
-            far = end if z == end else far  # not reached: near and far meet
+            if z == end:
+                far = end  # not reached: near and far meet
         else:
             far, far_f = z, f
     points[FOUND, Z], points[FOUND, F], points[FOUND, H] = z, f, h
