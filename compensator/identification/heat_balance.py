@@ -208,7 +208,11 @@ class SimulationError:
         """The minimum reached from a trial; rates stay >= 0, h is free."""
         if best.cost == math.inf:
             return best
-        return descend(best, steps, self._linearized, lambda before, at: not at.cost < before * (1.0 - SETTLED))
+
+        def settled(before: float, after: float) -> bool:
+            return not after < before * (1.0 - SETTLED)
+
+        return descend(best, steps, lambda at: at.cost, self._linearized, settled)
 
     def _linearized(self, at: Trial) -> Linearized[Trial]:
         weighted = at.weights[:, None] * at.jacobian

@@ -17,21 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
 
+FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
 
-class Costing(Protocol):
-    """A point of the search."""
-
-    @property
-    def cost(self) -> float: ...
-
-
-Point = TypeVar("Point", bound=Costing)
+Point = TypeVar("Point")
 
 
 @dataclass(frozen=True)
@@ -74,30 +68,34 @@ def held_at_bounds(normal: Array, gradient: Array, x: Array, low: Array, high: A
 def descend(
     start: Point,
     steps: int,
+    cost: Callable[[Point], float],
     linearized: Callable[[Point], Linearized[Point]],
-    settled: Callable[[float, Point], bool],
+    settled: Callable[[float, float], bool],
     damping: Damping = Damping(),
 ) -> Point:
-    """The point that is reached in at most `steps` steps; settled: whether one that began at this cost was the last."""
+    """The point reached in at most `steps` steps. settled: whether a step from one cost to another was the last."""
     at, level = start, damping.first
     for _ in range(steps):
-        before = at.cost
-        at, level = damped_step(at, linearized(at), level, damping)
-        if settled(before, at):
+        before = cost(at)
+        at, level = damped_step(at, cost, linearized(at), level, damping)
+        if settled(before, cost(at)):
             break
     return at
 
 
-def damped_step(at: Point, about: Linearized[Point], level: float, damping: Damping) -> tuple[Point, float]:
+def damped_step(
+    at: Point, cost: Callable[[Point], float], about: Linearized[Point], level: float, damping: Damping
+) -> tuple[Point, float]:
     """The point after one step that gains, or the same where none does; and the damping for the next. level: of now."""
     norm = np.sqrt(about.scale)
     scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
+    before = cost(at)
     for _ in range(damping.trials):
         damped = scaled + level * np.eye(norm.size)
         if about.floor > 0.0:
             damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), about.floor)
         trial = about.moved(np.linalg.solve(damped, gradient) / norm)
-        if trial.cost < at.cost:
+        if cost(trial) < before:
             return trial, max(damping.less * level, damping.least)
         level = max(damping.more * level, damping.least_after_failure)
     return at, level

@@ -99,10 +99,6 @@ class Solution:
     offset: float
     residual: Array  # y - fit, shape (readings,)
 
-    @property
-    def cost(self) -> float:
-        return self.square
-
 
 class Problem:
     """One structure and one form of D on one path. theta: 4 numbers a group, then D's nonlinear parameters."""
@@ -182,7 +178,11 @@ class Problem:
         """The local minimum reached from a solution, which may be one on another path."""
         if start.residual.size != self.v.size:
             start = self.solve(start.theta)
-        return descend(start, steps, self._linearized, lambda cost, at: not at.cost < cost * (1.0 - tolerance), DAMPING)
+
+        def settled(before: float, after: float) -> bool:
+            return not after < before * (1.0 - tolerance)
+
+        return descend(start, steps, lambda at: at.square, self._linearized, settled, DAMPING)
 
     def _linearized(self, at: Solution) -> Linearized[Solution]:
         operators, gamma = self.operators(at.theta)
