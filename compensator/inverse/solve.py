@@ -25,7 +25,7 @@ LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)  # places in the fi
 
 
 @lean
-def place_here(
+def _place_here(
     side: float,
     v: float,
     envelopes: Array,
@@ -49,7 +49,7 @@ def place_here(
 
 
 @lean
-def place_next(
+def _place_next(
     side: float,
     v: float,
     envelopes: Array,
@@ -100,7 +100,7 @@ def solve_monotone(
     found, v_found, residual, count = abs(rest - target) <= bound, v, rest - target, 1
     if not found:
         side, end = (-1.0, -limits[LOW]) if target < rest else (1.0, limits[HIGH])
-        place_here(side, v, envelopes, radii, weights, memory, points, parts, here)
+        _place_here(side, v, envelopes, radii, weights, memory, points, parts, here)
         # not where the film is at its limit, nor where the output jumps past the target at the reversal
         if side * v < end and points[HERE, F] - side * target < -bound:
             found, more = common_root(
@@ -124,7 +124,7 @@ def solve_monotone(
             count += more
             v_found, residual = side * points[FOUND, Z], side * points[FOUND, F] - target
         elif side * v < end and points[HERE, F] - side * target <= bound:  # the jump ends at the target
-            v_found = place_next(side, v, envelopes, radii, weights, code, par, memory, points, parts)
+            v_found = _place_next(side, v, envelopes, radii, weights, code, par, memory, points, parts)
             found, residual, count = True, side * points[FOUND, F] - target, count + 1
     return found, v_found if found else math.nan, residual, count
 
