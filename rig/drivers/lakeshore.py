@@ -280,14 +280,14 @@ class LakeShoreController(HeaterDrive):
     def _set_and_wait(self, command: str, question: str, is_it: Callable[[str], bool]) -> None:
         """Set and read back in one line, again and again until it is so. Refused where the time is over."""
         clock = self.transport.clock
-        (text,) = self._answers(f"{command};{question}", 1)
+        (text,) = self.link.answers(f"{command};{question}", 1)
         give_up_s = clock.now_s() + SETTLE_S
         while not is_it(text):
             if clock.now_s() > give_up_s:
                 self.link.command(command)
                 raise Refused(None, f"{command} was set, and {question} reads {text}")
             clock.sleep_until_s(clock.now_s() + AGAIN_S)
-            (text,) = self._answers(question, 1)
+            (text,) = self.link.answers(question, 1)
 
     def _learn_units(self) -> None:
         """The units of the sensor, in which setpoints count. Refused for those that are no temperatures."""
@@ -305,26 +305,19 @@ class LakeShoreController(HeaterDrive):
         """Answers that the instrument gives twice in one line, the token between. Corrupt where they differ."""
         count, message = len(questions), ";".join(questions)
         for _ in range(TRIALS):
-            answers = self._answers(f"{message};*ESE?;{message}", 2 * count + 1)
+            answers = self.link.answers(f"{message};*ESE?;{message}", 2 * count + 1)
             first, token, second = answers[:count], answers[count], answers[count + 1 :]
             if first == second and self.link.is_token(token):
                 return ";".join(first)
         self.link.doubt()
         raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
 
-    def _answers(self, message: str, count: int) -> list[str]:
-        answers = self.link.ask(message).split(";")
-        if len(answers) != count:
-            self.link.doubt()
-            raise Corrupt(f"{answers} are not {count} answers to {message}")
-        return answers
-
     def _look_after_doubt(self) -> None:
         """A controller that was switched off in between comes back with its output off: it is no longer armed."""
         if self._armed_mode is None:
             return
         mode, self._armed_mode = self._armed_mode, None
-        in_range, now = self._answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
+        in_range, now = self.link.answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
         if _number(in_range) == self._range and _number(now.partition(",")[0]) == mode:
             self._armed_mode = mode
 

@@ -60,11 +60,6 @@ class LakeShoreLink(ScpiLink):
         if self.errors:
             raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}")
 
-    def shout(self, message: str) -> None:
-        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
-        self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
-
     def _next_token(self) -> int:
         self._count = (self._count + 1) % len(TOKENS) ** 2
         return TOKENS[self._count % len(TOKENS)]

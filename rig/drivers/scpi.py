@@ -114,6 +114,19 @@ class ScpiLink:
             self.explain_silence(message)
             raise
 
+    def answers(self, message: str, count: int) -> list[str]:
+        """Answers to several questions of one message. Corrupt where they are not as many as that."""
+        answers = self.ask(message).split(";")
+        if len(answers) != count:
+            self.doubt()
+            raise Corrupt(f"{answers} are not {count} answers to {message}")
+        return answers
+
+    def shout(self, message: str) -> None:
+        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
+        self.doubt()
+        self.transport.send(self._end + message.encode("ascii") + self._end)
+
     def explain_silence(self, message: str) -> None:
         """After an answer that did not come: Refused, where the error queue says why."""
         self.resynchronise()

@@ -62,11 +62,6 @@ class SrsLink(ScpiLink):
         )
         self._questions = 1
 
-    def shout(self, message: str) -> None:
-        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
-        self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
-
     def command(self, message: str) -> None:
         """Send what has no answer, and see whether it was taken: Refused with the error."""
         self.ask(message)

@@ -32,7 +32,7 @@ from typing import ClassVar
 from rig.core.errors import Corrupt, Disconnected, Refused, TimedOut
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
+from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.setpoint_only import SetpointOnly
@@ -170,17 +170,7 @@ class TeTechnologyController(SetpointOnly):
             raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
         self._set(b"1c", b"50", self._fixed(now.value))
         self._set(self._model.power_write, self._power_read, 1)
-        found: list[Status] = []
-
-        def runs_or_never_will() -> bool:
-            found[:] = [self.status()]
-            return found[0].is_error or found[0].output_is_on
-
-        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
-        status = found[0]
-        if status.is_error or not status.output_is_on:
-            remedy = f" ({status.remedy})" if status.remedy else ""
-            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
+        comes_on(self.transport.clock, self.status)
         self._armed = True
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
