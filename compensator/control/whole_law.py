@@ -183,6 +183,7 @@ def share_within(law: Law, timing: Timing, own: OwnPid | None = None) -> float:
         tried = Law(replace(law.settings, most_share=share), law.plate, law.film)
         for noise_K in NOISES_K if own is None else NOISES_K[:1]:  # a law of setpoints takes the reading as it is
             points = operating_points(tried, timing, noise_K, own, LEVELS[::2] if own is None else LEVELS)
+            points = [point for point in points if point.way != "at rest"]  # the resistance is not fed back there
             if any(worst_ms(points, ratio) > bearable_ms(ratio) for ratio in (RATIOS[0], FAR, RATIOS[-1])):
                 return False
         return True

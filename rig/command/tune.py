@@ -103,7 +103,7 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
     t = found.timing
     voice.say(
         f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
-        "  the least margins of its way up and down the film's loop and at rest"
+        "  the least margins of its way up and down the film's loop"
     )
     voice.say(
         f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off;\n"
@@ -125,6 +125,11 @@ def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
     voice.say(
         f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, "
         f"or a plate that answers {_times(found.rings_at_gain)} as much"
+    )
+    rest = found.rest
+    voice.say(
+        f"  a film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
+        f"Ms {rest.ms:.2f}"
     )
     words = {
         "play": (f"swings by a film's loop that is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),

@@ -12,8 +12,9 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.law_units import LawUnits, plain_units
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.loop import Loop
 from rig.control.resistance import ohm
 from rig.files.target import Target
 

@@ -33,7 +33,7 @@ from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
 
-HOT_DWELL_S = 3.0
+HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
 
 

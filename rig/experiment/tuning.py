@@ -66,8 +66,10 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class WholeLaw:
-    """One law's margins. rings_at_ratio, rings_at_gain: the film's slope and the plate's answer, over the model's, from
-    which it rings on. cycles: by the part that brings them. refused: lines, none where the margins hold."""
+    """One law's margins, of a film on its way up and down. rings_at_ratio, rings_at_gain: the film's slope and the
+    plate's answer, over the model's, from which it rings on. rest: the least margins of a film at rest, within the band
+    where the resistance is not fed back. cycles: by the part that brings them. refused: lines, none where the margins
+    hold."""
 
     name: LawName
     most_share: float
@@ -75,6 +77,7 @@ class WholeLaw:
     rows: list[Row]
     rings_at_ratio: float
     rings_at_gain: float
+    rest: LoopMargins
     points: list[Point]
     cycles: dict[str, list[LimitCycle]]
     refused: list[str] = field(default_factory=list)
@@ -82,8 +85,8 @@ class WholeLaw:
 
 def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timing, own: OwnPid | None) -> WholeLaw:
     """The law's margins over the plate's range and the film's slopes."""
-    points = [point for noise_K in NOISES_K for point in operating_points(law, timing, noise_K, own)]
-    rows = []
+    every = [point for noise_K in NOISES_K for point in operating_points(law, timing, noise_K, own)]
+    points, rows = moving(every), []
     for ratio in RATIOS:
         each = [loop_margins_at(point, ratio) for point in points]
         point = points[max(range(len(each)), key=lambda k, each=each: each[k].ms)]  # type: ignore[misc]
@@ -96,10 +99,16 @@ def whole_law(configuration: Configuration, model: Model, law: Law, timing: Timi
         rows,
         min(critical_ratio(point) for point in points),
         min(critical_gain(point) for point in points),
-        points,
+        least([loop_margins_at(point, 1.0) for point in every if point not in points]),
+        every,
         _cycles(model, points, timing.period_s),
     )
     return replace(found, refused=_refused(configuration, law, found, own))
+
+
+def moving(points: Sequence[Point]) -> list[Point]:
+    """Those at which the film is on its way, so that the resistance is fed back."""
+    return [point for point in points if point.way != "at rest"]
 
 
 def _cycles(model: Model, points: Sequence[Point], period_s: float) -> dict[str, list[LimitCycle]]:
@@ -155,7 +164,7 @@ def _lower(configuration: Configuration, law: Law, found: WholeLaw, own: OwnPid 
         ms = round(ms - 0.05, 2)
         tried = _with_ms(configuration, ms)
         slower, design = law_and_design(law.settings.name, tried, _film(law), law.plate, law.observer)
-        points = [p for noise in NOISES_K for p in operating_points(slower, found.timing, noise)]
+        points = moving([p for noise in NOISES_K for p in operating_points(slower, found.timing, noise)])
         if all(worst_ms(points, ratio) <= LARGEST_MS for ratio in RATIOS):
             kp = f"the temperature's Kp from {law.settings.gains.kp:.3g} to {design.gains.kp:.3g} 1/s"
             return f"lower control.ms from {configuration.control.ms:g} to {ms:g}: {kp}"
@@ -218,6 +227,7 @@ def law_table(found: WholeLaw) -> dict[str, Any]:
             }
             for row in found.rows
         ],
+        "at_rest": asdict(found.rest),
         "rings_from_slope_ratio": found.rings_at_ratio,
         "rings_from_plate_gain": found.rings_at_gain,
         "limit_cycles": {name: [asdict(cycle) for cycle in cycles] for name, cycles in found.cycles.items()},

@@ -12,7 +12,8 @@ from typing import Any, cast
 import numpy as np
 
 from rig.analysis.score import tracked
-from rig.control.loop import Loop, Policy, read_at
+from rig.control.decision import Policy, read_at
+from rig.control.loop import Loop
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.experiment.extended_model import known_plate, plate_observer

@@ -28,7 +28,7 @@ from sim.effects.effect import Switched
 from sim.world.open_loop import simulate_record
 from sim.world.plant import stamp_s
 
-TEST_CURRENT_A = 1e-4
+TEST_CURRENT_A = 1e-4  # what ohmmeters send through 10 kohm
 
 
 @dataclass(frozen=True, eq=False)

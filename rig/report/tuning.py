@@ -52,7 +52,8 @@ _MEANING = (
     "A film is steeper or flatter than its model on minor loops, and no model has the right slope everywhere. Ms is "
     "the largest sensitivity: 1 / Ms is the least distance of the loop from -1, where it rings on. The gain margin is "
     "what the loop's gain, the disk margin what gain and phase together may be wrong by. Each number is the worst of "
-    "the film's way up, its way down and at rest, with a quiet and with a usual thermometer."
+    "the film's way up and its way down, with a quiet and with a usual thermometer. A film at rest is shown, and not "
+    "judged: the resistance is not fed back within the band, and beyond it the film is on its way."
 )
 
 
