@@ -23,6 +23,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.hysteresis.own_functions",
         "compensator.hysteresis.play",
         "compensator.inverse.inverse",
+        "compensator.inverse.branch_plan",
         "compensator.inverse.solve",
         "compensator.inverse.iteration",
         "compensator.inverse.check",
