@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
-MOST_RANGES = 8  # of a meter
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -131,14 +130,11 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
 
 
 def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    from rig.drivers.meter import column_of, reading_in_words
+    from rig.drivers.meter import column_of, reading_in_words, settled_reading
 
     if bench.meter is None:
         return {"resistance_ohm": None}
-    for _ in range(MOST_RANGES):  # until it has found its range, or that none is high enough
-        if bench.meter.read().is_number:
-            break
-    reading = bench.meter.read()
+    reading = settled_reading(bench.meter)
     column = column_of(bench.meter.output)
     name, _, unit = column.partition("_")
     voice.say(

@@ -17,6 +17,7 @@ from rig.ports.transport import Transport
 OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
 NOT_A_NUMBER = 9.905e37
 LOG_RESISTANCE = "minus_log10_ohm"  # the film's output where the meter reads ohms: -log10(R / 1 ohm)
+MOST_RANGES = 8  # of a meter: none has more
 
 
 class Meter(Protocol):
@@ -80,6 +81,14 @@ def film_output(output: str, reading: Reading | None) -> float:
     if output != LOG_RESISTANCE:
         return reading.value
     return -log10(reading.value) if reading.value > 0.0 else nan
+
+
+def settled_reading(meter: Meter) -> Reading:
+    """A reading after the meter has found its range, or that none is high enough."""
+    for _ in range(MOST_RANGES):
+        if meter.read().is_number:
+            break
+    return meter.read()
 
 
 def reading_in_words(reading: Reading, meter: Meter) -> str:

@@ -52,16 +52,20 @@ def add_effect_files(paths: Iterable[Path]) -> None:
 
 def assumed_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:
     """--assume NAME[:param=value,...]: the parameters that are known, by effect and name. Raises Faults."""
+    return assumed([effect_in_words(text, "--assume") for text in texts], "--assume")
+
+
+def assumed(tables: Iterable[Mapping[str, Any]], where: str) -> dict[str, dict[str, float]]:
+    """The same of tables with a name and what is known. Raises Faults."""
     found: dict[str, dict[str, float]] = {}
     lines, known = [], catalogue()
-    for text in texts:
-        table = effect_in_words(text, "--assume")
+    for table in tables:
         name = table["name"]
         if name not in known:
-            lines.append(f"--assume: {_unknown(name, known)}")
+            lines.append(f"{where}: {_unknown(name, known)}")
             continue
         _, faults = _values(known[name], table, complete=False)
-        lines += [f"--assume: {name}: {fault}" for fault in faults]
+        lines += [f"{where}: {name}: {fault}" for fault in faults]
         found[name] = {key: value for key, value in table.items() if key != "name"}
     if lines:
         raise Faults(lines)
