@@ -54,8 +54,10 @@ def test_every_name_has_an_example_that_runs_and_a_docstring(root: Path) -> None
     code = "\n".join(blocks)
     for name in rig.__all__:
         assert re.search(rf"\brig\.{name}\b", code), name
-        if inspect.isfunction(getattr(rig, name)):
-            assert inspect.getdoc(getattr(rig, name)), name
+        value = getattr(rig, name)
+        if callable(value):
+            assert inspect.getdoc(value), name
+            assert (root / "docs" / "api" / f"{value.__module__}.md").is_file(), name
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         rig.nothing  # noqa: B018
 
