@@ -1,4 +1,4 @@
-"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
+"""A record diagnosed: which of its columns hold information, which kinds of plate are possible, what is refused.
 
 With other records held out, the extended model's error there is that of the very model that is handed over, run as
 `predict --initial fitted` runs it.

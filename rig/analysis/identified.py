@@ -45,7 +45,7 @@ class AskedFit:
 @dataclass(frozen=True, eq=False)
 class Identified:
     """What was fitted to records: film and plate, None where the records have none; model: both as a model file has
-    them, the film compressed where that was asked for.
+    them, the film compressed where `AskedFit.compress` is set.
 
     output: the film's, in the sense in which it rises with temperature; film_records: those with such an output;
     findings: what to know of the film between the temperatures seen; numbers: the transition of each film record,

@@ -4,8 +4,8 @@ The output is commanded off first and last; no current flows. Limits and dead ma
 several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
 configured.
 
-An error that the controller reports is told with what it means and what clears it. On a terminal you are asked whether
-to clear it; --clear does so without asking.
+An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
+whether to clear it; --clear clears it without asking.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _wanted() -> bool:
 
 
 def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    """The instrument's own limits and dead man, asked for anew."""
+    """The instrument's own limits and dead man, read back."""
     from rig.drivers.heater_drive import drive_unit
 
     limits, controller = file.content.limits, bench.controller

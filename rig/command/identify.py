@@ -53,7 +53,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="allow radii that break the order condition (the output then jumps)",
     )
     parser.add_argument(
-        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and tell what that loses"
+        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and print the loss"
     )
     add_output_argument(parser)
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")

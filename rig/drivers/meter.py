@@ -1,4 +1,4 @@
-"""What the rig asks of a meter, whatever its protocol; and what its numbers mean.
+"""What every driver of a meter provides, whatever its protocol; and what its numbers mean.
 
 A meter reads the film's resistance, or a voltage that stands for another quantity: a position-sensitive detector's for
 a cantilever's curvature (`rig.drivers.formula_meter`). Either way it has one film output, as a film model names it.
@@ -94,7 +94,7 @@ def settled_reading(meter: Meter) -> Reading:
 def reading_in_words(reading: Reading, meter: Meter) -> str:
     """What is wrong with a meter's reading, for people; empty where it is a number.
 
-    What is beyond the highest range of an ohmmeter is told as what it is: a film that is open or not connected.
+    What is beyond the highest range of an ohmmeter is named as what it is: a film that is open or not connected.
     """
     if reading.is_number:
         return ""

@@ -22,7 +22,7 @@ def read_record(
 
     source: a file's path (CSV and other text, .xlsx, .mat), a mapping of arrays by name, or a pandas DataFrame. Names
     and units are read where they are plain; `Record.said` says what was taken for what (docs/records.md). column: as
-    the command line's --column, "resistance_ohm=R@kohm". decimal: "." or ",", where a file does not tell. needs:
+    the command line's --column, "resistance_ohm=R@kohm". decimal: "." or ",", where a file leaves it open. needs:
     columns that have to be there, besides time_s.
 
         record = rig.read_record({"t / min": t_min, "T [K]": T_K, "R [kohm]": R_kohm})

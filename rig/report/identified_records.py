@@ -1,4 +1,4 @@
-"""Film and plate models of records, with what is told of them and the files of a report, as values."""
+"""Film and plate models of records, with what is reported of them and the files of a report, as values."""
 
 from __future__ import annotations
 

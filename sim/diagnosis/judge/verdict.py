@@ -170,14 +170,14 @@ def _worth(
             f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
         )
     if told is not None and told.gain < -may_lose(evidence, told.changed):
-        return evidence, (weak, f"rows that no fit has seen speak against it: log-likelihood {told.gain:.2g}")
+        return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
     if too_small(chain, names, name):
         return evidence, (weak, "its size has no physical meaning")
     upstream = name in chain.split(names)[0]
     if not upstream and not _shows_beside(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
-        return evidence, (WORTH, "rows that no fit has seen are predicted far worse than the noise with it")
+        return evidence, (WORTH, "held-out rows are predicted far worse than the noise with it")
     if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
         return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
