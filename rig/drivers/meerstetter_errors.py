@@ -16,7 +16,7 @@ WAIT = "wait until the plate is within limits.temperature_degC"
 # first and last number: meaning, what has to be done before the reset
 KINDS: tuple[tuple[int, int, str, str], ...] = (
     (1, 10, "its processor has failed", f"switch its supply off and on; {BROKEN}"),
-    (11, 11, "emergency stop", "this program commanded it, because its output did not go off: find out why before the next run"),
+    (11, 11, "emergency stop", "this program sent it, as the output did not go off: find out why before the next run"),
     (12, 12, "a hand terminal that released it has fallen silent", "release it again"),
     (20, 21, "its parameters are damaged inside", LOAD),
     (22, 24, "its parameters are empty, damaged or of another firmware", LOAD),

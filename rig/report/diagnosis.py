@@ -77,7 +77,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     """The table of effects."""
     if not diagnosis.findings:
         return paragraph("None is named.")
-    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "not distinguished from"]
+    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "confounded with"]
     rows = []
     for f in diagnosis.findings:
         values = ";\n".join(parameter(name, value, ci) for name, (value, ci) in f.parameters.items())

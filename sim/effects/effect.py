@@ -117,7 +117,7 @@ class Effect:
     """One entry of the catalogue. order: of effects on the same link, the smaller one first along the chain.
 
     inverse: whether a larger first parameter means less of the effect.
-    changes: what is different, in words for a report. remedy: what a bench does about it, or how to separate it from others.
+    changes: what is different, in words for a report. remedy: what a bench does about it, or how to separate it.
     """
 
     name: str
