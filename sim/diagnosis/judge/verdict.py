@@ -197,8 +197,8 @@ def _worth(
 
 
 def may_lose(evidence: float, changed: float) -> float:
-    """What unseen rows may lose by an effect that changes them by so much (sum of squares over the noise's): what
-    chance takes where a film without it tells them as well, or a share of much evidence."""
+    """The largest held-out log-likelihood loss that is consistent with chance, for an effect that changes these rows by
+    so much (sum of squares over the noise's); with much evidence, a share of it."""
     chance = CHANCE * float(np.sqrt(changed + 0.5))
     return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
 
@@ -220,7 +220,8 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 
 
 def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
-    """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    """Whether a film of another kind leaves no structure, and a mean square of held-out residuals over the noise below
+    `UNDERSTOOD`."""
     if film_of_the_class(chain, names):
         return True
     unseen = _unseen_square(chain, names, True)
