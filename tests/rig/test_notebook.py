@@ -141,20 +141,43 @@ def test_simulated_with_effects(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.record["temperature_degC"], again.record["temperature_degC"])
 
 
+COMPILES = """
+from numba import njit
+from rig.notebook.compiling import says_when_it_compiles
+
+@njit(cache=True)
+def doubled(x):
+    return 2.0 * x
+
+@says_when_it_compiles
+def invert():
+    return doubled(1.0) + doubled(2)
+
+print(invert())
+"""
+
+
 def test_only_a_call_that_compiles_says_so(tmp_path: Path) -> None:
-    code = (
-        "import rig; from compensator.hysteresis.film import *; up = Envelope('tanh', 0.2, -12.6);"
-        "down = Envelope('tanh', 0.2, -11.8); film = FilmModel([0.1, 0.4], [0.6, 0.4], up, down);"
-        "print(rig.invert(rig.Model(film, None), [1.0]).evaluations)"
-    )
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    runs = [
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-        for _ in range(2)
-    ]
-    assert runs[0].stdout == runs[1].stdout
+    (tmp_path / "compiles.py").write_text(COMPILES)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, str(tmp_path / "compiles.py")]
+    runs = [subprocess.run(command, capture_output=True, text=True, check=True, env=environment) for _ in range(2)]
     said = "rig.invert: compiling loops, once (up to a minute; `peltier precompile` does it ahead)\n"
-    assert [run.stderr for run in runs] == [said, ""]
+    assert [(run.stdout, run.stderr) for run in runs] == [("6.0\n", said), ("6.0\n", "")]
+    for name in ("identify", "predict", "invert", "diagnose", "simulate"):
+        assert hasattr(getattr(rig, name), "__wrapped__"), name
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1500)
+def test_after_precompile_a_notebooks_hour_compiles_nothing(root: Path, tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(root)}
+    subprocess.run([sys.executable, "-m", "rig", "precompile"], check=True, env=environment, cwd=tmp_path)
+    page = (root / "docs" / "python.md").read_text("utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL))
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=tmp_path)
+    assert "compiling" not in done.stderr
 
 
 # ---- the bench
