@@ -269,7 +269,7 @@ def write_temperatures(folder: Path, run: Run, times: list[float], values: list[
     degC = np.interp(time, time[good], degC[good])
     rows = [f"0,{HOT_DEGC}", f"5,{HOT_DEGC}", f"{0.6 * FROM_HOT_S},{degC[0]:.4f}"]
     rows += [f"{FROM_HOT_S + t:.2f},{v:.4f}" for t, v in zip(time, degC, strict=True)]
-    (folder / "target.csv").write_text("\n".join(["time_s,temperature_degC", *rows]) + "\n")
+    (folder / "target.csv").write_text("\n".join(["time_s,setpoint_degC", *rows]) + "\n")
 
 
 def error(

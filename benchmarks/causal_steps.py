@@ -213,7 +213,10 @@ def main() -> int:
             median = float(np.median(rows.overshoot_dec))
             print(f"{kind:8s} {len(over)} steps: overshoot median {median:.4f}, largest {most:.4f} decades{limit}")
             times = f"after {np.median(rows.settled_s):.1f} s (median), {max(rows.settled_s):.1f} s (most)"
-            print(f"{'':8s} within {WITHIN_DEC:g} decades {times}; over the fastest plan {np.median(over):.2f} (asked ", end="")
+            print(
+                f"{'':8s} within {WITHIN_DEC:g} decades {times}; over the fastest plan {np.median(over):.2f} (asked ",
+                end="",
+            )
             print(f"{asked.median:g}), most {max(over):.2f} (asked {asked.most:g})", flush=True)
     return 0 if good else 1
 

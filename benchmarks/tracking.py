@@ -128,8 +128,8 @@ def lines(found: list[Found]) -> list[Line]:
         Line("largest error, outside (the paper: 0.135)", 0.004, decades(of("outside", "full", which=1)), "dec"),
         Line("third repetition, outside", 0.40, of("outside", "repeat")),
     ]
-    memory = [over(of(kind, "memory"), of(kind, "assumed")) for kind in FILMS]
-    table.append(Line("unknown memory: with its estimate over without", 1.0 / 3.0, sum(memory, []), ""))
+    memory = [value for kind in FILMS for value in over(of(kind, "memory"), of(kind, "assumed"))]
+    table.append(Line("unknown memory: with its estimate over without", 1.0 / 3.0, memory, ""))
     table += [
         Line(f"unknown memory, {kind}: {name}", None, of(kind, run))
         for kind in FILMS

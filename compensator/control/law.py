@@ -33,6 +33,7 @@ import numpy as np
 
 from compensator.control.law_step import NAMES, Command, Inputs, LawName, LawState, Rule, law_step
 from compensator.control.observer import Observer, observed_step
+from compensator.control.packing import flattener, rebuilder
 from compensator.control.pid import PidGains, PidState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory
@@ -40,6 +41,7 @@ from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 
+NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
 
 
@@ -89,7 +91,7 @@ class Law:
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
         inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC)
         self.rule = Rule(
-            NAMES.index(s.name),
+            float(NAMES.index(s.name)),
             s.period_s,
             s.current_limit_A,
             s.low_degC,
@@ -97,14 +99,14 @@ class Law:
             s.preview_spacing_s,
             s.band,
             s.reversal,
-            s.trusts_model,
+            float(s.trusts_model),
             s.rate_share,
             s.fastest_K_per_s,
-            film is not None,
+            float(film is not None),
             s.gains,
-            inverse.model.packed,
-            inverse.settings(),
         )
+        self.ruled = np.array(flattener(Rule)(self.rule))
+        self.packed_film, self.inverse = inverse.model.packed, inverse.settings()
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0
@@ -134,7 +136,11 @@ class Law:
         if not inputs.targets.flags.writeable:  # another type to the compiled loops
             inputs = inputs._replace(targets=inputs.targets.copy())
         if self.observer is not None:
-            return observed_step(self.rule, self.observer, state, inputs)
-        command, following = law_step(self.rule, self.plate.numbers, state, inputs)
-        following.plays.setflags(write=False)
-        return command, following
+            return observed_step(self.rule, self.packed_film, self.inverse, self.observer, state, inputs)
+        numbers = np.array(NUMBERS(state))
+        answer, after, plays = law_step(
+            self.ruled, self.packed_film, self.inverse, self.plate.numbers, numbers, state.plays, inputs
+        )
+        plays.setflags(write=False)
+        following: LawState = STATE(after.tolist(), plays, None)
+        return Command(*answer), following

@@ -1,7 +1,8 @@
 """One period of the control law, compiled, and the parts that it is made of: see `compensator.control.law`.
 
-Named tuples go in and come out. The parts are called by `law_step` for a plate and a film without effects, and one
-after the other by `compensator.control.observer` for a chain with effects.
+The parts take and give named tuples. They are called by `law_step` for a plate and a film without effects, and one
+after the other by `compensator.control.observer` for a chain with effects. `law_step` itself takes and gives arrays of
+the tuples' numbers (`compensator.control.packing`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any, Final, Literal, NamedTuple
 from numba import njit
 
 from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature
+from compensator.control.packing import numbers_of, packed, unpacked
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
     FilmNow,
@@ -102,10 +104,14 @@ class LawState(NamedTuple):
         return self.reference.film_degC
 
 
-class Rule(NamedTuple):
-    """A law's parameters as the compiled loops take them: see `LawSettings`; name is a place in `NAMES`."""
+Known: Any = numbers_of(LawState, "Known", __name__)
 
-    name: int
+
+class Rule(NamedTuple):
+    """A law's parameters as the compiled loops take them, all of them numbers: see `LawSettings`; name is a place in
+    `NAMES`, what is true or false 1 or 0."""
+
+    name: float
     period_s: float
     current_limit_A: float
     low_degC: float
@@ -113,13 +119,11 @@ class Rule(NamedTuple):
     spacing_s: float
     band: float
     reversal: float
-    trusts_model: bool
+    trusts_model: float
     rate_share: float
     fastest_K_per_s: float
-    has_film: bool
+    has_film: float
     gains: PidGains
-    film: Packed
-    inverse: Settings
 
 
 @njit(cache=True)
@@ -228,15 +232,22 @@ def on_the_output(
     return current, pid
 
 
+Answer = tuple[float, float, float, float, bool]  # what a `Command` is made of
+
+
 @njit(cache=True)
-def law_step(rule: Rule, plate: Array, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
-    """One period of a law whose plate and film have no effects on them."""
-    s, period, drift = state, rule.period_s, state.estimate.drift_K_per_s
+def law_step(
+    ruled: Array, film: Packed, inverse: Settings, plate: Array, numbers: Array, plays: Array, inputs: Inputs
+) -> tuple[Answer, Array, Array]:
+    """One period of a law whose plate and film have no effects on them: (the command's numbers, the next state's
+    numbers and play operators). ruled: the numbers of `Rule`; numbers: of `Known`."""
+    rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
+    period, drift = rule.period_s, s.estimate.drift_K_per_s
     here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
     moving = rate(plate, here, s.current_A) + drift
     _, here, known = read_temperature(rule, s.estimate, here, moving, here, 0.0, inputs)
-    plays, disturbance, output, v = s.plays.copy(), s.disturbance, nan, s.input_degC
-    envelopes, radii, weights, code, par = rule.film
+    plays, disturbance, output, v = plays.copy(), s.disturbance, nan, s.input_degC
+    envelopes, radii, weights, code, par = film
     if rule.has_film:
         advance(here, v, envelopes, radii, plays)
         v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
@@ -244,17 +255,13 @@ def law_step(rule: Rule, plate: Array, state: LawState, inputs: Inputs) -> tuple
         disturbance, known = read_output(rule, known, disturbance, off, s.moved, inputs)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
-        command = Command(current, nan, nan, nan, True)
-        return command, LawState(
-            here, s.reference, v, plays, disturbance, pid, current, s.toward, s.moved, nan, known, None
-        )
-    film = FilmNow(v, plays, rule.film, rule.inverse)
+        after = Known(here, s.reference, v, disturbance, pid, current, s.toward, s.moved, nan, known)
+        return (current, nan, nan, nan, True), packed(after, numbers.size), plays
+    there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    plan = planned(rule, plate, here, 0.0, film, s.reference, s.toward, known.doubt, targets)
+    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, known.doubt, targets)
     now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)
-    command = Command(current, next_degC, now_degC, output, plan.reached)
-    return command, LawState(
-        here, plan.reference, v, plays, disturbance, pid, current, toward, plan.move, nan, known, None
-    )
+    after = Known(here, plan.reference, v, disturbance, pid, current, toward, plan.move, nan, known)
+    return (current, next_degC, now_degC, output, plan.reached), packed(after, numbers.size), plays

@@ -31,8 +31,9 @@ from compensator.control.law_step import (
     read_temperature,
 )
 from compensator.control.reference_shaping import FilmNow, Reference
-from compensator.hysteresis.film import Memory
+from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
+from compensator.inverse.solve import Settings
 from compensator.thermal.plate import PlateModel
 
 
@@ -111,7 +112,9 @@ class Observer(Protocol):
         ...
 
 
-def observed_step(rule: Rule, observer: Observer, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
+def observed_step(
+    rule: Rule, film: Packed, inverse: Settings, observer: Observer, state: LawState, inputs: Inputs
+) -> tuple[Command, LawState]:
     """One period of a law with an observer: see the module."""
     seen, estimate, disturbance = observed(rule, observer, state, inputs)
     test = inputs.test_current_A
@@ -120,11 +123,11 @@ def observed_step(rule: Rule, observer: Observer, state: LawState, inputs: Input
     memory = there.film_memory
     if memory is None:
         memory = Memory(there.film_degC, np.zeros(1))
-    film = FilmNow(there.film_degC, memory.plays.copy(), rule.film, rule.inverse)
+    there_now = FilmNow(there.film_degC, memory.plays.copy(), film, inverse)
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     before = state.reference
     lag_s, doubt = observer.film_lag_s, estimate.doubt
-    plan = planned(rule, plate, there.plate_degC, lag_s, film, before, state.toward, doubt, wanted - disturbance)
+    plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, wanted - disturbance)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
     warming_K = observer.warming_K(there, next_output, test, rule.period_s) if math.isfinite(next_output) else 0.0
     now_K = warming_K if math.isnan(state.warming_K) else state.warming_K
