@@ -13,18 +13,20 @@ import random
 import shutil
 import tempfile
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks._beside_the_plant import driven, placed
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheClass, Plate, TrackedPlant
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
+from rig.experiment.tracking import law_and_design
+from rig.files.configuration import read_configuration
 from rig.files.model_file import Model, read_model, write_model
 
 HOT_DEGC, COLD_DEGC = 85.0, 35.0
@@ -33,9 +35,9 @@ SINE_DEC, SINE_S = 0.8, 300.0
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
 NOMINAL = Plate()
 WRONG = Plate(seebeck=0.04, resistance=2.4, conductance=0.6, ambient_degC=30.0)  # S -20 %, R_e, G +20 %, room +5 K
-WRONG_LAG_S = 2.0
+WRONG_LAG_S, SETTLE_S = 2.0, 30.0
 FROM_HOT_S = 90.0  # of a wanted temperature: the way down from the hot end, before the target begins
-UNKNOWN_S = 300.0
+UNKNOWN_S, LEFT_TURNS = 300.0, 4
 
 CONFIGURATION = (
     SIMULATED_BENCH
@@ -130,12 +132,20 @@ def course(low: float, high: float, seed: int, first: float | None = None) -> tu
     return times, values
 
 
-def left_behind(seed: int) -> list[float]:
-    """Temperatures (degC) that somebody has taken the film through: from an end, turning round inside the loop."""
+def leave_behind(film: Any, seed: int) -> float:
+    """Somebody takes the film through its loop: from an end, turning round at random levels of its middle 80 %, and
+    leaves it at the last of them. The temperature there, degC."""
+    low, high = middle_of(film)
     chance = random.Random(1000 + seed)
-    turns = [25.0, HOT_DEGC] + [25.0] * (seed % 2) + [chance.uniform(52.0, 68.0) for _ in range(4)]
-    turns.append(chance.uniform(57.0, 63.0))
-    return [float(degC) for a, b in pairwise(turns) for degC in np.arange(a, b, math.copysign(0.02, b - a))]
+    degC = chance.choice((25.0, HOT_DEGC))
+    log_ohm = film.log_ohm(degC)
+    for _ in range(LEFT_TURNS):
+        level = chance.uniform(low, high)
+        way = 1.0 if log_ohm > level else -1.0  # heating lowers the resistance
+        while way * (log_ohm - level) > 0.0:
+            degC += way * 0.02
+            log_ohm = film.log_ohm(degC)
+    return degC
 
 
 def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
@@ -145,8 +155,8 @@ def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
         return EffectPlant(WRONG, true, film.seed, start_s, Hidden(sensor_lag_s=WRONG_LAG_S), film.noise)
     plant = TrackedPlant(NOMINAL, true, film.seed, start_s, film.noise)
     if run.memory:
-        for degC in left_behind(film.seed):
-            plant.log_ohm, plant.degC = true.log_ohm(degC), degC
+        plant.degC = leave_behind(true, film.seed)
+        plant.log_ohm = true.log_ohm(plant.degC)
     return plant
 
 
@@ -189,6 +199,9 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
     if run.exact:
         model = "EXACT.toml"
         write_model(folder / model, exact_model(film))
+    if run.wrong:
+        found.errors[run.name] = wrong_error(film, run, folder, times, values)
+        return ""
     if run.way == "resistance":
         rows = [f"{t:.3f},{10.0**y:.8g}" for t, y in zip(times, values, strict=True)]
         (folder / "target.csv").write_text("\n".join(["time_s,target_ohm", *rows]) + "\n")
@@ -203,6 +216,19 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
     errors = [error(bench.plants[-1], begin + before_s, times, values, until_s) for begin in bench.begin_s]
     found.errors[run.name], found.repetitions[run.name] = errors[-1], [rms for rms, _ in errors]
     return ""
+
+
+def wrong_error(film: Film, run: Run, folder: Path, times: list[float], values: list[float]) -> tuple[float, float]:
+    """RMS and largest error on the wrong plate, beside the plant: `_beside_the_plant` tells why."""
+    model, plant = read_model(folder / "MODEL.toml", needs=("film", "plate")), plant_of(film, run, 0.0)
+    assert model.film is not None
+    assert model.plate is not None
+    path = folder / "config.toml"
+    path.write_text(configuration(film, run, "MODEL.toml"))
+    law, _ = law_and_design("full", read_configuration(path).content, model.film, model.plate)
+    state = placed(plant, law, model.film, values[0], HOT_DEGC)
+    driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
+    return error(plant, SETTLE_S, times, values, times[-1])
 
 
 class Bench:
@@ -273,10 +299,10 @@ def write_temperatures(folder: Path, run: Run, times: list[float], values: list[
 
 
 def error(
-    plant: TrackedPlant, begin_s: float, times: list[float], values: list[float], until_s: float
+    plant: TrackedPlant, begin_s: float, times: list[float], values: list[float], until_s: float | None = None
 ) -> tuple[float, float]:
-    """RMS and largest, in n, of the film itself over the target until then."""
+    """RMS and largest, in n, of the film itself over the target, or until then."""
     time, _, log_ohm = np.array(plant.course).T
-    grid = np.arange(0.0, until_s, 0.05)
+    grid = np.arange(0.0, times[-1] if until_s is None else until_s, 0.05)
     off = np.interp(begin_s + grid, time, log_ohm) - np.interp(grid, times, values)
     return float(np.sqrt(np.mean(off**2))) / NOISE_DEC, float(np.max(np.abs(off))) / NOISE_DEC

@@ -4,8 +4,7 @@
 
 Plate and films are those of `benchmark tracking`, the model is what `calibrate` makes of them. The law sees a target
 that never changes until it does: steps of 0.5 decades to and fro across the middle 80 % of the film's range, 30 s each.
-It runs beside the plate with the emulated instruments' moments: ohmmeter, thermometer and command 27, 63 and 80 ms
-after each tick. An overshoot writes a turning point into the film's memory that nobody planned.
+It runs beside the plate with the emulated instruments' moments (`_beside_the_plant`). An overshoot writes a turning point into the film's memory that nobody planned.
 
 "Settled" is within 0.01 decades to the end of the step; it is told over the time that the fastest plan needs from the
 moment of the step, which knows plate and film as they are: all the current until the film is within 0.01 decades.
@@ -33,13 +32,12 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks._beside_the_plant import PERIOD_S, driven, placed
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._own_plant import KELVIN, behind_the_instruments
 from benchmarks._tracked_plant import Plate, TrackedPlant
 from benchmarks._tracking_runs import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, NOMINAL, WRONG, WRONG_LAG_S, span
 from compensator.control.law import Law
-from compensator.control.law_step import Inputs
-from compensator.inverse.inverse import Inverse
 from rig.experiment.extended_model import chain_observer
 from rig.experiment.tracking import law_and_design
 from rig.files.configuration import read_configuration
@@ -47,7 +45,6 @@ from rig.files.model_file import Model, read_model
 from sim.effects.effect import switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 
-PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080
 LIMIT_A, STEP_DEC, DWELL_S, WITHIN_DEC = 4.0, 0.5, 30.0, 0.01
 PLAN_STEP_S = 0.01
 
@@ -147,29 +144,21 @@ def stepped(case: tuple[str, int, int]) -> Rows:
     (model, law), wanted = calibrated(kind, seed), levels("outside" if kind == "wrong" else kind, seed, count)
     assert model.film is not None
     plant = plant_for(kind, seed)
-    hot = model.film.initial_memory(HOT_DEGC, "heated")
-    first_degC = Inverse(model.film, 10.0, 95.0).solve(-wanted[0], hot).temperature_degC
-    for degC in (*np.arange(25.0, HOT_DEGC, 0.1), *np.arange(HOT_DEGC, first_degC, -0.02)):
-        plant.log_ohm = plant.film.log_ohm(float(degC))
-    plant.degC = first_degC
-    if isinstance(plant, EffectPlant):
-        plant.shown_degC = plant.lagged_degC = first_degC
-    state = law.start(first_degC, model.film.step(first_degC, hot)[1])
-    ticks, count_ahead = round(DWELL_S / PERIOD_S), law.preview_times_s().size
-    plans = []
-    for k in range(ticks * len(wanted)):
-        tick_s, target = k * PERIOD_S, -wanted[k // ticks]
-        plant.advance_to(tick_s)
+    state = placed(plant, law, model.film, wanted[0], HOT_DEGC)
+    ticks, plans = round(DWELL_S / PERIOD_S), []
+
+    def planned(k: int) -> None:
         if k % ticks == 0 and k > 0:
-            plans.append(fastest_s(plant, -target))
-        plant.advance_to(tick_s + OHMMETER_S)
-        output = -math.log10(plant.read_resistance_ohm(0.0))
-        plant.advance_to(tick_s + THERMOMETER_S)
-        reading = plant.read_temperature_degC()
-        ages = THERMOMETER_S - OHMMETER_S, COMMAND_S - THERMOMETER_S
-        command, state = law.step(state, Inputs(reading, output, target, np.full(count_ahead, target), *ages))
-        plant.advance_to(tick_s + COMMAND_S)
-        plant.set_current_A(command.current_A)
+            plans.append(fastest_s(plant, wanted[k // ticks]))
+
+    begun_s = [0.0]  # the law is told of a step at its tick, and sees no other target ahead until then
+
+    def announced(times_s: np.ndarray) -> np.ndarray:
+        if np.ndim(times_s) == 0:
+            begun_s[0] = float(times_s)
+        return np.full(np.shape(times_s), wanted[min(int(begun_s[0] / DWELL_S), len(wanted) - 1)])
+
+    driven(plant, law, state, announced, DWELL_S * len(wanted), planned)
     time, _, log_ohm = np.array(plant.course).T
     found = Rows()
     for k, ((before, after), fastest) in enumerate(zip(pairwise(wanted), plans, strict=True), 1):

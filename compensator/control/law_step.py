@@ -11,9 +11,10 @@ import math
 from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
+import numpy as np
 from numba import njit
 
-from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature
+from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature, grown_doubt
 from compensator.control.packing import numbers_of, packed, unpacked
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
@@ -26,6 +27,7 @@ from compensator.control.reference_shaping import (
     next_reference,
     next_temperature,
 )
+from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array, memoryless_value
 from compensator.hysteresis.play import advance, weighted_sum
@@ -77,7 +79,9 @@ class LawState(NamedTuple):
     temperature_degC: of the plate, as estimated. reference: where film and plate should be. input_degC, plays: the
     film's memory. disturbance: reading minus film model, in the output's unit. current_A: in force. toward: sign of the
     output's last move; moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan:
-    not yet). observer: the state of the law's observer, None without one.
+    not yet). possible: the memories that the film may have, where nobody knows it
+    (`compensator.control.unknown_memory`), plays then their mean; no rows where it is known. observer: the state of the
+    law's observer, None without one.
     """
 
     temperature_degC: float
@@ -91,6 +95,7 @@ class LawState(NamedTuple):
     moved: float = 0.0
     warming_K: float = nan
     estimate: Estimate = Estimate()
+    possible: Array = NONE
     observer: Any = None
 
     @property
@@ -158,6 +163,34 @@ def read_output(
     if rule.name not in (FULL, INSTRUMENT_PID) or not math.isfinite(off):
         return disturbance, estimate
     return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s)
+
+
+@njit(cache=True)
+def remembered(
+    rule: Rule,
+    before: Estimate,
+    known: Estimate,
+    possible: Array,
+    plays: Array,
+    disturbance: float,
+    off: float,
+    moved: float,
+    film: Packed,
+) -> tuple[Array, Array, float]:
+    """(possible memories, their mean, the disturbance) after a reading, which is `off` the mean memory's output.
+
+    possible: at the temperature of now, changed. before, known: the estimate before and after the reading. disturbance:
+    as it was before. Without a reading the likelihoods stay.
+    """
+    mean = np.empty(plays.size)
+    if rule.name in (FULL, INSTRUMENT_PID) and math.isfinite(off):
+        doubt = grown_doubt(before, moved, rule.period_s)
+        variance = doubt + known.output.variance
+        possible = weighed(possible, plays, off, doubt / variance, variance, film)
+        disturbance = mean_of(possible, mean)
+        return (possible[:0] if possible.shape[0] == 1 else possible), mean, disturbance
+    mean_of(possible, mean)
+    return possible, mean, disturbance
 
 
 @njit(cache=True)
@@ -237,26 +270,43 @@ Answer = tuple[float, float, float, float, bool]  # what a `Command` is made of
 
 @njit(cache=True)
 def law_step(
-    ruled: Array, film: Packed, inverse: Settings, plate: Array, numbers: Array, plays: Array, inputs: Inputs
-) -> tuple[Answer, Array, Array]:
+    ruled: Array,
+    film: Packed,
+    inverse: Settings,
+    plate: Array,
+    numbers: Array,
+    plays: Array,
+    possible: Array,
+    inputs: Inputs,
+) -> tuple[Answer, Array, Array, Array]:
     """One period of a law whose plate and film have no effects on them: (the command's numbers, the next state's
-    numbers and play operators). ruled: the numbers of `Rule`; numbers: of `Known`."""
+    numbers, play operators and possible memories). ruled: the numbers of `Rule`; numbers: of `Known`."""
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
     here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
     moving = rate(plate, here, s.current_A) + drift
     _, here, known = read_temperature(rule, s.estimate, here, moving, here, 0.0, inputs)
-    plays, disturbance, output, v = plays.copy(), s.disturbance, nan, s.input_degC
+    plays, possible, disturbance, output, v = plays.copy(), possible.copy(), s.disturbance, nan, s.input_degC
     envelopes, radii, weights, code, par = film
     if rule.has_film:
-        advance(here, v, envelopes, radii, plays)
+        if possible.shape[0] > 0:
+            taken_along(possible, here, v, film)
+            mean_of(possible, plays)
+        else:
+            advance(here, v, envelopes, radii, plays)
         v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
         off = inputs.output + s.moved / period * (inputs.output_age_s + inputs.acts_after_s) - output
+        before = known
         disturbance, known = read_output(rule, known, disturbance, off, s.moved, inputs)
+        if possible.shape[0] > 0:
+            possible, plays, disturbance = remembered(
+                rule, before, known, possible, plays, disturbance, off, s.moved, film
+            )
+            output = memoryless_value(code, par, here) + weighted_sum(weights, plays)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
         after = Known(here, s.reference, v, disturbance, pid, current, s.toward, s.moved, nan, known)
-        return (current, nan, nan, nan, True), packed(after, numbers.size), plays
+        return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
     plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, known.doubt, targets)
@@ -264,4 +314,4 @@ def law_step(
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)
     after = Known(here, plan.reference, v, disturbance, pid, current, toward, plan.move, nan, known)
-    return (current, next_degC, now_degC, output, plan.reached), packed(after, numbers.size), plays
+    return (current, next_degC, now_degC, output, plan.reached), packed(after, numbers.size), plays, possible
