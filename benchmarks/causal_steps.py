@@ -4,7 +4,8 @@
 
 Plate and films are those of `benchmark tracking`, the model is what `calibrate` makes of them. The law sees a target
 that never changes until it does: steps of 0.5 decades to and fro across the middle 80 % of the film's range, 30 s each.
-It runs beside the plate with the emulated instruments' moments (`_beside_the_plant`). An overshoot writes a turning point into the film's memory that nobody planned.
+It runs beside the plate with the emulated instruments' moments (`_beside_the_plant`). An overshoot writes a turning
+point into the film's memory that nobody planned.
 
 "Settled" is within 0.01 decades to the end of the step; it is told over the time that the fastest plan needs from the
 moment of the step, which knows plate and film as they are: all the current until the film is within 0.01 decades.
