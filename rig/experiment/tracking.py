@@ -33,7 +33,7 @@ from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
 
-HOT_DWELL_S = 3.0
+HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 USUAL_PREVIEW_S = 4.0  # of a temperature, which no loop makes jump
 
 
