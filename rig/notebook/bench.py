@@ -23,7 +23,8 @@ from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
-from rig.experiment.session import Session, calibrate, run_on, wanted
+from rig.experiment.session import Session, calibrate, run_on
+from rig.experiment.wanted import wanted
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import Model
 from rig.files.record import Record
