@@ -21,7 +21,8 @@ from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.operator_outputs import radius_floor
-from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.noise_estimate import noise_of
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_point import LinearProblem, Point
@@ -41,6 +42,7 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
+STEEPNESS_ROWS, LEAST_MOVED_K = 15, 0.01  # about a row; a plate that stands tells no slope
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -52,20 +54,21 @@ class ResistanceChannel:
         record: Record,
         path: PlatePath,
         fitted: Mask,
-        sigma_dec: float,
+        noise: NoiseModel,
         basis: FilmBasis,
         relays: bool = True,
         spacing: Spacing = COARSE,
     ) -> None:
         assert record.output is not None
-        self.record, self.path, self.sigma_dec, self.basis = record, path, sigma_dec, basis
+        self.record, self.path, self.noise, self.basis = record, path, noise, basis
         self.fitted = fitted & record.output_used
         self.rows = np.flatnonzero(self.fitted)
         self.output = np.nan_to_num(record.output)
         self.relays, self.spacing = relays, spacing
         used = np.flatnonzero(record.output_used)
         self.readings = np.interp(np.arange(record.rows), used, self.output[used])  # straight where there is none
-        self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows)
+        self.whitening = noise.on(self.rows, self.output[self.rows])
+        self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows, self.whitening)
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -157,7 +160,7 @@ class ResistanceChannel:
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
             ohmmeter = Ohmmeter(links, nodes, signal)
             bent = ohmmeter.slope is not None and relays.count
-            shown = relays.bent(ohmmeter.slope[nodes.rows], rows) if bent else relays  # type: ignore[index]
+            shown = relays.bent(ohmmeter.slope[nodes.rows], rows, self.whitening) if bent else relays  # type: ignore[index]
             at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
@@ -165,7 +168,7 @@ class ResistanceChannel:
                 linear = ohmmeter.plain(signal[:, None])[:, 0]
             first, *other_ranges = self._ranges(links, nodes, signal)
             offset = shown_in_rows(links, nodes, signal, first) - linear
-            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, first)
+            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.whitening, first)
             found = problem.solved(x, p.prior.precision(self.basis, problem))
             for range_of in other_ranges:
                 offset = shown_in_rows(links, nodes, signal, range_of) - linear
@@ -187,7 +190,7 @@ class ResistanceChannel:
             return [None]
         by_model = before_ranges(links, nodes, signal)
         apart = sum(self._largest_step_dec(e) for e in ranged)
-        return [by_model, self.readings] if apart > GAP * self.sigma_dec else [by_model]
+        return [by_model, self.readings] if apart > GAP * self.noise.level else [by_model]
 
     def _largest_step_dec(self, effect: Switched) -> float:
         """Between the errors of two ranges, among the readings."""
@@ -270,9 +273,9 @@ class ResistanceChannel:
 
         for iteration in range(steps):
             room = self._slopes(p, point, high, h, bending, jacobian)
-            j = jacobian[self.rows] / self.sigma_dec
+            j = self.over(jacobian[self.rows])
             residual = self._over_noise(point.shown)
-            cross = point.along(j) / self.sigma_dec
+            cross = point.along(j)
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
             gradient = j.T @ residual - room
             held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
@@ -307,7 +310,7 @@ class ResistanceChannel:
             point.shown,
             point.film_output,
             point.evidence,
-            self.sigma_dec,
+            self.noise.level,
             point.coefficients,
             jacobian.copy(),
             0.5 * float(residual @ residual),
@@ -328,9 +331,13 @@ class ResistanceChannel:
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])
         return room
 
+    def over(self, values: Array) -> Array:
+        """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
+        return self.whitening.over(values)
+
     def _over_noise(self, shown: Array) -> Array:
-        """What is left in the fitted rows, in units of the noise."""
-        return (self.output[self.rows] - shown[self.rows]) / self.sigma_dec
+        """What is left in the fitted rows, over the noise."""
+        return self.over(self.output[self.rows] - shown[self.rows])
 
     def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
         """The priors' widths at a fixed x, and the point with them."""
@@ -348,9 +355,20 @@ class ResistanceChannel:
         bends = [at_the_terminals(e.effect) for e in p.effects for q in e.effect.parameters if not q.choices]
         return [4 + k for k, bent in enumerate(bends) if bent]
 
-    def noise(self, fit: ResistanceFit) -> float:
-        """The ohmmeter's noise, from what a fit leaves from row to row."""
-        return quick_noise(self.output[self.rows] - fit.shown[self.rows])
+    def noise_left(self, fit: ResistanceFit, least: float, path_K: float) -> NoiseModel:
+        """The ohmmeter's noise, as what a fit leaves shows it. Where it is not the same everywhere it may be far below
+        what the path is uncertain by (path_K) on a flank: a film is no better a thermometer than the plate's own, as
+        long as both channels are not fitted as one."""
+        noise = noise_of(self.output - fit.shown, self.output, self.record.output_used, self.fitted, least)
+        return noise.with_floor(path_K * self._steepness(fit))
+
+    def _steepness(self, fit: ResistanceFit) -> Array:
+        """By how much what is shown changes with the plate's temperature about each row, decades / K, (rows,)."""
+        around = np.ones(STEEPNESS_ROWS)
+        moved = np.abs(np.gradient(self.path.at(self.record.time_s)))
+        shown = np.abs(np.gradient(fit.shown))
+        per = np.convolve(shown, around, "same") / np.maximum(np.convolve(moved, around, "same"), LEAST_MOVED_K)
+        return np.asarray(per, dtype=np.float64)
 
     def mean_square(self, fit: ResistanceFit) -> float:
         """Of the residual over the noise, in the fitted rows."""

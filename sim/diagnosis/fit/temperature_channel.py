@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
-from sim.diagnosis.data.likelihood import lattice_noise, likelihood, normal_residual, quick_noise
+from sim.diagnosis.data.likelihood import Likelihood, lattice_noise, likelihood, normal_residual, quick_noise
+from sim.diagnosis.data.noise_estimate import noise_of
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.unknowns import (
     Unknown,
@@ -37,6 +39,7 @@ PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
+DITHERED = 2.0  # steps of a lattice over the noise, below which the noise spreads rounding evenly over the rows
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
@@ -100,26 +103,47 @@ class TemperatureFit:
 
 
 class TemperatureChannel:
-    """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them."""
+    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
+    readings of white noise lie on."""
 
     def __init__(
-        self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0, spacing: Spacing = COARSE
+        self, record: Record, fitted: Mask, noise: NoiseModel, step_K: float = 0.0, spacing: Spacing = COARSE
     ) -> None:
-        self.record, self.sigma_K, self.step_K, self.spacing = record, sigma_K, step_K, spacing
+        self.record, self.noise, self.sigma_K, self.spacing = record, noise, noise.level, spacing
+        self.step_K = step_K if noise.plain else 0.0
         self.rows = np.flatnonzero(fitted & record.temperature_used)
         stretch = np.zeros(record.rows, dtype=np.int64)
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
+        begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
+        self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
 
-    def with_noise(self, sigma_K: float) -> TemperatureChannel:
+    def with_noise(self, noise: NoiseModel) -> TemperatureChannel:
         """The same rows, weighed by another noise."""
+        return TemperatureChannel(self.record, self.fitted, noise, self.record.step_K, self.spacing)
+
+    @property
+    def fitted(self) -> Mask:
+        """The readings that count."""
         fitted = np.zeros(self.record.rows, dtype=np.bool_)
         fitted[self.rows] = True
-        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K, self.spacing)
+        return fitted
+
+    def over(self, values: Array) -> Array:
+        """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
+        return self._whitening.over(values)
+
+    def likelihood(self, shown: Array) -> Likelihood:
+        """Of the fitted rows' readings for what is shown, (all rows,)."""
+        readings = self.record.temperature_degC[self.rows]
+        if self.noise.plain:
+            return likelihood(readings, shown[self.rows], self.sigma_K, self.step_K)
+        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)
+        return Likelihood(0.5 * z * z, z, np.ones_like(z))
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
         """Parameters to begin with: base in the unknowns' own values."""
@@ -221,7 +245,7 @@ class TemperatureChannel:
         return -0.5 * float(away @ away)
 
     def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         away = self.prior(p, x)[0]
         total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
         return total if math.isfinite(total) else math.inf
@@ -247,9 +271,9 @@ class TemperatureChannel:
             if iteration == steps:
                 break
             by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
-            e = by_first / (0.01 * self.sigma_K)
-            like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
-            j = jacobian[self.rows] / self.sigma_K
+            e = self.over(by_first) / 0.01
+            like = self.likelihood(shown)
+            j = self.over(jacobian[self.rows])
             w = like.curvature
             away, index, scale = self.prior(p, x)
             gradient = j.T @ like.pull
@@ -297,7 +321,7 @@ class TemperatureChannel:
     def _fit(
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
     ) -> TemperatureFit:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         effects, _, _, _ = self.split(p, x)
         final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
         return TemperatureFit(
@@ -329,13 +353,21 @@ class TemperatureChannel:
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""
+        if not self.noise.plain:
+            return self.over((self.record.temperature_degC - fit.shown_degC)[self.rows])
         return normal_residual(
             self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
         )
 
-    def noise(self, fit: TemperatureFit) -> float:
-        """The thermometer's noise, from what a fit leaves from row to row."""
-        readings, shown = self.record.temperature_degC[self.rows], fit.shown_degC[self.rows]
-        if self.step_K > 0.0:
-            return lattice_noise(readings, shown, self.step_K)
-        return quick_noise(readings - shown)
+    def noise_left(self, fit: TemperatureFit, least_K: float) -> NoiseModel:
+        """The thermometer's noise, as what a fit leaves from row to row shows it. One beneath the lattice is white, as
+        far as anybody can tell."""
+        record, step = self.record, self.record.step_K
+        residual, rows = record.temperature_degC - fit.shown_degC, self.rows
+        if step <= DITHERED * quick_noise(residual[rows]):
+            used = record.temperature_used
+            model = noise_of(residual, record.temperature_degC, used, self.fitted, least_K, stepped=False)
+            if not model.plain or step == 0.0:
+                return model
+        sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)
+        return NoiseModel.white(max(sigma_K, least_K))

@@ -9,6 +9,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.multistart import transition
 from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.segments import off_after_missing_rows
@@ -50,14 +51,15 @@ def temperature_search(
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
         rough = max(rough, 0.3 * record.step_K)
-    channel = TemperatureChannel(record, fitted, rough, record.step_K)
+    white = NoiseModel.white(rough)
+    channel = TemperatureChannel(record, fitted, white, record.step_K)
     base = base_fit(channel, record, kinds)
     lone = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
     if lone.size:
         record = record.without(lone, lone[:0])
-        channel = TemperatureChannel(record, fitted, rough, record.step_K)
+        channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
-    channel = channel.with_noise(max(channel.noise(base), LEAST_NOISE_K))
+    channel = channel.with_noise(channel.noise_left(base, LEAST_NOISE_K))
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
@@ -71,12 +73,17 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
     """The plate's temperature that drives the film."""
     channel, record = search.channel, search.channel.record
     rows = np.flatnonzero(record.temperature_used)
-    if record.step_K > 0.0 and channel.sigma_K < record.step_K:
-        residual = channel.with_noise(channel.sigma_K).residual(fit) * channel.sigma_K
+    if channel.sigma_K < channel.step_K:
+        residual = channel.residual(fit) * channel.sigma_K
         rows = channel.rows
     else:
         residual = record.temperature_degC[rows] - fit.shown_degC[rows]
-    return corrected_path(record, fit, residual, rows)
+    return corrected_path(record, fit, residual, rows, channel.noise.correlation)
+
+
+def _least(noise: NoiseModel, output: Array) -> Array | float:
+    """The noise at least among which a reading is lone: as it is at such readings, where it is not the same at all."""
+    return LEAST_NOISE_DEC if noise.plain else noise.marginal(np.nan_to_num(output))
 
 
 @dataclass
@@ -87,12 +94,13 @@ class FilmFacts:
     basis: FilmBasis
     shape: Array
     start: FilmStart
-    sigma_dec: float
+    noise: NoiseModel
     strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
-def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> FilmFacts:
-    """A global search for the film's envelopes on thinned rows, for each memory it may have begun with."""
+def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool, path_K: float = 0.0) -> FilmFacts:
+    """A global search for the film's envelopes on thinned rows, for each memory it may have begun with. path_K: as
+    `Chain.path_K`."""
     assert record.output is not None
     used = record.output_used & fitted
     output = np.nan_to_num(record.output)
@@ -106,9 +114,9 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
             best, shape, least = start, found, square
     thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
     middle, half = transition(thin)
-    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, 1.0)
-    sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
-    channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
+    noise = NoiseModel.white(max(quick_noise(output[used]), LEAST_NOISE_DEC))
+    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, noise)
+    channel = ResistanceChannel(record, path, fitted, noise, facts.basis)
     fit = channel.descend(FilmParameters((), shape, facts.start))
     for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
         start = remembered(channel, fit.parameters)
@@ -117,8 +125,8 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> Fi
         facts.start = start
         fit = channel.descend(replace(fit.parameters, start=start))
     facts.shape = fit.parameters.x[:4]
-    facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
-    facts.strays = strays(output, fit.shown, record.output_used, LEAST_NOISE_DEC)
+    facts.noise = channel.noise_left(fit, LEAST_NOISE_DEC, path_K)
+    facts.strays = strays(output, fit.shown, record.output_used, _least(facts.noise, output))
     return facts
 
 
@@ -134,7 +142,7 @@ def resistance_search(
 ) -> ResistanceSearch:
     """The last links on one path. relays: whether the film may be of another kind; assumed: effects known to be
     there."""
-    channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis, relays)
+    channel = ResistanceChannel(record, path, fitted, facts.noise, facts.basis, relays)
     mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
     if record.test_current_A is None:
         mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
@@ -174,12 +182,21 @@ class Chain:
             if self.first is not None:
                 path = path_of(self.first, self.first.fit(upstream))
             if self.facts is None:
-                self.facts = film_facts(self.record, path, self.fitted, self.curve)
+                self.facts = film_facts(self.record, path, self.fitted, self.curve, self.path_K)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
             self.searches[upstream] = resistance_search(
                 self.record, path, self.fitted, self.facts, self.effects, self.relays, self.assumed, self.budget
             )
         return self.searches[upstream]
+
+    @property
+    def path_K(self) -> float:
+        """How well the thermometer tells the path that drives the film: of the few numbers that a plate has, each is
+        known as well as independent readings tell it. 0 where the path is measured, and errs from row to row."""
+        if self.first is None:
+            return 0.0
+        noise = self.first.channel.noise
+        return noise.level * float(np.sqrt((1.0 + noise.correlation) / (1.0 - noise.correlation)))
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
         """Which effects are on the first links, and which on the last."""
@@ -310,17 +327,17 @@ class Chain:
         assert self.first is not None
         old, record = self.first, self.record
         fit = old.fit(upstream)
-        sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
+        noise = old.channel.noise_left(fit, LEAST_NOISE_K)
         left = record.temperature_degC - fit.shown_degC
         lone = strays(record.temperature_degC, fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
         changed = self._without(temperature=lone)
-        left = np.where(self.record.temperature_used, left / sigma, np.nan)
+        left = np.where(self.record.temperature_used, left / noise.level, np.nan)
         off = off_after_missing_rows(left, record.time_s, record.first_rows)
-        if not changed and not off.size and abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE:
+        if not changed and not off.size and noise.alike(old.channel.noise, record.temperature_degC[:1], SAME_NOISE):
             return False
         self.as_read, self.record = self.as_read.begun_also(off), self.record.begun_also(off)
         self.fitted = self.fitted | (record.held_out & ~self.record.held_out)
-        channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
+        channel = TemperatureChannel(self.record, self.fitted, noise, record.step_K)
         base = replace(old.base, parameters=channel.in_its_stretches(old.base))
         self.first = TemperatureSearch(channel, old.effects, base, old.assumed, old.budget)
         for key, known in old.fits.items():
@@ -335,16 +352,16 @@ class Chain:
         upstream, _ = self.split(names)
         if b is None or self.facts is None:
             return False
-        sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
+        noise = self.searches[upstream].channel.noise_left(b, LEAST_NOISE_DEC, self.path_K)
         assert self.record.output is not None
-        lone = strays(self.record.output, b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
+        lone = strays(self.record.output, b.shown, self.as_read.output_used, _least(noise, self.record.output))
         start = remembered(self.searches[upstream].channel, b.parameters)
         used = self.record.output_used
-        same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE and start == self.facts.start
+        same = noise.alike(self.facts.noise, self.record.output[used], SAME_NOISE) and start == self.facts.start
         same = same and not np.any(used[lone])
         if not self._without(output=lone) and same:
             return False
-        self.facts = replace(self.facts, sigma_dec=sigma, start=start)
+        self.facts = replace(self.facts, noise=noise, start=start)
         self.searches.clear()
         search = self.last(upstream)
         search.keep(search.whole(replace(b.plain or b.parameters, start=start)))

@@ -58,7 +58,7 @@ class KnownShape:
 
     def serves(self, nodes: FilmNodes, output: Array, channel: ResistanceChannel) -> bool:
         """Whether it would be found again: the same film, and an output that differs by less than the noise."""
-        apart = (output - self.output)[channel.rows] / channel.sigma_dec
+        apart = channel.over((output - self.output)[channel.rows])
         return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
 
 
