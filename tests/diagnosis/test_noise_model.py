@@ -70,5 +70,17 @@ def test_columns_are_weighed_as_readings_are() -> None:
     x, root = values / np.array([2.0, 2.0, 1.0, 1.0])[:, None], np.sqrt(0.75)
     assert columns[0] == pytest.approx(x[0])
     assert columns[1:3] == pytest.approx((x[1:3] - 0.5 * x[:2]) / root)
-    shared = 0.5**4  # four rows apart
-    assert columns[3] == pytest.approx((x[3] - shared * x[2]) / np.sqrt(1.0 - shared**2))
+    assert columns[3] == pytest.approx(x[3])  # rows are missing before it
+
+
+def test_a_last_digit_hangs_together_with_nothing() -> None:
+    rng = np.random.default_rng(5)
+    course = READINGS * 10.0
+    readings = 0.01 * np.round((course + 0.005 * hanging_together(rng, ROWS, 0.75)) / 0.01)
+    rows = np.flatnonzero(FITTED)
+    model = noise_of(readings - course, readings, EVERY, FITTED, 1e-4, stepped=False)
+    u = model.on(rows, readings[rows]).over((readings - course)[rows])
+    assert model.correlation == pytest.approx(0.75, abs=0.08)
+    assert float(np.mean(u * u)) == pytest.approx(1.0, abs=0.12)
+    around = [float(np.mean(u[lag:] * u[:-lag])) for lag in range(1, 6)]
+    assert abs(sum(around)) < 0.15

@@ -24,6 +24,9 @@ from sim.diagnosis.data.noise_steps import stairs
 SURE = 12.0  # log-likelihood: one record in some ten thousand by chance, with what was chosen (ranges, degrees)
 FEWEST = 100  # readings from which more than one number can be told
 LAGS = (1, 2, 3, 4, 6)
+PRODUCTS = np.arange(5)
+WHITE = (0.0, 1.0)
+RESOLVED = 0.2  # of the noise: a last digit that does not matter
 CORRELATIONS = np.arange(0.0, 0.97, 0.01)
 SLOW = np.concatenate(([0.0], np.geomspace(1e-5, 10.0, 25)))  # a misfit's second difference over the noise, squared
 SPREAD = 10.3  # of log s^2 of n second differences, s from their median, times n: normal ones, each row in three
@@ -55,12 +58,24 @@ def noise_of(
     if stepped:
         edges, deviations = stairs(readings, _second(residual, rows, 1), least, SURE)
     model = NoiseModel(white.level, edges, deviations) if edges.size else white
-    model = replace(model, correlation=_correlation(residual / model.at(readings), rows))
+    jitter = _jitter(readings, white.level)
+    correlation, shared = _correlation(residual / model.at(readings), jitter / model.at(readings), rows)
+    model = replace(model, correlation=correlation, shared=shared)
     whitening = model.on(rows, readings)
     if not model.plain:
-        model = _scaled(model, quick_noise(whitening.over(residual)), least)
-    model = _with_tails(model, model.on(rows, readings).over(residual), rows, least, record_rows)
+        model = _scaled(model, _deviation(whitening.over(residual), whitening.over(residual + jitter), rows), least)
+    whitening = model.on(rows, readings)
+    model = _with_tails(model, whitening.over(residual), whitening.over(residual + jitter), rows, least, record_rows)
     return replace(model, level=model.rms(readings))
+
+
+def _jitter(readings: Array, level: float) -> Array:
+    """What spreads readings on a lattice evenly over its steps: equal neighbours are no sign of little noise."""
+    values = np.unique(readings)
+    step = float(np.min(np.diff(values))) if values.size > 1 else 0.0
+    if step < RESOLVED * level:
+        return np.zeros(readings.size)
+    return step * (np.random.default_rng(0).random(readings.size) - 0.5)
 
 
 def _second(values: Array, rows: Rows, lag: int) -> Array:
@@ -73,14 +88,23 @@ def _second(values: Array, rows: Rows, lag: int) -> Array:
     return out
 
 
-def _correlation(x: Array, rows: Rows) -> float:
-    """Of neighbouring rows of a residual over its deviation; 0 where it may be white."""
-    found = [_second(x, rows, lag) for lag in LAGS]
-    found = [c[np.isfinite(c)] for c in found]
-    counts = np.array([c.size for c in found])
+def _deviation(u: Array, spread: Array, rows: Rows, lag: int = 1) -> float:
+    """Of independent noise, from the median of its second differences; where readings had to be spread over their
+    lattice's steps, of which a median knows nothing, from their mean square, those far out apart."""
+    median = MAD * float(np.nanmedian(np.abs(_second(spread, rows, lag))))
+    if np.array_equal(u, spread):
+        return median / math.sqrt(6.0)
+    second = _second(u, rows, lag)
+    return root_mean_square(np.clip(second[np.isfinite(second)], -WINSOR * median, WINSOR * median)) / math.sqrt(6.0)
+
+
+def _correlation(x: Array, jitter: Array, rows: Rows) -> tuple[float, float]:
+    """Of neighbouring rows of a residual over its deviation, and the share that hangs together; 0 and 1 where it may be
+    white."""
+    counts = np.array([np.sum(np.isfinite(_second(x, rows, lag))) for lag in LAGS])
     if counts[0] < FEWEST or np.min(counts) < FEWEST // 2:
-        return 0.0
-    log_s2 = np.array([2.0 * math.log(MAD * float(np.median(np.abs(c - np.median(c)))) + 1e-300) for c in found])
+        return WHITE
+    log_s2 = np.array([2.0 * math.log(_deviation(x, x + jitter, rows, lag) + 1e-300) for lag in LAGS])
     lags = np.array(LAGS, dtype=np.float64)
     shared = CORRELATIONS[:, None, None] ** lags
     log_g = np.log(6.0 - 8.0 * shared + 2.0 * shared**2 + SLOW[:, None] * lags**4)
@@ -89,39 +113,51 @@ def _correlation(x: Array, rows: Rows) -> float:
     away -= (away @ weight)[..., None] / np.sum(weight)
     chi2 = np.min(away**2 @ weight, axis=1)  # the slow misfit at its best
     if 0.5 * (chi2[0] - float(np.min(chi2))) < SURE:
-        return 0.0
+        return WHITE
     rough = float(CORRELATIONS[int(np.argmin(chi2))])
     return _refined(x, rows, rough)
 
 
-def _refined(x: Array, rows: Rows, rough: float) -> float:
-    """From neighbours' products of what is left off the mean of the rows around; `rough` where a record is too often
-    interrupted for that."""
+def _refined(x: Array, rows: Rows, rough: float) -> tuple[float, float]:
+    """From products of rows up to four apart, of what is left off the mean of the rows around; `rough` where a record
+    is too often interrupted for that."""
     width = 2 * WINDOW + 1
-    if x.size <= width + 1:
-        return rough
+    if x.size <= width + PRODUCTS.size:
+        return rough, 1.0
     clipped = np.clip(x, *(np.median(x) + np.array([-1.0, 1.0]) * WINSOR * MAD * np.median(np.abs(x - np.median(x)))))
     total = np.concatenate(([0.0], np.cumsum(clipped)))
     off = clipped[WINDOW:-WINDOW] - (total[width:] - total[:-width]) / width
     whole = rows[2 * WINDOW :] - rows[: -2 * WINDOW] == 2 * WINDOW
-    both = whole[1:] & whole[:-1]
-    if np.sum(both) < FEWEST:
-        return rough
-    ratio = float(np.sum(off[1:][both] * off[:-1][both]) / np.sum(off[whole] ** 2) * np.sum(whole) / np.sum(both))
+    found = []
+    for lag in PRODUCTS:
+        first, second = slice(None, off.size - lag), slice(lag, None)
+        both = whole[first] & whole[second]
+        if np.sum(both) < FEWEST:
+            return rough, 1.0
+        found.append(float(np.mean((off[first] * off[second])[both])))
     kernel = np.full(width, -1.0 / width)
     kernel[WINDOW] += 1.0
-    product = np.correlate(kernel, kernel, "full")
-    lag = np.arange(-width + 1, width)
-    of = [
-        float(product @ c ** np.abs(lag + 1.0)) / float(product @ c ** np.abs(lag.astype(np.float64)))
-        for c in np.maximum(CORRELATIONS, 1e-9)
-    ]
-    return float(np.interp(ratio, of, CORRELATIONS))
+    product, apart = np.correlate(kernel, kernel, "full"), np.arange(-width + 1, width)
+    white = np.array([float(np.sum(product[apart == -lag])) for lag in PRODUCTS])
+    best, least = (rough, 1.0), math.inf
+    for c in CORRELATIONS[1:]:
+        together = np.array([float(product @ c ** np.abs(apart + lag)) for lag in PRODUCTS])
+        two = np.stack((together, white), axis=1)
+        sizes = np.maximum(np.linalg.lstsq(two, np.array(found))[0], 0.0)
+        if sizes[0] == 0.0 or np.any(np.linalg.lstsq(two, np.array(found))[0] < 0.0):
+            sizes = np.array([float(together @ found) / float(together @ together), 0.0])
+        left = float(np.sum((two @ sizes - found) ** 2))
+        if left < least:
+            best, least = (float(c), float(sizes[0] / np.sum(sizes))), left
+    return best
 
 
-def _with_tails(model: NoiseModel, u: Array, rows: Rows, least: float, record_rows: int) -> NoiseModel:
-    """With weights of Student's t, where the record shows its tails. u: the residual over the noise."""
-    stands_out = u - _around(u)
+def _with_tails(
+    model: NoiseModel, u: Array, spread: Array, rows: Rows, least: float, record_rows: int
+) -> NoiseModel:
+    """With weights of Student's t, where the record shows its tails. u: the residual over the noise; spread: the same
+    of readings spread over their lattice's steps."""
+    stands_out = spread - _around(spread)
     size = MAD * float(np.median(np.abs(stands_out))) + 1e-300
     bulk = stands_out[np.abs(stands_out) < BULK * size]
     normal = _log_likelihood(bulk, math.inf, root_mean_square(bulk))
@@ -136,7 +172,7 @@ def _with_tails(model: NoiseModel, u: Array, rows: Rows, least: float, record_ro
     of_rows = (degrees + 1.0) / (degrees + (stands_out / scale) ** 2)
     weights = np.ones(record_rows)
     weights[rows] = of_rows
-    times = root_mean_square(np.sqrt(of_rows) * stands_out) / math.sqrt(OF_MEDIAN)
+    times = root_mean_square(np.sqrt(of_rows) * (u - _around(u))) / math.sqrt(OF_MEDIAN)
     return _scaled(replace(model, weights=weights, degrees=degrees), times, least)
 
 

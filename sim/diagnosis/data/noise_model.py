@@ -1,6 +1,6 @@
 """The noise of an instrument: how large at which reading, how it hangs together from row to row, how heavy its tails.
 
-    x_k = (reading - shown)_k / deviation(reading_k),     u_k = (x_k - c x_{k-1}) / sqrt(1 - c^2)
+    x_k = (reading - shown)_k / deviation(reading_k),     u_k = x_k - c x_{k-1} + theta u_{k-1}
 
 A real meter's noise goes with its range and its resistance, neighbouring readings share some of it, and some readings
 are further off than a normal distribution has them. Everything that a likelihood needs of this is `Whitening.over`: it
@@ -12,22 +12,24 @@ the likelihood.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from compensator.hysteresis.functions import Array
 
 Rows = NDArray[np.int64]
-FORGOTTEN = 1e-3  # correlation over a gap, below which the rows after it know nothing of those before
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
     """deviations: in the reading's unit, (steps,), each from its edge on (steps - 1,) of the readings; correlation: of
-    neighbouring rows; weights: of each row of the record in the likelihood, (rows,), None: 1, and the degrees of the
+    neighbouring rows, in the share of the variance that hangs together (rounding does not); weights: of each row of the
+    record in the likelihood, (rows,), None: 1, and the degrees of the
     Student's t that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root
     mean square of the noise over the record's readings."""
 
@@ -35,6 +37,7 @@ class NoiseModel:
     edges: Array
     deviations: Array
     correlation: float = 0.0
+    shared: float = 1.0
     weights: Array | None = None
     degrees: float = math.inf
     floor: Array | None = None
@@ -85,15 +88,24 @@ class NoiseModel:
         root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
         if self.correlation == 0.0:
             return Whitening(root * scale)
-        apart = np.diff(rows, prepend=rows[:1] - 1_000_000)
-        shared = self.correlation ** np.minimum(apart, 10_000).astype(np.float64)
-        shared[shared < FORGOTTEN] = 0.0
+        theta, size = self._innovations()
+        follows = np.diff(rows, prepend=rows[:1] - 2) == 1
         if begins is not None:
-            shared[begins] = 0.0
-        root = root / np.sqrt(1.0 - shared**2)
+            follows &= ~begins
         before = np.zeros(rows.size)
-        before[1:] = shared[1:] * root[1:] * scale[:-1]
-        return Whitening(root * scale, before)
+        before[1:] = np.where(follows[1:], self.correlation * scale[:-1], 0.0)
+        return Whitening(scale, before, theta, np.flatnonzero(~follows), root / np.where(follows, size, 1.0))
+
+    def _innovations(self) -> tuple[float, float]:
+        """theta and the deviation of u in u_k = x_k - c x_{k-1} + theta u_{k-1}: an autoregression and a white part are
+        one with a moving average (C. Granger, M. Morris, J. R. Statist. Soc. A 139 (1976) 246)."""
+        c, white = self.correlation, 1.0 - self.shared
+        gamma_0, gamma_1 = self.shared * (1.0 - c * c) + white * (1.0 + c * c), c * white
+        if white == 0.0:
+            return 0.0, math.sqrt(gamma_0)
+        half = 0.5 * gamma_0 / gamma_1
+        theta = half - math.sqrt(half * half - 1.0)
+        return theta, math.sqrt(gamma_1 / theta)
 
     def elsewhere(self) -> NoiseModel:
         """For another record, no row of which has a weight."""
@@ -102,18 +114,28 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """u_k = own_k v_k - before_k v_{k-1}, over some rows; before: None where rows are independent."""
+    """weight_k u_k over some rows, u_k = own_k v_k - before_k v_{k-1} + theta u_{k-1}; before: None where rows are
+    independent, and then there are no weights; begins: rows that hang together with none before."""
 
     own: Array
     before: Array | None = None
+    theta: float = 0.0
+    begins: Rows | None = None
+    weight: Array | None = None
 
     def over(self, values: Array) -> Array:
         """Values of the rows, (rows,) or (rows, columns), over the noise."""
-        own = self.own if values.ndim == 1 else self.own[:, None]
-        out = values * own
-        if self.before is not None:
-            before = self.before[1:] if values.ndim == 1 else self.before[1:, None]
-            out[1:] -= before * values[:-1]
+
+        def each(of_rows: Array) -> Array:
+            return of_rows if values.ndim == 1 else of_rows[:, None]
+
+        out = values * each(self.own)
+        if self.before is not None and self.weight is not None and self.begins is not None:
+            out[1:] -= each(self.before[1:]) * values[:-1]
+            if self.theta:
+                for first, last in itertools.pairwise([*self.begins.tolist(), values.shape[0]]):
+                    out[first:last] = lfilter([1.0], [1.0, -self.theta], out[first:last], axis=0)
+            out *= each(self.weight)
         return np.asarray(out, dtype=np.float64)
 
 
