@@ -35,7 +35,6 @@ from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.sparse_loop import sparse_loop
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -231,7 +230,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
     unexplained = _unexplained(chain, judged, unseen, channels)
     film, sparse = None, None
     if chain.facts is not None:
-        sparse = sparse_loop(record, chain.facts.noise.level)
+        sparse = chain.facts.sparse
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),

@@ -76,6 +76,12 @@ class ResistanceChannel:
         other.path = path
         return other
 
+    def with_noise(self, noise: NoiseModel) -> ResistanceChannel:
+        """The same rows, weighed by another noise."""
+        return ResistanceChannel(
+            self.record, self.path, self.fitted, noise, self.basis, self.relays, spacing=self.spacing
+        )
+
     # -- the model at one x
 
     @staticmethod

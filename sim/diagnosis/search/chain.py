@@ -13,9 +13,12 @@ from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.segments import off_after_missing_rows
+from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_memory import remembered
+from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
+from sim.diagnosis.fit.one_loop import shifted_branches
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
@@ -34,6 +37,7 @@ LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
 MEMORY_ROUNDS = 3
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
+QUIET = 0.25  # of the readings, whose noise is the instrument's own
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -88,13 +92,16 @@ def _least(noise: NoiseModel, output: Array) -> Array | float:
 
 @dataclass
 class FilmFacts:
-    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, and
-    rows whose readings are lone."""
+    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, how
+    large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, and rows
+    whose readings are lone."""
 
     basis: FilmBasis
     shape: Array
     start: FilmStart
     noise: NoiseModel
+    prior: PriorWidths = field(default_factory=PriorWidths)
+    sparse: SparseLoop | None = None
     strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
@@ -126,6 +133,12 @@ def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool, path_
         fit = channel.descend(replace(fit.parameters, start=start))
     facts.shape = fit.parameters.x[:4]
     facts.noise = channel.noise_left(fit, LEAST_NOISE_DEC, path_K)
+    other = shifted_branches(channel, fit.parameters, LEAST_NOISE_DEC) if one_loop(record) else None
+    if other is not None:
+        fit = other
+        facts.prior, facts.noise = fit.parameters.prior, channel.noise_left(fit, LEAST_NOISE_DEC, path_K)
+    quiet = float(np.quantile(facts.noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
+    facts.sparse = sparse_loop(record, quiet)
     facts.strays = strays(output, fit.shown, record.output_used, _least(facts.noise, output))
     return facts
 
@@ -146,7 +159,7 @@ def resistance_search(
     mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
     if record.test_current_A is None:
         mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
-    base = FilmParameters((), facts.shape, facts.start)
+    base = FilmParameters((), facts.shape, facts.start, facts.prior)
     return ResistanceSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
 
