@@ -27,6 +27,7 @@ LAGS = (1, 2, 3, 4, 6)
 PRODUCTS = np.arange(5)
 WHITE = (0.0, 1.0)
 RESOLVED = 0.2  # of the noise: a last digit that does not matter
+MOST_CORRELATED = 0.92  # from which rows hang together over more than ten: what a fit is off by does
 CORRELATIONS = np.arange(0.0, 0.97, 0.01)
 SLOW = np.concatenate(([0.0], np.geomspace(1e-5, 10.0, 25)))  # a misfit's second difference over the noise, squared
 SPREAD = 10.3  # of log s^2 of n second differences, s from their median, times n: normal ones, each row in three
@@ -115,7 +116,8 @@ def _correlation(x: Array, jitter: Array, rows: Rows) -> tuple[float, float]:
     if 0.5 * (chi2[0] - float(np.min(chi2))) < SURE:
         return WHITE
     rough = float(CORRELATIONS[int(np.argmin(chi2))])
-    return _refined(x, rows, rough)
+    found = _refined(x, rows, rough)
+    return found if found[0] < MOST_CORRELATED else WHITE
 
 
 def _refined(x: Array, rows: Rows, rough: float) -> tuple[float, float]:

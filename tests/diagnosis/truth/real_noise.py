@@ -65,7 +65,7 @@ def hanging_together(rng: np.random.Generator, rows: int, correlation: float) ->
 def record_of(
     rig: Rig, schedule: Schedule, rng: np.random.Generator, thermometer: Thermometer, meter: Meter
 ) -> dict[str, Array]:
-    """The columns of a record with these instruments."""
+    """The columns of a record with these instruments; a rounding that is hidden in the rig is the thermometer's."""
     rows = schedule.time.size
     noise_K = thermometer.deviation_K * hanging_together(rng, rows, thermometer.correlation)
     clean = simulate(rig, schedule, noise_K)
@@ -75,9 +75,10 @@ def record_of(
     deviation_ohm = share * np.hypot(ohm, OF_FULL_SCALE * full)
     ohm = ohm + deviation_ohm * hanging_together(rng, rows, meter.correlation)
     step = full / DIGITS
+    step_K = rig.get("thermometer_quantization", "step_K", thermometer.step_K)
     return {
         "time_s": schedule.time.copy(),
-        "temperature_degC": rounded(clean.temperature + noise_K, thermometer.step_K),
+        "temperature_degC": rounded(clean.temperature + noise_K, step_K),
         "resistance_ohm": step * np.maximum(np.round(ohm / step), 1.0),
         "current_A": clean.current.copy(),
         "meter_current_A": schedule.meter_A.copy(),
