@@ -84,3 +84,9 @@ def test_a_last_digit_hangs_together_with_nothing() -> None:
     assert float(np.mean(u * u)) == pytest.approx(1.0, abs=0.12)
     around = [float(np.mean(u[lag:] * u[:-lag])) for lag in range(1, 6)]
     assert abs(sum(around)) < 0.15
+
+
+def test_nothing_but_a_size_is_told_beneath_a_misfit_many_times_the_noise() -> None:
+    rng = np.random.default_rng(6)
+    course = np.convolve(rng.standard_normal(ROWS), np.exp(-0.5 * (np.arange(-30, 31) / 8.0) ** 2), "same")
+    assert estimated(1e-3 * rng.standard_normal(ROWS) + 5e-3 * course).plain

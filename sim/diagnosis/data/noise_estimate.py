@@ -32,6 +32,7 @@ CORRELATIONS = np.arange(0.0, 0.97, 0.01)
 SLOW = np.concatenate(([0.0], np.geomspace(1e-5, 10.0, 25)))  # a misfit's second difference over the noise, squared
 SPREAD = 10.3  # of log s^2 of n second differences, s from their median, times n: normal ones, each row in three
 WINDOW = 20  # rows on either side whose mean is taken off: a misfit slower than some eighty rows is no correlation
+UNDERSTOOD = 2.5  # noises that a fit is off by, beyond which all but the noise's size would be told by its misfit
 WINSOR = 5.0  # robust deviations beyond which a reading counts as one just there
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0)
 BULK = 6.0  # robust deviations: that tails are heavy has to show in what is no outlier, too
@@ -67,6 +68,9 @@ def noise_of(
         model = _scaled(model, _deviation(whitening.over(residual), whitening.over(residual + jitter), rows), least)
     whitening = model.on(rows, readings)
     model = _with_tails(model, whitening.over(residual), whitening.over(residual + jitter), rows, least, record_rows)
+    away = np.clip(residual / model.marginal(readings), -WINSOR, WINSOR)
+    if root_mean_square(away) > UNDERSTOOD:
+        return white
     return replace(model, level=model.rms(readings))
 
 
