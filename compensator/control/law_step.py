@@ -33,7 +33,7 @@ from compensator.thermal.plate import step as plate_step
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
-FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
+FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 

@@ -10,7 +10,8 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
+from rig.control.loop import Loop
 from rig.control.resistance import ohm
 from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target

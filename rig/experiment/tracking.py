@@ -31,7 +31,7 @@ from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
 
-HOT_DWELL_S = 3.0
+HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 
 
 def law_and_design(
