@@ -24,8 +24,8 @@ from sim.diagnosis.data.noise_steps import stairs
 SURE = 12.0  # log-likelihood: one record in some ten thousand by chance, with what was chosen (ranges, degrees)
 FEWEST = 100  # readings from which more than one number can be told
 LAGS = (1, 2, 3, 4, 6)
-PRODUCTS = np.arange(5)
-WHITE = (0.0, 1.0)
+PRODUCTS = np.arange(5)  # rows apart
+WHITE = (0.0, 1.0)  # no correlation, in all of the variance
 RESOLVED = 0.2  # of the noise: a last digit that does not matter
 MOST_CORRELATED = 0.92  # from which rows hang together over more than ten: what a fit is off by does
 CORRELATIONS = np.arange(0.0, 0.97, 0.01)
@@ -158,9 +158,7 @@ def _refined(x: Array, rows: Rows, rough: float) -> tuple[float, float]:
     return best
 
 
-def _with_tails(
-    model: NoiseModel, u: Array, spread: Array, rows: Rows, least: float, record_rows: int
-) -> NoiseModel:
+def _with_tails(model: NoiseModel, u: Array, spread: Array, rows: Rows, least: float, record_rows: int) -> NoiseModel:
     """With weights of Student's t, where the record shows its tails. u: the residual over the noise; spread: the same
     of readings spread over their lattice's steps."""
     stands_out = spread - _around(spread)

@@ -10,7 +10,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 
-CELLS = 48
+CELLS = 48  # between which a step may lie: a tenth of a decade of four or five
 FEWEST_IN_CELL = 8  # readings
 MOST_STEPS = 12
 OF_ABSOLUTE = 0.7979  # mean absolute value of a normal variable over its deviation

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim.diagnosis.fit.channel_noise import ohmmeter_noise
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
@@ -36,7 +37,8 @@ def shifted_branches(channel: ResistanceChannel, p: FilmParameters, least_dec: f
     prior = PriorWidths.of_relays(PLAYS_SHARE * float(np.ptp(channel.output[channel.rows])), channel.basis)
     other = channel.descend(replace(p, prior=prior), STEPS)
     for _ in range(ROUNDS):
-        channel = channel.with_noise(channel.noise_left(other, least_dec, 0.0))
+        noise = ohmmeter_noise(channel, other, least_dec, 0.0)
+        channel = ResistanceChannel(record, channel.path, channel.fitted, noise, channel.basis)
         other = channel.descend(replace(p, prior=prior), STEPS)
     sigma = channel.noise.marginal(channel.output[rows], rows)
     worse, better = (float(np.sum(((channel.output - f.shown)[rows] / sigma) ** 2)) for f in (own, other))

@@ -23,7 +23,6 @@ from scipy.linalg import cho_solve
 from compensator.hysteresis.functions import Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
 from compensator.identification.operator_outputs import radius_floor
-from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.fit.film_basis import FilmBasis
@@ -31,7 +30,7 @@ from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.diagnosis.fit.preisach_density import RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Reading, Switched, at_the_terminals
+from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of, shown_output
@@ -44,7 +43,6 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
-STEEPNESS_ROWS, LEAST_MOVED_K = 15, 0.01  # about a row; a plate that stands tells no slope
 DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
@@ -78,12 +76,6 @@ class ResistanceChannel:
         other = copy(self)
         other.path = path
         return other
-
-    def with_noise(self, noise: NoiseModel) -> ResistanceChannel:
-        """The same rows, weighed by another noise."""
-        return ResistanceChannel(
-            self.record, self.path, self.fitted, noise, self.basis, self.relays, spacing=self.spacing
-        )
 
     # -- the model at one x
 
@@ -198,13 +190,8 @@ class ResistanceChannel:
         if not ranged:
             return [None]
         by_model = before_ranges(links, nodes, signal)
-        apart = sum(self._largest_step_dec(e) for e in ranged)
+        apart = sum(float(np.ptp(shown_output(e, self.readings) - self.readings)) for e in ranged)  # largest steps
         return [by_model, self.readings] if apart > GAP * self.noise.level else [by_model]
-
-    def _largest_step_dec(self, effect: Switched) -> float:
-        """Between the errors of two ranges, among the readings."""
-        assert isinstance(effect.effect.form, Reading)
-        return float(np.ptp(shown_output(effect, self.readings) - self.readings))
 
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
@@ -275,7 +262,7 @@ class ResistanceChannel:
         p, point = self._settled(p, point, 3 if settle else 0)
         damping = DAMPING.first
         jacobian = np.zeros((self.record.rows, x.size))
-        bending = self._bending(p) if p.has_relays else []
+        bending = p.bending if p.has_relays else []
 
         def loss(at: Point) -> float:
             return -at.evidence if bending else at.cost
@@ -350,27 +337,6 @@ class ResistanceChannel:
                 break
             p, point = replace(p, prior=wider), other
         return p, point
-
-    @staticmethod
-    def _bending(p: FilmParameters) -> list[int]:
-        """Which of x bend the reading as a function of the resistance."""
-        bends = [at_the_terminals(e.effect) for e in p.effects for q in e.effect.parameters if not q.choices]
-        return [4 + k for k, bent in enumerate(bends) if bent]
-
-    def noise_left(self, fit: ResistanceFit, least: float, path_K: float) -> NoiseModel:
-        """The ohmmeter's noise, as what a fit leaves shows it. Where it is not the same everywhere it may be far below
-        what the path is uncertain by (path_K) on a flank: a film is no better a thermometer than the plate's own, as
-        long as both channels are not fitted as one."""
-        noise = noise_of(self.output - fit.shown, self.output, self.record.output_used, self.fitted, least)
-        return noise.with_floor(path_K * self._steepness(fit))
-
-    def _steepness(self, fit: ResistanceFit) -> Array:
-        """By how much what is shown changes with the plate's temperature about each row, decades / K, (rows,)."""
-        around = np.ones(STEEPNESS_ROWS)
-        moved = np.abs(np.gradient(self.path.at(self.record.time_s)))
-        shown = np.abs(np.gradient(fit.shown))
-        per = np.convolve(shown, around, "same") / np.maximum(np.convolve(moved, around, "same"), LEAST_MOVED_K)
-        return np.asarray(per, dtype=np.float64)
 
     def mean_square(self, fit: ResistanceFit) -> float:
         """Of the residual over the noise, in the fitted rows."""

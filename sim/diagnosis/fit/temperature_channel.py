@@ -15,10 +15,10 @@ import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
-from sim.diagnosis.data.likelihood import Likelihood, lattice_noise, likelihood, normal_residual, quick_noise
-from sim.diagnosis.data.noise_estimate import noise_of
+from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
+from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
 from sim.diagnosis.fit.unknowns import (
     Unknown,
     along_values,
@@ -29,7 +29,7 @@ from sim.diagnosis.fit.unknowns import (
     values_inside,
     with_values,
 )
-from sim.effects.effect import HeatFlow, Switched
+from sim.effects.effect import Switched
 from sim.model.links import Links, links_of
 from sim.model.own_fit import APART_K, first_readings
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
@@ -40,7 +40,6 @@ PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
-DITHERED = 2.0  # steps of a lattice over the noise, below which the noise spreads rounding evenly over the rows
 DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
@@ -73,17 +72,6 @@ class PlateParameters:
         if self.kind == "peltier":
             return np.array([v[0], v[1], v[2], 0.0, v[3]])
         return np.array([0.0, 0.0, v[1], v[0], v[2]])
-
-
-def has_own(effect: Switched) -> bool:
-    """Whether it is a body on the plate's balance with a temperature of its own."""
-    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
-
-
-def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
-    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
-    links = links_of(effects)
-    return [*(e for e in links.plate if has_own(e)), *links.thermometer]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,17 +123,6 @@ class TemperatureChannel:
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
-
-    def with_noise(self, noise: NoiseModel) -> TemperatureChannel:
-        """The same rows, weighed by another noise."""
-        return TemperatureChannel(self.record, self.fitted, noise, self.record.step_K, self.spacing)
-
-    @property
-    def fitted(self) -> Mask:
-        """The readings that count."""
-        fitted = np.zeros(self.record.rows, dtype=np.bool_)
-        fitted[self.rows] = True
-        return fitted
 
     def over(self, values: Array) -> Array:
         """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
@@ -365,16 +342,3 @@ class TemperatureChannel:
         return normal_residual(
             self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
         )
-
-    def noise_left(self, fit: TemperatureFit, least_K: float) -> NoiseModel:
-        """The thermometer's noise, as what a fit leaves from row to row shows it. One beneath the lattice is white, as
-        far as anybody can tell."""
-        record, step = self.record, self.record.step_K
-        residual, rows = record.temperature_degC - fit.shown_degC, self.rows
-        if step <= DITHERED * quick_noise(residual[rows]):
-            used = record.temperature_used
-            model = noise_of(residual, record.temperature_degC, used, self.fitted, least_K, stepped=False)
-            if not model.plain or step == 0.0:
-                return model
-        sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)
-        return NoiseModel.white(max(sigma_K, least_K))

@@ -22,6 +22,7 @@ from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
+from sim.diagnosis.validate.deciding_rows import over_noise, unseen_rows
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.effect import Switched
@@ -274,7 +275,7 @@ def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) ->
             continue
         b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
         if b is not None:
-            a, b = _over_noise(chain, a, last), _over_noise(chain, b, last)
+            a, b = over_noise(chain, a, last), over_noise(chain, b, last)
             changed = a - b
             found.append((float(a @ a - b @ b), float(changed @ changed)))
     return Unseen(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
@@ -289,26 +290,6 @@ def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -
     return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
 
 
-def _over_noise(chain: Chain, residual: Array, last: bool) -> Array:
-    """One channel's residual in the rows that no fit has seen, over the noise."""
-    record, rows = chain.record, _unseen_rows(chain, last)
-    if last:
-        assert chain.facts is not None
-        assert record.output is not None
-        return chain.facts.noise.on(rows, record.output[rows]).over(residual)
-    assert chain.first is not None
-    channel = chain.first.channel
-    if channel.noise.plain:
-        return residual / max(channel.sigma_K, 0.3 * record.step_K)
-    return channel.noise.on(rows, record.temperature_degC[rows]).over(residual)
-
-
-def _unseen_rows(chain: Chain, last: bool) -> Rows:
-    """The readings of one channel that no fit has seen and that decide."""
-    record = chain.record
-    return np.flatnonzero(record.deciding & (record.output_used if last else record.temperature_used))
-
-
 def _unseen_residual(
     chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
 ) -> Array | None:
@@ -316,7 +297,7 @@ def _unseen_residual(
     last channel than the one with these effects."""
     record, (a, b) = chain.record, chain.fits(names)
     b = other if other is not None else b
-    residual, rows = np.empty(0), _unseen_rows(chain, last)
+    residual, rows = np.empty(0), unseen_rows(chain, last)
     if last and b is not None and record.output is not None:
         residual = record.output[rows] - b.shown[rows]
     elif not last and a is not None:
@@ -337,7 +318,7 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
     residual = _unseen_residual(chain, names, last)
     if residual is None:
         return None
-    rows = _unseen_rows(chain, last)
+    rows = unseen_rows(chain, last)
     if last:
         assert chain.facts is not None
         assert chain.record.output is not None

@@ -6,38 +6,28 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compensator.hysteresis.functions import Array
-from compensator.identification.multistart import transition
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.segments import off_after_missing_rows
-from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
-from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.fit.film_memory import remembered
-from sim.diagnosis.fit.film_prior import PriorWidths
-from sim.diagnosis.fit.film_start import starting_shape, thinned_path
-from sim.diagnosis.fit.one_loop import shifted_branches
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, FilmFacts, film_facts, least_noise
 from sim.diagnosis.search.joint_fit import Tied, settled, tied
 from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, base_fit
 from sim.effects.effect import Effect
-from sim.model.film_nodes import film_nodes
-from sim.model.links import Links
 from sim.model.plate_path import PlatePath
-from sim.model.record_own import FilmStart
 
-LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5  # less than any instrument's: of records without noise, rounding
-MEMORY_ROUNDS = 3  # of memory and envelopes in turn: each moves the other less than before
+LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
-QUIET = 0.25  # of the readings, whose noise is the instrument's own
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -63,7 +53,7 @@ def temperature_search(
         record = record.without(lone, lone[:0])
         channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
-    channel = channel.with_noise(channel.noise_left(base, LEAST_NOISE_K))
+    channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
@@ -83,64 +73,6 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
     else:
         residual = record.temperature_degC[rows] - fit.shown_degC[rows]
     return corrected_path(record, fit, residual, rows, channel.noise.correlation)
-
-
-def _least(noise: NoiseModel, output: Array) -> Array | float:
-    """The noise at least among which a reading is lone: as it is at such readings, where it is not the same at all."""
-    return LEAST_NOISE_DEC if noise.plain else noise.marginal(np.nan_to_num(output))
-
-
-@dataclass
-class FilmFacts:
-    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, how
-    large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, and rows
-    whose readings are lone."""
-
-    basis: FilmBasis
-    shape: Array
-    start: FilmStart
-    noise: NoiseModel
-    prior: PriorWidths = field(default_factory=PriorWidths)
-    sparse: SparseLoop | None = None
-    strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool, path_K: float = 0.0) -> FilmFacts:
-    """A global search for the film's envelopes on thinned rows, for each memory it may have begun with. path_K: as
-    `Chain.path_K`."""
-    assert record.output is not None
-    used = record.output_used & fitted
-    output = np.nan_to_num(record.output)
-    starts = [FilmStart("heated"), FilmStart("cooled")]
-    best, shape = FilmStart("heated"), np.zeros(4)
-    least = np.inf
-    for start in starts:
-        thin = thinned_path(film_nodes(record, path, Links(), [], None, start), output, used, start)
-        found, square = starting_shape(thin, curve)
-        if square < 0.97 * least:
-            best, shape, least = start, found, square
-    thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
-    middle, half = transition(thin)
-    noise = NoiseModel.white(max(quick_noise(output[used]), LEAST_NOISE_DEC))
-    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, noise)
-    channel = ResistanceChannel(record, path, fitted, noise, facts.basis)
-    fit = channel.descend(FilmParameters((), shape, facts.start))
-    for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
-        start = remembered(channel, fit.parameters)
-        if start == facts.start:
-            break
-        facts.start = start
-        fit = channel.descend(replace(fit.parameters, start=start))
-    facts.shape = fit.parameters.x[:4]
-    facts.noise = channel.noise_left(fit, LEAST_NOISE_DEC, path_K)
-    other = shifted_branches(channel, fit.parameters, LEAST_NOISE_DEC) if one_loop(record) else None
-    if other is not None:
-        fit = other
-        facts.prior, facts.noise = fit.parameters.prior, channel.noise_left(fit, LEAST_NOISE_DEC, path_K)
-    quiet = float(np.quantile(facts.noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
-    facts.sparse = sparse_loop(record, quiet)
-    facts.strays = strays(output, fit.shown, record.output_used, _least(facts.noise, output))
-    return facts
 
 
 def resistance_search(
@@ -195,7 +127,7 @@ class Chain:
             if self.first is not None:
                 path = path_of(self.first, self.first.fit(upstream))
             if self.facts is None:
-                self.facts = film_facts(self.record, path, self.fitted, self.curve, self.path_K)
+                self.facts = film_facts(self.record, path, self.fitted, self.curve, self.relays, self.path_K)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
             self.searches[upstream] = resistance_search(
                 self.record, path, self.fitted, self.facts, self.effects, self.relays, self.assumed, self.budget
@@ -340,7 +272,7 @@ class Chain:
         assert self.first is not None
         old, record = self.first, self.record
         fit = old.fit(upstream)
-        noise = old.channel.noise_left(fit, LEAST_NOISE_K)
+        noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K)
         left = record.temperature_degC - fit.shown_degC
         lone = strays(record.temperature_degC, fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
         changed = self._without(temperature=lone)
@@ -365,9 +297,9 @@ class Chain:
         upstream, _ = self.split(names)
         if b is None or self.facts is None:
             return False
-        noise = self.searches[upstream].channel.noise_left(b, LEAST_NOISE_DEC, self.path_K)
+        noise = ohmmeter_noise(self.searches[upstream].channel, b, LEAST_NOISE_DEC, self.path_K)
         assert self.record.output is not None
-        lone = strays(self.record.output, b.shown, self.as_read.output_used, _least(noise, self.record.output))
+        lone = strays(self.record.output, b.shown, self.as_read.output_used, least_noise(noise, self.record.output))
         start = remembered(self.searches[upstream].channel, b.parameters)
         used = self.record.output_used
         same = noise.alike(self.facts.noise, self.record.output[used], SAME_NOISE) and start == self.facts.start
