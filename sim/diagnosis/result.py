@@ -20,7 +20,7 @@ from sim.diagnosis.validate.gain import Gain
 
 @dataclass(frozen=True)
 class Finding:
-    """One named effect: parameters by name with their 95 % intervals, evidence, what it cannot be told from, gain by
+    """One named effect: parameters by name with their 95 % intervals, evidence, its confounders, gain by
     channel."""
 
     name: str
