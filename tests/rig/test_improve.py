@@ -21,11 +21,21 @@ from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
 
-TARGET = (
-    '["start 20 kohm", "hold 4 s", "ramp to 5 kohm at 0.1 dec/s", "hold 4 s", "ramp to 12 kohm at 0.1 dec/s", '
-    '"hold 2 s", "sine 0.2 dec period 16 s for 48 s"]'
+PROFILE = (
+    '["start 40 degC", "hold 3 s", "ramp to 55 degC at 1 K/s", "hold 3 s", "ramp to 45 degC at 0.7 K/s", "hold 5 s"]'
 )
-LAG = '\n[[simulation.effects]]\nname = "film_lag"\ntau_s = 2.0\n'
+TARGET = '["start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.02 dec/s", "hold 10 s", "ramp to 12 kohm at 0.02 dec/s"]'
+METER = '[bench.meter]\ndriver = "keithley2000"\nport = "sim://"\n'
+DELAY = '\n[[simulation.effects]]\nname = "actuator_delay"\ndelay_s = 0.8\n'
+LAG = '\n[[simulation.effects]]\nname = "film_lag"\ntau_s = 1.0\n'
+
+
+def write_profile(folder: Path, effects: str = "") -> Path:
+    """A rig without an ohmmeter that follows a temperature: its record is diagnosed in seconds."""
+    config = write_bench(folder, target=PROFILE, more=effects)
+    text = config.read_text().replace(METER, "").replace("track_resistance", "temperature_profile")
+    config.write_text(text)
+    return config
 
 
 class Terminal(io.StringIO):
@@ -35,42 +45,54 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """config.toml of a rig whose film lags, first/ its run with a model that knows of none, better/ the improvement."""
-    folder = tmp_path_factory.mktemp("improve")
-    config = write_bench(folder, target=TARGET, more=LAG)
+def circle(config: Path, folder: Path) -> dict[str, Any]:
+    """A run into first/, its improvement into better/, and what was said."""
     assert main(["run", str(config), "--out", str(folder / "first")]) == 0
     words = ["--config", str(config), "--out", str(folder / "better"), "--yes", "--json", str(folder / "said.json")]
     assert main(["improve", str(folder / "first"), *words]) == 0
+    said: dict[str, Any] = json.loads((folder / "said.json").read_text())
+    return said
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """config.toml of a rig whose current acts late, and the circle with a model that knows of nothing."""
+    folder = tmp_path_factory.mktemp("improve")
+    circle(write_profile(folder, DELAY), folder)
     return folder
 
 
 def test_the_circle_gains(folder: Path) -> None:
-    said: dict[str, Any] = json.loads((folder / "said.json").read_text())
+    said = json.loads((folder / "said.json").read_text())
     assert said["format"] == "peltier-improvement/1"
-    assert [e["name"] for e in said["effects"]] == said["new"] == ["film_lag"]
-    tau = said["effects"][0]["parameters"]["tau_s"]
-    assert tau["value"] == pytest.approx(2.0, rel=0.05)
+    assert [e["name"] for e in said["effects"]] == said["new"] == ["actuator_delay"]
+    assert said["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.8, abs=0.05)
     first, second = (
         json.loads((run / "run.json").read_text()) for run in (folder / "first", folder / "better" / "run")
     )
     for key, run in (("first", first), ("second", second)):
-        assert said[key]["rms_dec"] == pytest.approx(run["result"]["score"]["rms_dec"])
-        assert said[key]["max_dec"] == pytest.approx(run["result"]["score"]["max_dec"])
-    assert said["second"]["rms_dec"] < 0.6 * said["first"]["rms_dec"]
-    assert said["reduction"] == pytest.approx(1.0 - said["second"]["rms_dec"] / said["first"]["rms_dec"], abs=0.02)
+        assert said[key] == pytest.approx(run["result"]["error"])
+    assert said["second"]["rms_K"] < 0.7 * said["first"]["rms_K"]
+    assert said["reduction"] == pytest.approx(1.0 - said["second"]["rms_K"] / said["first"]["rms_K"], abs=0.02)
     assert said["reduction_ci95"][0] < said["reduction"] < said["reduction_ci95"][1]
     assert second["start"]["settings"]["limits"] == first["start"]["settings"]["limits"]
 
 
+@pytest.mark.long
+def test_a_film_that_lags_is_followed_better(tmp_path: Path) -> None:
+    said = circle(write_bench(tmp_path, target=TARGET, more=LAG), tmp_path)
+    assert [e["name"] for e in said["effects"]] == ["film_lag"]
+    assert said["reduction_ci95"][0] > 0.0
+    assert "decades in the place of" in (tmp_path / "better" / "report.html").read_text()
+
+
 def test_what_ran_is_kept(folder: Path) -> None:
     better = folder / "better"
-    assert [dict(e)["name"] for e in read_model(better / "diagnosis" / "model.toml").effects] == ["film_lag"]
+    assert [dict(e)["name"] for e in read_model(better / "diagnosis" / "model.toml").effects] == ["actuator_delay"]
     file = read_configuration(better / "config.toml")
     assert file.beside(str(file.content.experiment.model)) == better / "diagnosis" / "model.toml"
     page = (better / "report.html").read_text()
-    assert "With film_lag in the model the RMS error is" in page
+    assert "With actuator_delay in the model the RMS error is" in page
     assert "% less" in page
     for link in ("../first/report.html", "diagnosis/report.html", "run/report.html"):
         assert f'href="{link}"' in page
@@ -79,7 +101,7 @@ def test_what_ran_is_kept(folder: Path) -> None:
 
 
 def test_nothing_is_heated_where_nothing_is_named(peltier: Peltier, tmp_path: Path) -> None:
-    config = write_bench(tmp_path, target=TARGET)
+    config = write_profile(tmp_path)
     assert peltier("run", config, "--out", tmp_path / "first")[0] == 0
     status, out, _ = peltier("improve", tmp_path / "first", "--config", config, "--out", tmp_path / "b", "--yes")
     assert status == 0
@@ -92,7 +114,7 @@ def test_nothing_is_heated_where_nothing_is_named(peltier: Peltier, tmp_path: Pa
 def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, its diagnosis known already: it takes seconds."""
     files = files_in(folder / "better" / "diagnosis")
-    said = Told(json.loads(files["diagnosis.json"]), ("Explained: film_lag.",), files)
+    said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
     monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
     return folder
 
@@ -127,8 +149,11 @@ def test_it_refuses_without_a_terminal(peltier: Peltier, folder: Path, monkeypat
     [
         (("current_A = 4.0", "current_A = 4.5"), "limits.current_A: 4.5: expected at most the run's, 4"),
         (("[10, 95]", "[10, 99]"), "limits.temperature_degC: [10.0, 99.0]: expected within the run's, [10.0, 95.0]"),
-        (("period_s = 0.1", 'period_s = 0.1\nlaw = "pid"'), "experiment.law: 'pid' makes no use of a model's effects"),
-        (('"track_resistance"', '"current_profile"'), "experiment.kind: 'current_profile' follows no target"),
+        (
+            ("period_s = 0.1", 'period_s = 0.1\nlaw = "instrument_pid"'),
+            "experiment.law: 'instrument_pid' makes no use of a model's effects",
+        ),
+        (('"temperature_profile"', '"current_profile"'), "experiment.kind: 'current_profile' follows no target"),
     ],
 )
 def test_what_cannot_be_is_refused(
@@ -169,7 +194,7 @@ def test_what_a_daemon_ended_with_is_the_status(
 
 def test_another_target_is_told_and_not_compared(peltier: Peltier, known: Path, tmp_path: Path) -> None:
     config = known / "other_target.toml"
-    config.write_text((known / "config.toml").read_text().replace("hold 4 s", "hold 5 s"))
+    config.write_text((known / "config.toml").read_text().replace("hold 3 s", "hold 4 s"))
     status, out, _ = peltier("improve", known / "first", "--config", config, "--out", tmp_path / "out", "--yes")
     assert status == 0
     assert "note: the first run had another target: the errors cannot be compared" in out
