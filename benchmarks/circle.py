@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._own_plant import behind_the_instruments, noted_phase
 from benchmarks._tracked_plant import Plate
-from benchmarks.tracking import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, course, error, span
+from benchmarks._tracking_runs import COLD_DEGC, CONFIGURATION, FILMS, HOT_DEGC, course, error, span
 
 ASKED = 1.2
 EFFECTS: dict[str, tuple[Hidden, str]] = {
@@ -77,7 +77,7 @@ class Rig:
         said where it ends early."""
         from rig.__main__ import main
 
-        text = CONFIGURATION.format(current=4.0, model=model, law=law, repeat=1, low=COLD_DEGC, high=HOT_DEGC)
+        text = CONFIGURATION.format(current=4.0, model=model, law=law, low=COLD_DEGC, high=HOT_DEGC)
         path = self.folder / "config.toml"
         path.write_text(text.replace("[experiment]", "meter_current_A = 1e-4\n[experiment]"))
         err = io.StringIO()

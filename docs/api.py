@@ -30,6 +30,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
     "Identification": (
         "compensator.identification.film",
+        "compensator.identification.film_fit",
         "compensator.identification.rows",
         "compensator.identification.temperature_smoother",
         "compensator.identification.plate",

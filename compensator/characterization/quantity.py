@@ -8,7 +8,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 
-INSIDE = 0.95
+INSIDE = 0.95  # the intervals' coverage, as everywhere here
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,12 @@ def corrected_temperature(
 
 
 @njit(cache=True)
+def grown_doubt(estimate: Estimate, moved: float, period_s: float) -> float:
+    """The variance of the disturbance a period later, before a reading."""
+    return estimate.doubt + 2.0 * estimate.model_error2 * abs(moved) / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+
+
+@njit(cache=True)
 def corrected_disturbance(
     estimate: Estimate, disturbance: float, off: float, output: float, moved: float, period_s: float
 ) -> tuple[float, Estimate]:
@@ -143,7 +149,7 @@ def corrected_disturbance(
     e = estimate
     noise = learned_noise(e.output, output)
     walked = abs(moved)
-    doubt = e.doubt + 2.0 * e.model_error2 * walked / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+    doubt = grown_doubt(e, moved, period_s)
     share = doubt / (doubt + noise.variance + TINY)
     found = disturbance + share * (off - disturbance)
     doubt *= 1.0 - share

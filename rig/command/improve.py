@@ -116,7 +116,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
 
 def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
     """What will run, as a file of its own. Raises Faults where the extended model cannot do it."""
-    from rig.experiment.session import wanted
+    from rig.experiment.wanted import wanted
     from rig.files.configuration import read_configuration
     from rig.files.extended_configuration import extended_configuration
     from rig.files.written import write_text
@@ -131,7 +131,7 @@ def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
 def _agreed(file: ConfigurationFile, voice: Voice) -> bool:
     """Whether the user lets it heat."""
     from rig.experiment.expected import expected_run
-    from rig.experiment.session import wanted
+    from rig.experiment.wanted import wanted
 
     c = file.content
     minutes = sum(seconds for _, seconds in expected_run(c, *wanted(file, lambda text: None))) / 60.0

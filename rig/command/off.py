@@ -13,8 +13,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.command.stop import NOT_CONFIRMED, stopped
+from rig.command.stop import stopped
 from rig.core.faults import fault
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
 
@@ -107,7 +108,7 @@ def _switched_off(held: Held, target: str | None) -> int:
     print(f"peltier off: OUTPUT NOT CONFIRMED OFF: {problem}. Switch the controller off by hand.", file=sys.stderr)
     if controller is not None and not verdict.confirmed:
         keep_trying(held)
-    return NOT_CONFIRMED
+    return NotConfirmedOff.exit_status
 
 
 def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:

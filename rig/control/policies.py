@@ -10,7 +10,8 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
+from rig.control.loop import Loop
 from rig.control.resistance import ohm
 from rig.files.film_output import RISING_RESISTANCE
 from rig.files.target import Target
@@ -34,7 +35,8 @@ class Follow:
 
     The target's quantity says what it is: a temperature for the law "temperature", else a resistance. setpoints: the
     reference goes to the controller's own PID instead of a current to its output. correction: what is added to the
-    target of a resistance for the law, -log10 R; the target that is recorded stays as it is.
+    target of a resistance for the law, -log10 R; the target that is recorded stays as it is. estimates_memory: nobody
+    knows the film's memory at the start; the readings tell.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Follow:
         self.state = state
         self.setpoints = setpoints
         self.correction: Target | None = None
+        self.estimates_memory = False
         self._memory = memory
         # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
         self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
@@ -60,7 +63,9 @@ class Follow:
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
-            self.state = law.start(temperature_degC, self._memory, test_current_A=read.test_current_A)
+            if self.estimates_memory and math.isnan(output):
+                return Decision(0.0, wait=True)
+            self.state = self._started(temperature_degC, self._sign * output, read.test_current_A)
         resistance = self.target.quantity == "resistance"
         sign = self._sign if resistance else 1.0
         at_s = time_s + read.after_s
@@ -82,6 +87,12 @@ class Follow:
             target_ohm=ohm(now) if resistance else math.nan,
             predicted_ohm=ohm(predicted) if math.isfinite(predicted) else math.nan,
         )
+
+    def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
+        """The law's state at the first readings."""
+        if self.estimates_memory:
+            return self.law.start_anywhere(temperature_degC, output, test_current_A)
+        return self.law.start(temperature_degC, self._memory, test_current_A=test_current_A)
 
 
 class Setpoints:
@@ -124,12 +135,14 @@ def handed_over(state: LawState, law: Law) -> LawState:
         fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
-    return fresh._replace(disturbance=state.disturbance, estimate=known)
+    return fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
 
 
 def warmed_up(law: Law) -> Law:
     """The law, after some steps: what has to be compiled is, before a loop waits for it."""
     state, wanted = law.start(25.0, None), np.full(law.preview_times_s().size, 25.0)
+    if law.film is not None:
+        law.start_anywhere(25.0, law.film.output_at(law.film.initial_memory(25.0)))
     for output in (math.nan, 4.0, 4.0):
         _, state = law.step(state, Inputs(25.0, output, 25.0, wanted, test_current_A=1e-4))
     return law

@@ -19,13 +19,13 @@ from types import FrameType
 from typing import Any
 
 from rig.core.faults import Faults, fault
+from rig.core.outcome import NotConfirmedOff
 from rig.core.terminal_line import TerminalLine
 from rig.daemon.asking import one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.words import in_a_line, off_in_words
 from rig.files.toml_text import read_toml
 
-NOT_CONFIRMED = 11
 HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
@@ -112,7 +112,7 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
         return _ended_by(verb, client, job["id"], stopped.number)
     except NoDaemon as error:
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -173,9 +173,9 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     if state.get("output") != "off":
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
     return 128 + signal_number

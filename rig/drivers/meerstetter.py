@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
+from rig.drivers.confirmed import OFF_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
@@ -25,7 +25,7 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
-READY, RUNNING, IN_ERROR = 1, 2, 3
+READY, RUNNING, IN_ERROR = 1, 2, 3  # of parameter 104, device status
 OUT_OF_RANGE = 7  # what a device says to a value that it does not take
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
@@ -246,17 +246,7 @@ class MeerstetterController:
         self._set_int(2000, source)
         self._set_int(50000, 1)
         self._set_int(2010, 2)
-        found: list[Status] = []
-
-        def runs_or_never_will() -> bool:
-            found[:] = [self.status()]
-            return found[0].is_error or found[0].output_is_on
-
-        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
-        status = found[0]
-        if status.is_error or not status.output_is_on:
-            remedy = f" ({status.remedy})" if status.remedy else ""
-            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
+        comes_on(self.transport.clock, self.status)
         self._armed_source = source
 
     def _make_ready(self) -> None:

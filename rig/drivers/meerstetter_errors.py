@@ -6,7 +6,7 @@ our own words. Every one of them takes the output off and stays until the device
 
 from __future__ import annotations
 
-EMERGENCY_STOP, TOO_HOT, WATCHDOG = 11, 60, 183
+EMERGENCY_STOP, TOO_HOT, WATCHDOG = 11, 60, 183  # device errors, by the maker's error numbers
 RESET = "`peltier check CONFIG --clear` resets the device"
 
 BROKEN = "if it comes back, the device is broken"

@@ -30,9 +30,9 @@ from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-CURRENT_MODE, TEMPERATURE_MODE = 0, 1
+CURRENT_MODE, TEMPERATURE_MODE = 0, 1  # of TMOD
 WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}
-LARGEST_CURRENT_A = 4.5
+LARGEST_CURRENT_A = 4.5  # of the LDC500 series' temperature controller
 RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
 NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
 TRIALS = 3
@@ -165,7 +165,7 @@ class SrsLdc500Controller:
 
     def status(self) -> Status:
         """Output and mode (TEON, TMOD), and errors since they were last asked for (LEXE, LCME)."""
-        on_text, mode_text, execution, command = self._answers("TEON?;TMOD?;LEXE?;LCME?", 4)
+        on_text, mode_text, execution, command = self.link.answers("TEON?;TMOD?;LEXE?;LCME?", 4)
         on, mode = _number(on_text), _number(mode_text)
         if not all(text.isascii() and text.strip().isdigit() for text in (execution, command)):
             self.link.doubt()
@@ -251,7 +251,7 @@ class SrsLdc500Controller:
     def _set_fast(self, name: str, value: float, resolution: float = 0.0) -> None:
         """Set and read back in one line. What reads back right was taken; otherwise errors are asked for."""
         text = f"{value:.4f}" if resolution else f"{value:g}"
-        (read_back,) = self._answers(f"{name} {text};{name}?", 1)
+        (read_back,) = self.link.answers(f"{name} {text};{name}?", 1)
         if not abs(_number(read_back) - value) <= resolution:
             self.link.check(f"{name} {text}")
             raise Refused(None, f"{name} was set to {text} and reads {read_back}")
@@ -260,24 +260,17 @@ class SrsLdc500Controller:
         """A number that the instrument says twice in one line, the token between. Corrupt where they differ, again and
         again: a stale pair before the token of a question that did not arrive whole is none."""
         for _ in range(TRIALS):
-            first, token, second = self._answers(f"{name}?;*ESE?;{name}?", 3)
+            first, token, second = self.link.answers(f"{name}?;*ESE?;{name}?", 3)
             if first == second and self.link.is_token(token):
                 return _number(first)
         self.link.doubt()
         raise Corrupt(f"{first!r}, {token!r}, {second!r} are not twice the same {name} about a token")
 
-    def _answers(self, message: str, count: int) -> list[str]:
-        answers = self.link.ask(message).split(";")
-        if len(answers) != count:
-            self.link.doubt()
-            raise Corrupt(f"{answers} are not {count} answers to {message}")
-        return answers
-
     def _look_after_doubt(self) -> None:
         """A controller that was switched off in between comes back with its output off: it is no longer armed."""
         if self._armed_mode is not None:
             mode, self._armed_mode = self._armed_mode, None
-            on, now = (_number(text) for text in self._answers("TEON?;TMOD?", 2))
+            on, now = (_number(text) for text in self.link.answers("TEON?;TMOD?", 2))
             if on == 1 and now == mode:
                 self._armed_mode = mode
 

@@ -2,6 +2,7 @@
 
 condition  to the hot end, so that the film's memory is known (after an outage it is not)
 approach   down to the first target, the same for every law, so that laws are compared from the same place
+           (neither where `experiment.memory` says to begin where the film is)
 settle     the law itself on the first target
 track      the target
 """
@@ -14,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.control.design import Design, design_log_resistance, design_temperature
+from compensator.control.horizon import crossing_s, preview
 from compensator.control.law import Law, LawSettings
-from compensator.control.law_step import LawName
+from compensator.control.law_step import LawName, LawState
 from compensator.control.observer import Observer
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
@@ -31,7 +33,8 @@ from rig.files.configuration import Configuration
 from rig.files.model_file import Model
 from rig.files.target import Target
 
-HOT_DWELL_S = 3.0
+HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
+USUAL_PREVIEW_S = 4.0  # of a temperature, which no loop makes jump
 
 
 def law_and_design(
@@ -57,7 +60,10 @@ def law_and_design(
         design = design_log_resistance(film, plate, low, high, limit, e.period_s, dead_time, control.ms)
     else:
         design = design_temperature(e.period_s, dead_time, control.ms)
-    spacing = max(e.period_s, control.preview_s / 8.0)
+    horizon_s = control.preview_s
+    if horizon_s is None:
+        horizon_s = USUAL_PREVIEW_S if name == "temperature" else crossing_s(film, plate, limit, low, high)
+    count, spacing_s = preview(horizon_s, e.period_s)
     settings = LawSettings(
         name=name,
         period_s=e.period_s,
@@ -65,10 +71,10 @@ def law_and_design(
         low_degC=low,
         high_degC=high,
         gains=design.gains,
-        preview=max(2, math.ceil(control.preview_s / spacing)),
-        preview_spacing_s=spacing,
+        preview=count,
+        preview_spacing_s=spacing_s,
         band=control.band_dec,
-        rate_share=control.rate_share,
+        rate_share=control.rate_share if name == "temperature" else control.resistance_rate_share,
         fastest_K_per_s=fastest_K_per_s,
     )
     return warmed_up(Law(settings, plate, film, observer)), design
@@ -113,27 +119,13 @@ def plan_tracking(
 
 
 def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
-    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
+    """Begin as the configuration says, and follow the target with one law; the rows are in the loop's folder
+    afterwards."""
     e, target, setpoints = configuration.experiment, plan.target, plan.setpoints
-    hot = calibration_range(configuration)[1]
-    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints)
-    if state.state is None:  # of a record: a loop waits for a reading
-        raise fault("the run", "condition", "expected rows with a reading in this phase")
-    first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
-    if not first.reachable:
-        low, high = first.interval or (math.nan, math.nan)
-        least, most = sorted((ohm(high, plan.inverse.model.output), ohm(low, plan.inverse.model.output)))
-        raise fault(
-            "experiment.target",
-            "its first value",
-            f"{ohm(float(target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
-            f"expected {least:.6g} to {most:.6g} ohm",
-        )
-    approach = to_temperature(loop, plan.mover, state, first.temperature_degC, e.settle_s, "approach", setpoints)
-    if approach.state is None:
-        raise fault("the run", "approach", "expected rows with a reading in this phase")
     follow = Follow(plan.law, replace(target, times_s=np.array([0.0]), values=target.values[:1]), setpoints=setpoints)
-    follow.state = handed_over(approach.state, plan.law)
+    if e.memory == "condition":
+        follow.state = handed_over(conditioned(loop, configuration, plan), plan.law)
+    follow.estimates_memory = e.memory == "estimate"
     if plan.correction is not None:
         follow.correction = replace(plan.correction, times_s=np.zeros(1), values=plan.correction.values[:1])
     if e.settle_s > 0.0:
@@ -144,6 +136,29 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     if found is None:
         raise fault("the run", "track", "expected rows with a reading in this phase")
     return found
+
+
+def conditioned(loop: Loop, configuration: Configuration, plan: Plan) -> LawState:
+    """Take the film to the hot end, and from there to the target's first value."""
+    hot = calibration_range(configuration)[1]
+    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", plan.setpoints)
+    if state.state is None:  # of a record: a loop waits for a reading
+        raise fault("the run", "condition", "expected rows with a reading in this phase")
+    first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
+    if not first.reachable:
+        low, high = first.interval or (math.nan, math.nan)
+        least, most = sorted((ohm(high, plan.inverse.model.output), ohm(low, plan.inverse.model.output)))
+        raise fault(
+            "experiment.target",
+            "its first value",
+            f"{ohm(float(plan.target.values[0])):.6g} ohm cannot be reached on the way down from {hot:g} degC; "
+            f"expected {least:.6g} to {most:.6g} ohm",
+        )
+    settle_s = configuration.experiment.settle_s
+    approach = to_temperature(loop, plan.mover, state, first.temperature_degC, settle_s, "approach", plan.setpoints)
+    if approach.state is None:
+        raise fault("the run", "approach", "expected rows with a reading in this phase")
+    return approach.state
 
 
 def to_temperature(

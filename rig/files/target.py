@@ -38,14 +38,15 @@ CHANGES = {  # what a value changes by, in the target's own unit
     "temperature": {"K": 1.0, "kelvin": 1.0, "degC": 1.0, "°C": 1.0, "mK": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
 }
+# seconds of each word for a unit of time
 PER_S = {"s": 1.0, "sec": 1.0, "second": 1.0, "min": 60.0, "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
-SINE_STEPS = 64
-MOST_SINE_STEPS = 1_000_000
+SINE_STEPS = 64  # a period: straight lines between them are within 0.12 % of the amplitude
+MOST_SINE_STEPS = 1_000_000  # 16 MB of a target; a sine with more periods is a slip of the pen
 LONGEST_S = 1e8  # three years: beyond it somebody mistyped
 NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 UNIT = r"\s*([^\s\d.,+\-][^\s]*)?"
 MEASURE = NUMBER + UNIT
-LONGEST_SENTENCE = 500
+LONGEST_SENTENCE = 500  # characters: a profile in words, not a text
 
 
 @dataclass(frozen=True, eq=False)

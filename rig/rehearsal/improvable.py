@@ -14,7 +14,7 @@ from typing import Any
 from rig.analysis.gained import same_target
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
-from rig.experiment.session import QUANTITY, target_of
+from rig.experiment.wanted import QUANTITY, target_of
 from rig.files.configuration import ConfigurationFile, read_configuration
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import read_model

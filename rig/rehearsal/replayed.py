@@ -10,13 +10,14 @@ from typing import Any, cast
 
 import numpy as np
 
-from rig.control.loop import Loop, Policy, read_at
+from rig.control.decision import Policy, read_at
+from rig.control.loop import Loop
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.repeated import USED, read_correction
-from rig.experiment.session import QUANTITY
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
+from rig.experiment.wanted import QUANTITY
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model

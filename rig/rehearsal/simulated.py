@@ -17,7 +17,8 @@ from rig.bench.simulation import simulated_world
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
 from rig.experiment.expected import Onlooker
-from rig.experiment.session import run, target_of
+from rig.experiment.session import run
+from rig.experiment.wanted import target_of
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
@@ -27,7 +28,7 @@ from sim.effects.effect import Switched
 from sim.world.open_loop import simulate_record
 from sim.world.plant import stamp_s
 
-TEST_CURRENT_A = 1e-4
+TEST_CURRENT_A = 1e-4  # what ohmmeters send through 10 kohm
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from rig.report.page import bullets, paragraph, section, table, tiles, write_pag
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
-RUNNERS_UP = 6
+RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 

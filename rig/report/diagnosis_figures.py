@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
 BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
-MOST_DOTS = 4000
+MOST_DOTS = 4000  # more hide each other, and make the page slow
 MILLI = 0.3  # below it a figure is in thousandths
 
 

@@ -16,7 +16,7 @@ from rig.report.profile import courses, kelvin
 from rig.report.run_rows import LAW, PHASE, RunRows
 from rig.report.tracking import further, law_of
 
-LAST_EVENTS = 12
+LAST_EVENTS = 12  # what led to the end, on half a screen
 LONGEST = 160  # characters of an event
 
 

@@ -14,7 +14,7 @@ from rig.report.figures import COLOURS, new_figure, saved, thinned
 from rig.report.page import figure
 from rig.report.run_rows import RunRows
 
-BAND_DEC = 0.05
+BAND_DEC = 0.05  # 12 % of the resistance: what the eye takes for nothing beside a transition of decades
 
 
 def decades_figure(out: Path, runs: Mapping[str, RunRows]) -> str:

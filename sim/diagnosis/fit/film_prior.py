@@ -17,7 +17,7 @@ from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.model.film_columns import SIMPLE
 
-CONSTANT_DEC = 30.0
+CONSTANT_DEC = 30.0  # the constant's spread: any resistance there is
 CURVE_DEC = 1.0  # of D's slope over the range, and the most of what bends it
 LEAST_CURVE_DEC = 1e-4
 BEHIND_DEC = 0.1  # of how far a filter is behind at the first row

@@ -22,7 +22,7 @@ from sim.model.film_columns import play_outputs
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Effects, Links, columns_followed
 
-CENTRES = WIDTHS = 24
+CENTRES = WIDTHS = 24  # of the Preisach plane's grid: a fit costs the square of its 576 columns
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
 MOST_COLUMNS = 200
 CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh

@@ -6,7 +6,7 @@ F_j are play operators with one pair of envelopes (the model's class), N_k relay
 stand for whatever a film of another kind does besides, with a normal prior whose width the record itself decides. A
 film of the class needs none, and so the prior's width goes to nothing; a film of any other kind uses them, and no
 effect has to stand in for it. All coefficients are linear and are eliminated (variable projection); envelopes and
-effects' parameters are searched for by Gauss-Newton with Marquardt's damping.
+effects' parameters are searched for by a damped Gauss-Newton descent.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
 from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.record import Mask, Record
@@ -41,6 +43,7 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
+DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -251,7 +254,7 @@ class ResistanceChannel:
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
     ) -> ResistanceFit:
-        """Gauss-Newton with Marquardt's damping, and the priors' widths on the way.
+        """The local minimum reached from p, with the priors' widths settled on the way.
 
         Of the penalized cost, except where an effect bends what relays show: a larger one leaves their coefficients
         less room, and the cost alone would end at a fraction of its size (0.3 of a series resistance beside a Preisach
@@ -261,7 +264,7 @@ class ResistanceChannel:
         x = np.clip(p.x, low, high)
         point = self.point(p, x)
         p, point = self._settled(p, point, 3 if settle else 0)
-        damping = 1e-3
+        damping = DAMPING.first
         jacobian = np.zeros((self.record.rows, x.size))
         bending = self._bending(p) if p.has_relays else []
 
@@ -275,22 +278,11 @@ class ResistanceChannel:
             cross = point.along(j) / self.sigma_dec
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
             gradient = j.T @ residual - room
-            held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
-            normal[held, :] = 0.0
-            normal[:, held] = 0.0
-            gradient[held] = 0.0
-            norm = np.sqrt(np.maximum(np.diag(normal), 1e-9 * float(np.max(np.diag(normal))) + 1e-30))
+            held_at_bounds(normal, gradient, point.x, low, high)
+            scale = np.maximum(np.diag(normal), FLAT * float(np.max(np.diag(normal))) + 1e-30)
             before = loss(point)
-            for _ in range(6):
-                damped = normal / np.outer(norm, norm) + damping * np.eye(norm.size)
-                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
-                move = np.linalg.solve(damped, gradient / norm) / norm
-                move = np.clip(move, -1.0, 1.0)
-                trial = self.point(p, np.clip(point.x + move, low, high), point.coefficients)
-                if loss(trial) < loss(point):
-                    point, damping = trial, max(0.1 * damping, 1e-9)
-                    break
-                damping = max(10.0 * damping, 1e-6)
+            about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
+            point, damping = damped_step(point, loss, about, damping, DAMPING)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=point.film_output)
             if settle and iteration % 3 == 2:
@@ -312,6 +304,10 @@ class ResistanceChannel:
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
+
+    def _moved(self, p: FilmParameters, point: Point, low: Array, high: Array, move: Array) -> Point:
+        """The point after a step, within the bounds and no longer than 1 in any unknown."""
+        return self.point(p, np.clip(point.x + np.clip(move, -1.0, 1.0), low, high), point.coefficients)
 
     def _slopes(
         self, p: FilmParameters, point: Point, high: Array, h: Array, bending: list[int], jacobian: Array

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
+from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
 from sim.diagnosis.data.likelihood import lattice_noise, likelihood, normal_residual, quick_noise
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.unknowns import (
@@ -37,6 +38,8 @@ PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
+DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
+LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
@@ -97,6 +100,17 @@ class TemperatureFit:
     @property
     def effects(self) -> tuple[Switched, ...]:
         return self.parameters.effects
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A point of the descent: the fit's vector, the stretches' first temperatures, and what they give."""
+
+    x: Array
+    first_degC: Array
+    path: PlatePath
+    shown_degC: Array
+    cost: float
 
 
 class TemperatureChannel:
@@ -235,17 +249,18 @@ class TemperatureChannel:
         return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
 
     def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
-        """Gauss-Newton with Marquardt's damping from p."""
+        """The local minimum reached from p."""
         low, high, h = self.bounds(p)
         log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
-        x, first = np.clip(p.x, low, high), p.first_degC.copy()
-        path, shown = self.simulate(p, x, first)
-        cost, damping = self.cost(p, x, shown), 1e-3
-        jacobian = np.empty((self.record.rows, x.size))
-        for iteration in range(steps + 1):
+        jacobian = np.empty((self.record.rows, p.x.size))
+
+        def tried(x: Array, first: Array) -> _Trial:
+            path, shown = self.simulate(p, x, first)
+            return _Trial(x, first, path, shown, self.cost(p, x, shown))
+
+        def linearized(at: _Trial) -> Linearized[_Trial]:
+            x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, x, first, shown, high, h, jacobian)
-            if iteration == steps:
-                break
             by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
             e = by_first / (0.01 * self.sigma_K)
             like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
@@ -261,30 +276,22 @@ class TemperatureChannel:
             cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
-            held = ((x <= low) & (right < 0.0)) | ((x >= high) & (right > 0.0))
-            reduced[held, :] = 0.0
-            reduced[:, held] = 0.0
-            right[held] = 0.0
+            held_at_bounds(reduced, right, x, low, high)
             diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
-            norm = np.sqrt(diagonal)
-            before = cost
-            for _ in range(7):
-                damped = reduced / np.outer(norm, norm) + damping * np.eye(norm.size)
-                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
-                move = np.linalg.solve(damped, right / norm) / norm
-                trial = np.clip(x + along_values(np.clip(move, -1.5, 1.5), log), low, high)
-                trial_first = first + (pull - cross.T @ (trial - x)) / d
-                trial_path, trial_shown = self.simulate(p, trial, trial_first)
-                trial_cost = self.cost(p, trial, trial_shown)
-                if trial_cost < cost:
-                    x, first, path, shown, cost = trial, trial_first, trial_path, trial_shown, trial_cost
-                    damping = max(0.1 * damping, 1e-10)
-                    break
-                damping = max(10.0 * damping, 1e-8)
-            if before - cost < tolerance:
-                self._slopes(p, x, first, shown, high, h, jacobian)
-                break
-        return self._fit(p, x, first, path, shown, jacobian)
+
+            def moved(move: Array) -> _Trial:
+                to = np.clip(x + along_values(np.clip(move, -LONGEST_MOVE, LONGEST_MOVE), log), low, high)
+                return tried(to, first + (pull - cross.T @ (to - x)) / d)
+
+            return Linearized(reduced, right, diagonal, moved, FLAT)
+
+        def settled(before: float, after: float) -> bool:
+            return before - after < tolerance
+
+        start = tried(np.clip(p.x, low, high), p.first_degC.copy())
+        best = descend(start, steps, lambda at: at.cost, linearized, settled, DAMPING)
+        self._slopes(p, best.x, best.first_degC, best.shown_degC, high, h, jacobian)
+        return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
 
     def at(self, p: PlateParameters) -> TemperatureFit:
         """The fit that these parameters are, with its slopes."""

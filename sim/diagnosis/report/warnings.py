@@ -12,7 +12,7 @@ from sim.diagnosis.data.record import OUTLYING
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain
 
-FEWEST_S = 20.0
+FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 LARGE = 0.8  # of the largest current
 
 

@@ -29,8 +29,8 @@ from sim.model.links import Links
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart
 
-LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
-MEMORY_ROUNDS = 3
+LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5  # less than any instrument's: of records without noise, rounding
+MEMORY_ROUNDS = 3  # of memory and envelopes in turn: each moves the other less than before
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none

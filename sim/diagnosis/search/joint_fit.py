@@ -23,15 +23,15 @@ from sim.diagnosis.fit.unknowns import along_values, logarithmic, unknowns_of
 from sim.diagnosis.search.temperature_search import held_effect, starting_values
 from sim.effects.effect import Effect, Switched, switched
 
-MOST_STRETCHES = 30
+MOST_STRETCHES = 30  # each costs two simulations a step
 MOVED = 0.3  # of the noise, over all readings of the thermometer: the step of a difference quotient
 LARGEST_STEP = 0.1
-LARGEST_MOVE = 1.5
+LARGEST_MOVE = 1.5  # of an unknown in a step, as in the channels' own fits
 SETTLED = 0.02  # log-likelihood that one more step would bring
 TURNS = 4
 SHARES = (1.0, 0.4, 0.1)  # of a step, until one is better
 FILM_STEPS = 2
-HELD_STEPS = 6
+HELD_STEPS = 6  # until everything else has followed an effect that is held
 SMALL_SHARE = 0.03  # of a starting value
 
 
