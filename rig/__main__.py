@@ -44,7 +44,7 @@ ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
 
 
 def overview() -> str:
-    lines = ["usage: peltier VERB ...        (peltier VERB --help tells more)", ""]
+    lines = ["usage: peltier VERB ...        (peltier VERB --help: its options)", ""]
     lines += [f"  {verb:<10} {text}" for verb, text in VERBS.items()]
     return "\n".join(lines)
 

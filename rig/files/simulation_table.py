@@ -50,7 +50,7 @@ class DetectorTable(Table):
 class SimulationTable(Table):
     """[simulation]: what is true of the simulated rig; the controller does not see it.
 
-    effects: tables with a name of the catalogue and its parameters, each by default the middle of the sizes met;
+    effects: tables with a name of the catalogue and its parameters, each by default the middle of the usual sizes;
     effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
     meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
     """

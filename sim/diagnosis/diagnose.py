@@ -322,7 +322,7 @@ def _unexplained(
             continue
         times = everywhere[name] / found.noise
         if times > UNSEEN:
-            unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
+            unexplained[name] = f"held-out rows are predicted {times:.2g} times worse than the noise"
     return unexplained
 
 

@@ -170,14 +170,14 @@ def _worth(
             f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
         )
     if told is not None and told.gain < -may_lose(evidence, told.changed):
-        return evidence, (weak, f"rows that no fit has seen speak against it: log-likelihood {told.gain:.2g}")
+        return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
     if too_small(chain, names, name):
         return evidence, (weak, "its size has no physical meaning")
     upstream = name in chain.split(names)[0]
     if not upstream and not _shows_beside(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
-        return evidence, (WORTH, "rows that no fit has seen are predicted far worse than the noise with it")
+        return evidence, (WORTH, "held-out rows are predicted far worse than the noise with it")
     if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
         return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
@@ -197,8 +197,8 @@ def _worth(
 
 
 def may_lose(evidence: float, changed: float) -> float:
-    """What unseen rows may lose by an effect that changes them by so much (sum of squares over the noise's): what
-    chance takes where a film without it tells them as well, or a share of much evidence."""
+    """The largest held-out log-likelihood loss that is consistent with chance, for an effect that changes these rows by
+    so much (sum of squares over the noise's); with much evidence, a share of it."""
     chance = CHANCE * float(np.sqrt(changed + 0.5))
     return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
 
@@ -220,7 +220,8 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 
 
 def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
-    """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    """Whether a film of another kind leaves no structure, and a mean square of held-out residuals over the noise below
+    `UNDERSTOOD`."""
     if film_of_the_class(chain, names):
         return True
     unseen = _unseen_square(chain, names, True)
