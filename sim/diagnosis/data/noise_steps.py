@@ -7,6 +7,7 @@ parts); each further step has to pay for itself. Second differences have a Lapla
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from compensator.hysteresis.functions import Array
 
@@ -30,8 +31,10 @@ def stairs(readings: Array, second: Array, least: float, sure: float) -> tuple[A
     order = used[np.argsort(readings[used], kind="stable")]
     size = np.abs(second[order] - np.median(second[order]))
     bounds = np.round(np.linspace(0, order.size, cells + 1)).astype(np.int64)
-    for part in np.split(size, bounds[1:-1]):  # views: an outlier counts as a reading far out
-        np.minimum(part, FAR * max(float(np.median(part)), MEDIAN * SECOND * least), out=part)
+    parts = np.split(size, bounds[1:-1])  # views: an outlier counts as a reading far out
+    medians = np.array([max(float(np.median(part)), MEDIAN * SECOND * least) for part in parts])
+    for part, most in zip(parts, FAR * maximum_filter1d(medians, 3), strict=True):  # beside a step, of its larger side
+        np.minimum(part, most, out=part)
     total = np.concatenate(([0.0], np.cumsum(size)))[bounds]
     floor = OF_ABSOLUTE * SECOND * least
 
@@ -56,6 +59,6 @@ def stairs(readings: Array, second: Array, least: float, sure: float) -> tuple[A
     starts = marks[::-1]
     y = readings[order]
     edges = np.array([0.5 * (y[bounds[k] - 1] + y[bounds[k]]) for k in starts[1:]])
-    parts = np.split(size, bounds[starts[1:]])
-    deviations = np.array([max(float(np.mean(part)) / (OF_ABSOLUTE * SECOND), least) for part in parts])
+    steps_of = np.split(size, bounds[starts[1:]])
+    deviations = np.array([max(float(np.mean(part)) / (OF_ABSOLUTE * SECOND), least) for part in steps_of])
     return edges, deviations
