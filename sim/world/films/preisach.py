@@ -27,7 +27,7 @@ from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import Array, memoryless
 
 States = NDArray[np.uint8]
-RELAYS = 16_000
+RELAYS = 16_000  # a loop over two decades is then smooth to 4e-4 decades, below the noise of a usual meter
 PLASTIC = 1.324717957244746  # x^3 = x + 1: its powers are the two steps of the sequence that cover a square most evenly
 
 
