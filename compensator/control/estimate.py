@@ -11,7 +11,7 @@ disturbance   reading minus film model, as a Kalman filter knows it: the film mo
 model error   from how much the disturbance has changed over each `LENGTH` of the course, less what is noise of it
 noise         of both readings, from their second differences: white noise on a smooth course
 
-So nothing of this has to be told: a model that is exact is believed more and more, and one that is off is followed.
+So nothing of this has to be set: a model that is exact is believed more and more, and one that is off is followed.
 Every function takes an estimate and returns the next one; none is changed.
 """
 
@@ -133,6 +133,12 @@ def corrected_temperature(
 
 
 @njit(cache=True)
+def grown_doubt(estimate: Estimate, moved: float, period_s: float) -> float:
+    """The variance of the disturbance a period later, before a reading."""
+    return estimate.doubt + 2.0 * estimate.model_error2 * abs(moved) / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+
+
+@njit(cache=True)
 def corrected_disturbance(
     estimate: Estimate,
     disturbance: float,
@@ -150,7 +156,7 @@ def corrected_disturbance(
     e = estimate
     noise = learned_noise(e.output, output)
     walked = abs(moved)
-    doubt = e.doubt + 2.0 * e.model_error2 * walked / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+    doubt = grown_doubt(e, moved, period_s)
     share = doubt / (doubt + noise.variance + TINY)
     if share <= most_share:
         doubt *= 1.0 - share

@@ -15,7 +15,7 @@ from compensator.hysteresis.film import Memory
 from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.law_units import LawUnits, plain_units
 from rig.control.loop import Loop
-from rig.control.resistance import ohm
+from rig.files.film_output import ohm
 from rig.files.target import Target
 
 LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on which the nearest temperature is right
@@ -60,6 +60,7 @@ class Follow:
     of the law's output, by default those of its film. setpoints: the reference goes to the controller's own PID instead
     of a current to its output. correction: what is added to the target of a resistance for the law, -log10 R; the
     target that is recorded stays as it is. branches: the way to go where a target has several temperatures.
+    estimates_memory: nobody knows the film's memory at the start; the readings tell.
     """
 
     def __init__(
@@ -78,6 +79,7 @@ class Follow:
         self.setpoints = setpoints
         self.units, self.branches = units or plain_units(law.film), branches
         self.correction: Target | None = None
+        self.estimates_memory = False
         self._memory = memory
         self._ahead = law.preview_times_s()
 
@@ -86,7 +88,9 @@ class Follow:
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
-            self.state = law.start(temperature_degC, self._memory, test_current_A=read.test_current_A)
+            if self.estimates_memory and math.isnan(output):
+                return Decision(0.0, wait=True)
+            self.state = self._started(temperature_degC, self.units.law(output), read.test_current_A)
         metered, units = self.target.quantity != "temperature", self.units
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
@@ -113,6 +117,12 @@ class Follow:
             target_output=math.nan if ohms else wanted,
             predicted_output=math.nan if ohms else predicted,
         )
+
+    def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
+        """The law's state at the first readings."""
+        if self.estimates_memory:
+            return self.law.start_anywhere(temperature_degC, output, test_current_A)
+        return self.law.start(temperature_degC, self._memory, test_current_A=test_current_A)
 
 
 class Setpoints:
@@ -155,12 +165,14 @@ def handed_over(state: LawState, law: Law) -> LawState:
         fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
-    return fresh._replace(disturbance=state.disturbance, estimate=known)
+    return fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
 
 
 def warmed_up(law: Law) -> Law:
     """The law, after some steps: what has to be compiled is, before a loop waits for it."""
     state, wanted = law.start(25.0, None), np.full(law.preview_times_s().size, 25.0)
+    if law.film is not None:
+        law.start_anywhere(25.0, law.film.output_at(law.film.initial_memory(25.0)))
     for output in (math.nan, 4.0, 4.0):
         _, state = law.step(state, Inputs(25.0, output, 25.0, wanted, test_current_A=1e-4))
     return law

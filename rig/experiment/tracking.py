@@ -2,6 +2,7 @@
 
 condition  to the hot end, so that the film's memory is known (after an outage it is not)
 approach   down to the first target, the same for every law, so that laws are compared from the same place
+           (neither where `experiment.memory` says to begin where the film is)
 settle     the law itself on the first target
 track      the target
 """
@@ -14,8 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.control.design import Design, design_log_resistance, design_temperature
+from compensator.control.horizon import crossing_s, preview
 from compensator.control.law import Law, LawSettings
-from compensator.control.law_step import LawName
+from compensator.control.law_step import LawName, LawState
 from compensator.control.linear_plant import Timing
 from compensator.control.observer import Observer
 from compensator.hysteresis.film import FilmModel
@@ -35,6 +37,7 @@ from rig.files.target import Target
 
 HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
 OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
+USUAL_PREVIEW_S = 4.0  # of a temperature, which no loop makes jump
 
 
 def timing_of(
@@ -74,7 +77,10 @@ def law_and_design(
         design = design_log_resistance(film, plate, low, high, limit, e.period_s, dead_time, control.ms)
     else:
         design = design_temperature(e.period_s, dead_time, control.ms)
-    spacing = max(e.period_s, control.preview_s / 8.0)
+    horizon_s = control.preview_s
+    if horizon_s is None:
+        horizon_s = USUAL_PREVIEW_S if name == "temperature" else crossing_s(film, plate, limit, low, high)
+    count, spacing_s = preview(horizon_s, e.period_s)
     settings = LawSettings(
         name=name,
         period_s=e.period_s,
@@ -82,10 +88,10 @@ def law_and_design(
         low_degC=low,
         high_degC=high,
         gains=design.gains,
-        preview=max(2, math.ceil(control.preview_s / spacing)),
-        preview_spacing_s=spacing,
+        preview=count,
+        preview_spacing_s=spacing_s,
         band=control.band_dec,
-        rate_share=control.rate_share,
+        rate_share=control.rate_share if name == "temperature" else control.resistance_rate_share,
         fastest_K_per_s=fastest_K_per_s,
         most_share=control.most_share,
     )
@@ -149,32 +155,15 @@ def branches_of(law: Law, course: Course) -> Branches:
 
 
 def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
-    """Condition, approach and follow the target with one law; the rows are in the loop's folder afterwards."""
+    """Begin as the configuration says, and follow the target with one law; the rows are in the loop's folder
+    afterwards."""
     e, target, setpoints = configuration.experiment, plan.target, plan.setpoints
-    hot, units = calibration_range(configuration)[1], plan.units
-    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints, units)
-    if state.state is None:  # of a record: a loop waits for a reading
-        raise fault("the run", "condition", "expected rows with a reading in this phase")
-    first = plan.inverse.solve(float(plan.own.values[0]), state.state.memory)
-    if not first.reachable:
-        low, high = sorted(first.interval or (math.nan, math.nan), key=units.shown)
-        raise fault(
-            "experiment.target",
-            "its first value",
-            f"{units.in_words(units.law(float(target.values[0])))} cannot be reached on the way down from {hot:g} "
-            f"degC; expected {units.shown(low):.6g} to {units.in_words(high)}",
-        )
-    first_degC = first.temperature_degC
-    if plan.branches is not None:  # of several, the one that the plan begins with
-        several, _ = plan.inverse.solutions(float(plan.own.values[0]), state.state.memory)
-        planned_degC = float(plan.branches.planned.values[0])
-        first_degC = float(min(several, key=lambda degC: abs(degC - planned_degC)))
-    approach = to_temperature(loop, plan.mover, state, first_degC, e.settle_s, "approach", setpoints, units)
-    if approach.state is None:
-        raise fault("the run", "approach", "expected rows with a reading in this phase")
+    units = plan.units
     first_target = replace(target, times_s=np.array([0.0]), values=target.values[:1])
     follow = Follow(plan.law, first_target, setpoints=setpoints, units=units)
-    follow.state = handed_over(approach.state, plan.law)
+    if e.memory == "condition":
+        follow.state = handed_over(conditioned(loop, configuration, plan), plan.law)
+    follow.estimates_memory = e.memory == "estimate"
     if plan.correction is not None:
         follow.correction = replace(plan.correction, times_s=np.zeros(1), values=plan.correction.values[:1])
     if e.settle_s > 0.0:
@@ -185,6 +174,34 @@ def track(loop: Loop, configuration: Configuration, plan: Plan) -> Score:
     if found is None:
         raise fault("the run", "track", "expected rows with a reading in this phase")
     return found
+
+
+def conditioned(loop: Loop, configuration: Configuration, plan: Plan) -> LawState:
+    """Take the film to the hot end, and from there to the target's first value."""
+    hot, units, setpoints = calibration_range(configuration)[1], plan.units, plan.setpoints
+    state = to_temperature(loop, plan.mover, None, hot, HOT_DWELL_S, "condition", setpoints, units)
+    if state.state is None:  # of a record: a loop waits for a reading
+        raise fault("the run", "condition", "expected rows with a reading in this phase")
+    wanted = float(plan.own.values[0])
+    first = plan.inverse.solve(wanted, state.state.memory)
+    if not first.reachable:
+        low, high = sorted(first.interval or (math.nan, math.nan), key=units.shown)
+        raise fault(
+            "experiment.target",
+            "its first value",
+            f"{units.in_words(units.law(float(plan.target.values[0])))} cannot be reached on the way down from {hot:g} "
+            f"degC; expected {units.shown(low):.6g} to {units.in_words(high)}",
+        )
+    first_degC = first.temperature_degC
+    if plan.branches is not None:  # of several, the one that the plan begins with
+        several, _ = plan.inverse.solutions(wanted, state.state.memory)
+        planned_degC = float(plan.branches.planned.values[0])
+        first_degC = float(min(several, key=lambda degC: abs(degC - planned_degC)))
+    settle_s = configuration.experiment.settle_s
+    approach = to_temperature(loop, plan.mover, state, first_degC, settle_s, "approach", setpoints, units)
+    if approach.state is None:
+        raise fault("the run", "approach", "expected rows with a reading in this phase")
+    return approach.state
 
 
 def to_temperature(

@@ -116,7 +116,9 @@ class ExperimentTable(Table):
     meter's voltage stands for.
 
     repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
-    missed. learned: the folder of a run whose learned.csv the first one begins with.
+    missed. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
+    at first: "condition" drives it to the hot end, so that all is; "estimate" begins where it is and lets the readings
+    tell; "assume" begins where it is with the model's `initial`.
     """
 
     kind: Kind = "track_resistance"
@@ -129,6 +131,7 @@ class ExperimentTable(Table):
     settle_s: Wait = 10.0
     repeat: Annotated[int, Field(ge=1, le=100)] = 1
     learned: str | None = None
+    memory: Literal["condition", "estimate", "assume"] = "condition"
 
 
 class ControlTable(Table):
@@ -138,14 +141,22 @@ class ControlTable(Table):
     for which the resistance does not turn round, at the least; what noise makes of it is estimated in the run.
     most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; 0.35 is what
     the margins of the whole law allow at a period of 0.1 s (`peltier tune` says it of any other).
+    preview_s: how far a law looks ahead, as long as the plate takes across the film's loop where it is not given.
+    rate_share: of the plate's fastest rates, for ramps of temperature; a resistance has all of them where it is not
+    given.
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
     dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
-    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] = 4.0
+    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
     band_dec: NotNegative = 0.0
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
     most_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.35
+
+    @property
+    def resistance_rate_share(self) -> float:
+        """The same for a resistance: its reference begins anew each period, and needs no reserve."""
+        return self.rate_share if "rate_share" in self.model_fields_set else 1.0
 
 
 class CalibrationTable(Table):
