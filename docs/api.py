@@ -71,6 +71,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.control.law_step",
         "compensator.control.observer",
         "compensator.control.estimate",
+        "compensator.control.horizon",
+        "compensator.control.unknown_memory",
     ),
     "Records": (
         "rig.files.record",

@@ -22,8 +22,8 @@ from compensator.hysteresis.film import FilmModel, Packed
 from compensator.hysteresis.functions import Array, memoryless_value
 from compensator.hysteresis.play import advance, weighted_sum
 
-COUNT: Final = 400  # memories: with four times as many the row `memory` of `benchmark tracking` is the same
-TURNS: Final = 4  # turning points before the last, at most: nested loops beyond that differ by less than a film's noise
+COUNT: Final = 400  # memories: some hundred are still likely after minutes, so that their mean is smooth
+TURNS: Final = 4  # turning points before the last, at most: of nested loops the outermost decide
 OFF_DEC: Final = 0.005  # of the first reading: what a model is usually off
 EDGE: Final = 4.0 * OFF_DEC  # by which a reading may be off the loop itself
 TRIES: Final = 20  # courses for each memory; of some no turn leads to the reading

@@ -15,7 +15,7 @@ class RelayFilmTable(Table):
     """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
-    relays: Count = 4000
+    relays: Count = 16_000
     mean_degC: Number = 61.0
     spread_K: Positive = 3.2
     halfwidth_K: Positive = 2.8

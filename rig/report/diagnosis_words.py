@@ -90,7 +90,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         these = "them" if len(names) > 1 else "it"
         return f"Explained: {listed(names)}; with {these} nothing is left beyond the noise."
     if diagnosis.verdict == "too_short":
-        return f"Too short: what is left may be the film between two rows ({'; '.join(left)}); none is blamed."
+        what = f" ({'; '.join(left)})" if left else ""
+        return f"Too short: what is left may be the film between two rows{what}; none is blamed."
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
