@@ -264,7 +264,8 @@ def speed(count: int, engines: list[str]) -> bool:
         last = sorted(at for _, at in ended.values())[-cores:]
         idle_s = sum(took - at for at in last)  # a worker has nothing left, while another computes the last case
         print(f"{engine:10s} {took:7.0f} s: {ratio:.3f} of the bare work; the same to the bit: {same}; of it")
-        print(f"{'':10s} the cases themselves {busy_s / one_s:.3f}, idle beside the last case {idle_s / one_s:.3f}", end="")
+        print(f"{'':10s} the cases themselves {busy_s / one_s:.3f}, ", end="")
+        print(f"idle beside the last case {idle_s / one_s:.3f}", end="")
         print(f", the engine {ratio - (busy_s + idle_s) / one_s:.3f}", flush=True)
         good &= same and ratio <= (1.05 if engine == "processes" else 1.10)
     return good

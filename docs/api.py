@@ -17,6 +17,33 @@ ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "docs" / "api"
 
 GROUPS: dict[str, tuple[str, ...]] = {
+    "The notebook: `import rig`": (
+        "rig.notebook.records",
+        "rig.notebook.identification",
+        "rig.notebook.prediction",
+        "rig.notebook.inversion",
+        "rig.notebook.diagnosis",
+        "rig.notebook.simulation",
+        "rig.rehearsal.simulated",
+        "rig.notebook.models",
+        "rig.notebook.bench",
+        "rig.notebook.shown",
+    ),
+    "What it returns": (
+        "rig.analysis.identified",
+        "rig.analysis.film_numbers",
+        "compensator.characterization.transition",
+        "compensator.characterization.quantity",
+        "rig.analysis.predicted",
+        "rig.analysis.prediction_error",
+        "rig.analysis.inverted",
+        "sim.diagnosis.result",
+        "rig.files.model_file",
+        "rig.core.faults",
+        "rig.core.errors",
+        "rig.core.outcome",
+        "rig.core.reading",
+    ),
     "The film": (
         "compensator.hysteresis.film",
         "compensator.hysteresis.functions",
@@ -51,6 +78,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "rig.files.record",
         "rig.files.record_file",
         "rig.files.column_mapping",
+    ),
+    "The place to add an effect": (
+        "sim.effects.effect",
+        "sim.effects.heat_term",
     ),
     "The place to add an instrument": (
         "rig.drivers.controller",

@@ -3,7 +3,7 @@
 The control law turns a heating rate (K/s) into a current through the plate's inverse, so that the plate seen by the
 temperature PID is an integrator with the sample-and-hold's and the bench's dead time. A PID on log R alone sees the
 plate linearized at a working point, times the film's steepest slope. Rules: S. Skogestad, J. Process Control 13
-(2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity Ms is the one asked.
+(2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity is the wanted Ms.
 """
 
 from __future__ import annotations

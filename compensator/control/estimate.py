@@ -11,7 +11,7 @@ disturbance   reading minus film model, as a Kalman filter knows it: the film mo
 model error   from how much the disturbance has changed over each `LENGTH` of the course, less what is noise of it
 noise         of both readings, from their second differences: white noise on a smooth course
 
-So nothing of this has to be told: a model that is exact is believed more and more, and one that is off is followed.
+So nothing of this has to be set: a model that is exact is believed more and more, and one that is off is followed.
 Every function takes an estimate and returns the next one; none is changed.
 """
 

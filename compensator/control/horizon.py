@@ -14,7 +14,7 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
 
-STEP_K: Final = 0.05  # a hundredth of a usual loop's width
+STEP_K: Final = 0.05  # of the grid on which the branches are compared; a loop is some kelvin wide
 TAIL: Final = 0.02  # of the major loop's range at either end, where its branches run together and a width means nothing
 POINTS: Final = 12  # targets over a crossing: with twice as many the error is 2 % less (`benchmark tracking`, slow)
 LONGEST_S: Final = 120.0  # of a heater that cools by itself; a step of the law takes longer with each target

@@ -60,7 +60,7 @@ class Inputs(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a step asks of the bench: the current (A), or for "instrument_pid" the setpoint (degC).
+    """What a step commands: the current (A), or for "instrument_pid" the setpoint (degC).
 
     reference_degC: where the film should be now. output_model: the film model's output now. reachable: whether the
     target one period ahead can be reached from here.

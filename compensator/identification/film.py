@@ -43,7 +43,7 @@ from compensator.identification.prediction_bands import Linearized, uncertainty
 from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
 from compensator.identification.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
 
-MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless they are asked for
+MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
 FALLING: Final = -0.8  # correlation with temperature: the output has the wrong sign
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]

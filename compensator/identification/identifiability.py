@@ -108,7 +108,7 @@ def film_notes(
         if record.gaps:
             notes.append(
                 f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is "
-                "taken as monotone; an excursion inside a gap would have changed the film's memory unseen."
+                "taken as monotone; an excursion inside a gap would have changed the film's memory without a trace."
             )
     return tuple(notes)
 

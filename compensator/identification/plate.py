@@ -77,7 +77,7 @@ class PlateFit:
     correlation: shape (parameters, parameters); first_degC: temperature at the start of each stretch, with `stretches`
     its (record, first row, last row + 1); noise_K: of the thermometer; rmse_K, max_abs_K: of the simulation over all
     trusted readings; outliers: number of readings left out; identifiability: what the records cannot fix; lag_s: of the
-    thermometer behind the plate, where it was asked for.
+    thermometer behind the plate, where `lag` is True.
     """
 
     model: PlateModel
@@ -241,10 +241,10 @@ def plate_notes(
     g = values[names.index("conductance_over_capacity_per_s")]
     if levels.size == 1:
         notes.append(
-            "The current is constant: Seebeck term, Joule heat and loss cannot be told apart. "
+            "The current is constant: Seebeck term, Joule heat and loss cannot be separated. "
             "Record a profile with at least three levels of current, of both signs."
             if kind == "peltier"
-            else "The drive is constant: heating rate and loss to the ambient cannot be told apart. "
+            else "The drive is constant: heating rate and loss to the ambient cannot be separated. "
             "Record steps of the drive, zero among them."
         )
     elif kind == "peltier" and (np.all(current >= -0.02 * largest) or np.all(current <= 0.02 * largest)):

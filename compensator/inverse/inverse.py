@@ -14,7 +14,7 @@ On one branch all three take the nearest. The bound that is kept: |model(inverse
 output's unit, or 1e-12 of the model's span where that is more (outputs of hundreds). One *evaluation* is D and the
 envelopes at one trial temperature, the present one included.
 
-The paper's own iteration, eq (20), is `compensator.inverse.iteration`; where it cannot converge is told there.
+The paper's own iteration, eq (20), is `compensator.inverse.iteration`; it says where it cannot converge.
 """
 
 from __future__ import annotations

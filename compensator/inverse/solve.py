@@ -1,6 +1,6 @@
 """The chosen temperature from a memory, in compiled loops: the nearer of the rising and the falling branch's solution.
 
-What the choice means, and what is kept, tells `compensator.inverse.inverse`. One *evaluation* is D and the envelopes at
+`compensator.inverse.inverse` says what the choice means, and what is kept. One *evaluation* is D and the envelopes at
 one trial temperature, the present one included.
 """
 
@@ -173,7 +173,7 @@ def solve(
 ) -> tuple[bool, float, float, int]:
     """(found, temperature, model minus target, evaluations) of the chosen solution, from v (degC) and a memory.
 
-    The row FOUND and `here` of the workspace tell `arrive` what is known at the solution, so that a smooth target costs
+    The row FOUND and `here` of the workspace hand `arrive` what is known at the solution, so that a smooth target costs
     no evaluation twice.
     """
     limits = settings[0]

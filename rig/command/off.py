@@ -1,8 +1,9 @@
 """peltier off [CONFIG]: the output off, with a daemon or without.
 
-Where a daemon runs it is told to stop (of CONFIG's ports, or every one). Where none does, the controller that CONFIG
-names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process holds the port.
-A process that still tries to switch the output off, after that was not confirmed, is ended, and this one tries instead.
+Where daemons run, the one that holds CONFIG's ports stops (without CONFIG every one). Where none does, the controller
+that CONFIG names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process
+holds the port. A process that still tries to switch the output off, after that was not confirmed, is ended, and this
+one tries instead.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def stopped(client: Client, by: str, target: str | None) -> int:
-    """Tell one daemon to stop, and tell what it answered: the exit status."""
+    """Stop one daemon, and print its answer: the exit status."""
     name = client.path.stem
     try:
         with client:

@@ -12,8 +12,7 @@ from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
 from rig.control.decision import AT_THE_TICK, Decision, ReadAt
 from rig.control.loop import Loop
-from rig.control.resistance import ohm
-from rig.files.film_output import RISING_RESISTANCE
+from rig.files.film_output import RISING_RESISTANCE, ohm
 from rig.files.target import Target
 
 

@@ -155,13 +155,13 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
                 return ended
     finally:
         line.clear()
-    raise NoDaemon("the daemon tells nothing any more")
+    raise NoDaemon("the daemon is silent")
 
 
 def _held_by(state: dict[str, Any]) -> str | None:
     """Why no job runs; None where one may start."""
     if state["state"] in HOLDING:
-        return f"the bench is {state['state']}: the job waits (`peltier status` tells why)"
+        return f"the bench is {state['state']}: the job waits (`peltier status` says why)"
     return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None
 
 

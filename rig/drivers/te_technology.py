@@ -275,7 +275,7 @@ class TeTechnologyController(SetpointOnly):
         if self._fahrenheit is not None:
             return
         if not self._model.units:
-            raise Refused(None, f"a {self._model.name} does not tell its working units: the option `units` is needed")
+            raise Refused(None, f"a {self._model.name} does not report its working units: the option `units` is needed")
         (units,) = self.link.sequence((self._model.units, None))
         if units not in (0, 1):
             raise Refused(None, f"working units read {units}")

@@ -10,10 +10,10 @@ from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
-from rig.control.resistance import ohm
 from rig.core.faults import fault
 from rig.drivers.heater_drive import OF_FULL_DRIVE
 from rig.files.configuration import Configuration
+from rig.files.film_output import ohm
 from rig.files.target import Target
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open

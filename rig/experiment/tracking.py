@@ -25,11 +25,11 @@ from compensator.thermal.plate import PlateModel
 from rig.analysis.score import Score, score
 from rig.control.loop import Loop
 from rig.control.policies import Follow, handed_over, temperature_now, warmed_up
-from rig.control.resistance import ohm
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import COMPENSATED, chain_observer, own_target
 from rig.files.configuration import Configuration
+from rig.files.film_output import ohm
 from rig.files.model_file import Model
 from rig.files.target import Target
 

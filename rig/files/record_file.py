@@ -41,8 +41,8 @@ def read_record(
 ) -> Record:
     """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase.
 
-    needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file does not tell which sign
-    stands before its decimals. flags: whether whoever calls takes --column, so that refusals may tell it.
+    needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file leaves open which sign
+    stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type.
     """
     return record_of(_table(path, decimal), mappings, needs, flags)
 

@@ -15,7 +15,7 @@ class RelayFilmTable(Table):
     """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
 
     kind: Literal["preisach"] = "preisach"
-    relays: Count = 4000
+    relays: Count = 16_000
     mean_degC: Number = 61.0
     spread_K: Positive = 3.2
     halfwidth_K: Positive = 2.8
@@ -50,7 +50,7 @@ class DetectorTable(Table):
 class SimulationTable(Table):
     """[simulation]: what is true of the simulated rig; the controller does not see it.
 
-    effects: tables with a name of the catalogue and its parameters, each by default the middle of the sizes met;
+    effects: tables with a name of the catalogue and its parameters, each by default the middle of the usual sizes;
     effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
     meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
     """

@@ -258,7 +258,7 @@ class _Watch:
             look = temperature_after(controller, courses, verdict.said_s, self._patience_s)
             if look.agrees is False:
                 return self._not_confirmed(controller, look.text)
-            _tell(said := "the temperature agrees" if look.agrees else "the temperature has not told either way")
+            _tell(said := "the temperature agrees" if look.agrees else "the temperature did not show either")
             text = f"{text}; {said}"
         write_end(self._left, text, confirmed=True)
         return status

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +46,22 @@ class Simulated:
         return len(self.columns["time_s"])
 
 
+def simulated_rig() -> dict[str, Any]:
+    """The tables of a simulated rig, to be changed and given to `simulate` or `open_bench`.
+
+        tables = rig.simulated_rig()
+        tables["simulation"]["seed"] = 7
+    """
+    return tomllib.loads(resources.files("rig.templates").joinpath("simulated.toml").read_text(encoding="utf-8"))
+
+
 def read_simulation(path: Path, effects: list[str], effect_files: list[Path], seed: int | None) -> ConfigurationFile:
     """A configuration with simulated ports on virtual time, and with further effects in words. Raises Faults."""
+    return simulated_configuration(path, read_toml(path), read_effects(effects, effect_files), seed)
+
+
+def read_effects(effects: Iterable[str], effect_files: Iterable[Path]) -> list[dict[str, Any]]:
+    """Effects in words as their tables; files: with effects of one's own, made known first. Raises Faults."""
     add_effect_files(effect_files)
     tables, lines = [], []
     for text in effects:
@@ -58,13 +74,13 @@ def read_simulation(path: Path, effects: list[str], effect_files: list[Path], se
         lines += [line.replace("[0]", "", 1) for line in switched_effects([table], "--effect", complete=False)[1]]
     if lines:
         raise Faults(lines)
-    return simulated_configuration(path, read_toml(path), tables, seed)
+    return tables
 
 
 def simulated_configuration(
-    path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None
+    path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None, text: str | None = None
 ) -> ConfigurationFile:
-    """The same from what TOML made of a file at `path`. Raises Faults."""
+    """The same from what TOML made of a file at `path`; text: the file's, None: it is read. Raises Faults."""
     bench = table_in(raw, "bench")
     bench.pop("time", None)
     for role in ("controller", "meter"):
@@ -79,7 +95,7 @@ def simulated_configuration(
         if seed < 0:
             raise fault("--seed", repr(seed), "expected a number >= 0")
         simulation["seed"] = seed
-    return configuration_of(path, read_text(path), raw)
+    return configuration_of(path, read_text(path) if text is None else text, raw)
 
 
 def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:

@@ -172,7 +172,7 @@ def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Ma
     ]
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
-        texts.append(f"{loops[own]} under this law, so that there are no margins to tell.")
+        texts.append(f"{loops[own]} under this law, so that there are no margins to report.")
         return [paragraph(text, "note") for text in texts]
     ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from rig.control.resistance import ohm
+from rig.files.film_output import ohm
 from rig.history.reading import loop_points, temperatures
 
 HOUR_S = 3600.0  # of points shown: some turns of the film

@@ -15,8 +15,10 @@ import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
-from sim.diagnosis.data.likelihood import lattice_noise, likelihood, normal_residual, quick_noise
+from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
+from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
 from sim.diagnosis.fit.unknowns import (
     Unknown,
     along_values,
@@ -27,7 +29,7 @@ from sim.diagnosis.fit.unknowns import (
     values_inside,
     with_values,
 )
-from sim.effects.effect import HeatFlow, Switched
+from sim.effects.effect import Switched
 from sim.model.links import Links, links_of
 from sim.model.own_fit import APART_K, first_readings
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
@@ -72,17 +74,6 @@ class PlateParameters:
         return np.array([0.0, 0.0, v[1], v[0], v[2]])
 
 
-def has_own(effect: Switched) -> bool:
-    """Whether it is a body on the plate's balance with a temperature of its own."""
-    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
-
-
-def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
-    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
-    links = links_of(effects)
-    return [*(e for e in links.plate if has_own(e)), *links.thermometer]
-
-
 @dataclass(frozen=True, eq=False)
 class TemperatureFit:
     """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
@@ -114,26 +105,36 @@ class _Trial:
 
 
 class TemperatureChannel:
-    """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them."""
+    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
+    readings of white noise lie on."""
 
     def __init__(
-        self, record: Record, fitted: Mask, sigma_K: float, step_K: float = 0.0, spacing: Spacing = COARSE
+        self, record: Record, fitted: Mask, noise: NoiseModel, step_K: float = 0.0, spacing: Spacing = COARSE
     ) -> None:
-        self.record, self.sigma_K, self.step_K, self.spacing = record, sigma_K, step_K, spacing
+        self.record, self.noise, self.sigma_K, self.spacing = record, noise, noise.level, spacing
+        self.step_K = step_K if noise.plain else 0.0
         self.rows = np.flatnonzero(fitted & record.temperature_used)
         stretch = np.zeros(record.rows, dtype=np.int64)
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
+        begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
+        self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
 
-    def with_noise(self, sigma_K: float) -> TemperatureChannel:
-        """The same rows, weighed by another noise."""
-        fitted = np.zeros(self.record.rows, dtype=np.bool_)
-        fitted[self.rows] = True
-        return TemperatureChannel(self.record, fitted, sigma_K, self.step_K, self.spacing)
+    def over(self, values: Array) -> Array:
+        """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
+        return self._whitening.over(values)
+
+    def likelihood(self, shown: Array) -> Likelihood:
+        """Of the fitted rows' readings for what is shown, (all rows,)."""
+        readings = self.record.temperature_degC[self.rows]
+        if self.noise.plain:
+            return likelihood(readings, shown[self.rows], self.sigma_K, self.step_K)
+        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)
+        return Likelihood(0.5 * z * z, z, np.ones_like(z))
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
         """Parameters to begin with: base in the unknowns' own values."""
@@ -235,7 +236,7 @@ class TemperatureChannel:
         return -0.5 * float(away @ away)
 
     def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         away = self.prior(p, x)[0]
         total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
         return total if math.isfinite(total) else math.inf
@@ -262,9 +263,9 @@ class TemperatureChannel:
             x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, x, first, shown, high, h, jacobian)
             by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
-            e = by_first / (0.01 * self.sigma_K)
-            like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
-            j = jacobian[self.rows] / self.sigma_K
+            e = self.over(by_first) / 0.01
+            like = self.likelihood(shown)
+            j = self.over(jacobian[self.rows])
             w = like.curvature
             away, index, scale = self.prior(p, x)
             gradient = j.T @ like.pull
@@ -304,7 +305,7 @@ class TemperatureChannel:
     def _fit(
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
     ) -> TemperatureFit:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         effects, _, _, _ = self.split(p, x)
         final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
         return TemperatureFit(
@@ -336,13 +337,8 @@ class TemperatureChannel:
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""
+        if not self.noise.plain:
+            return self.over((self.record.temperature_degC - fit.shown_degC)[self.rows])
         return normal_residual(
             self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
         )
-
-    def noise(self, fit: TemperatureFit) -> float:
-        """The thermometer's noise, from what a fit leaves from row to row."""
-        readings, shown = self.record.temperature_degC[self.rows], fit.shown_degC[self.rows]
-        if self.step_K > 0.0:
-            return lattice_noise(readings, shown, self.step_K)
-        return quick_noise(readings - shown)

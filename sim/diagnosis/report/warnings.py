@@ -57,7 +57,7 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
     for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():
-        text = f"{name}: would not have shown at any size met, the film's own shape absorbs it"
+        text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
         if np.isfinite(weakest):
             text = (
                 f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"

@@ -242,7 +242,9 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
 def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
-    names: frozenset[str] = frozenset()
+    names, search = frozenset[str](), chain.last(upstream)
+    if chain.facts is not None and chain.facts.sparse is not None:
+        return search.assumed  # the film between two rows may do what any effect does
     for steps in (1, MOST_EFFECTS):
         before = names
         names = select_last_links(chain.last(upstream), names, steps, say)
