@@ -27,7 +27,7 @@ from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import Array, memoryless
 
 States = NDArray[np.uint8]
-RELAYS = 16_000
+RELAYS = 16_000  # a film is 4e-4 decades off the smooth loop then: under half of a usual noise
 PLASTIC = 1.324717957244746  # x^3 = x + 1: its powers are the two steps of the sequence that cover a square most evenly
 
 
