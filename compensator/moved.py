@@ -1,7 +1,7 @@
 """Modules that have moved are found under their former names for one more release, with a warning that users see.
 
-    moved("compensator", {"film": "hysteresis.film"})     # in the package's __init__: compensator.film is still found
-    __getattr__ = names_of("compensator.inverse.inverse") # where a package stands now under the name of a module
+moved("compensator", {"film": "hysteresis.film"})     # in the package's __init__: compensator.film is still found
+__getattr__ = names_of("compensator.inverse.inverse") # where a package stands now under the name of a module
 """
 
 from __future__ import annotations

@@ -140,19 +140,30 @@ def grown_doubt(estimate: Estimate, moved: float, period_s: float) -> float:
 
 @njit(cache=True)
 def corrected_disturbance(
-    estimate: Estimate, disturbance: float, off: float, output: float, moved: float, period_s: float
+    estimate: Estimate,
+    disturbance: float,
+    off: float,
+    output: float,
+    moved: float,
+    period_s: float,
+    most_share: float,
 ) -> tuple[float, Estimate]:
     """The disturbance after a reading that is `off` the film model, and the estimate.
 
     output: the reading itself, for its noise. moved: by how much the output was to move since the reading before.
+    most_share: of `off` that one reading counts for at the most, whatever the model's error.
     """
     e = estimate
     noise = learned_noise(e.output, output)
     walked = abs(moved)
     doubt = grown_doubt(e, moved, period_s)
     share = doubt / (doubt + noise.variance + TINY)
+    if share <= most_share:
+        doubt *= 1.0 - share
+    else:
+        share = most_share
+        doubt = (1.0 - share) ** 2 * doubt + share**2 * (noise.variance + TINY)  # of any share, P. D. Joseph's form
     found = disturbance + share * (off - disturbance)
-    doubt *= 1.0 - share
     course, mark, lengths, error2 = e.course + walked, e.mark, e.lengths, e.model_error2
     if course >= LENGTH:
         if not math.isnan(mark):

@@ -39,7 +39,7 @@ from compensator.control.reference_shaping import Reference
 from compensator.control.unknown_memory import mean_of, possible_memories
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory
 from compensator.hysteresis.functions import Array
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Choice, Inverse
 from compensator.thermal.plate import PlateModel
 
 NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
@@ -54,7 +54,9 @@ class LawSettings:
     one period ahead. reversal: the output turns round for a difference of so many standard deviations of the estimate,
     and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
     (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
-    use.
+    use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
+    (`compensator.control.whole_law.share_within`). heading: of several temperatures for an output the nearest is taken
+    (0), or the one further up (1) or down (-1), where there is one.
     """
 
     name: LawName
@@ -70,6 +72,8 @@ class LawSettings:
     trusts_model: bool = True
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
+    most_share: float = 1.0
+    heading: int = 0
 
 
 class Law:
@@ -90,7 +94,8 @@ class Law:
         self.observer = observer
         s = settings
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
-        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC)
+        choice: Choice = "fewest_reversals" if s.heading else "nearest"
+        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC, choice=choice)
         self.rule = Rule(
             float(NAMES.index(s.name)),
             s.period_s,
@@ -103,11 +108,12 @@ class Law:
             float(s.trusts_model),
             s.rate_share,
             s.fastest_K_per_s,
+            s.most_share,
             float(film is not None),
             s.gains,
         )
         self.ruled = np.array(flattener(Rule)(self.rule))
-        self.packed_film, self.inverse = inverse.model.packed, inverse.settings()
+        self.packed_film, self.inverse = inverse.model.packed, inverse.settings(s.heading)
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0

@@ -127,6 +127,7 @@ class Rule(NamedTuple):
     trusts_model: float
     rate_share: float
     fastest_K_per_s: float
+    most_share: float
     has_film: float
     gains: PidGains
 
@@ -162,7 +163,7 @@ def read_output(
     """(disturbance, estimate) after the ohmmeter's reading, which is `off` the film model."""
     if rule.name not in (FULL, INSTRUMENT_PID) or not math.isfinite(off):
         return disturbance, estimate
-    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s)
+    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s, rule.most_share)
 
 
 @njit(cache=True)

@@ -132,9 +132,7 @@ def one_root(
     far, far_f = points[far_row, Z], points[far_row, F]
     if film[0].shape[0] == 1 and not far_f < target:
         held, parts = work[3], work[4]
-        return common_root(
-            HERE, far, far_f, e_increasing, side, target, *film, memory, points, held, parts, tolerance
-        )
+        return common_root(HERE, far, far_f, e_increasing, side, target, *film, memory, points, held, parts, tolerance)
     return bracketed(HERE, far_row, side, target, film, memory, work, tolerance)
 
 

@@ -12,7 +12,7 @@ class Decision:
     """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
 
     setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
-    that the plate can follow.
+    that the plate can follow. target_output, predicted_output: of a meter that reads another quantity than ohms.
 
     done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
     """
@@ -23,6 +23,8 @@ class Decision:
     reference_degC: float = math.nan
     target_ohm: float = math.nan
     predicted_ohm: float = math.nan
+    target_output: float = math.nan
+    predicted_output: float = math.nan
     done: bool = False
     wait: bool = False
 

@@ -38,9 +38,10 @@ TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: 
 
 
 def columns_of(bench: Bench) -> list[str]:
-    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does."""
+    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
+    by the model, and read."""
     output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
-    return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, output]
+    return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, f"target_{output}", f"predicted_{output}", output]
 
 
 @dataclass
@@ -212,11 +213,12 @@ class Loop:
             current_time_s = self._apply(decision, now, degC) - self._start_s
             self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
+        ohms = self._output == LOG_RESISTANCE
         self.folder.row(
             (
                 row_s,
                 degC,
-                value if self._output == LOG_RESISTANCE else math.nan,
+                value if ohms else math.nan,
                 self.sent.current_A,
                 test_current_A,
                 output_s,
@@ -224,11 +226,11 @@ class Loop:
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,
-                decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                decision.predicted_ohm if ohms else math.nan,
                 acts_after_s,
                 k,
                 name,
-                *([] if self._output == LOG_RESISTANCE else [value]),
+                *([] if ohms else [decision.target_output, decision.predicted_output, value]),
             )
         )
         if not self.bench.virtual:

@@ -59,7 +59,8 @@ class LakeShoreController(HeaterDrive):
     """See `rig.drivers.controller.TemperatureController`.
 
     input: of the sensor, "A" or "B" (336: to "D"). output: 1 or 2. range: "low", "medium" or "high". max_current_A: of
-    the heater, A; None leaves it as it is set.
+    the heater, A; None leaves it as it is set. p, i, d: of its own regulation (PID), as `peltier tune` prints them;
+    given together, or left as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600, bytesize=7, parity="O")
@@ -75,6 +76,9 @@ class LakeShoreController(HeaterDrive):
         output: int = 1,
         range: str = "high",
         max_current_A: float | None = None,
+        p: float | None = None,
+        i: float | None = None,
+        d: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if input not in ("A", "B", "C", "D"):
@@ -90,7 +94,9 @@ class LakeShoreController(HeaterDrive):
             transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._look_after_doubt
         )
         self._input, self._output, self._range = input, output, RANGES[range]
-        self._max_current_A = max_current_A
+        self._max_current_A, self._own_gains = max_current_A, [gain for gain in (p, i, d) if gain is not None]
+        if len(self._own_gains) in (1, 2):
+            raise ValueError("p, i, d: expected all three, or none")
         self._kelvin: bool | None = None
         self._armed_mode: int | None = None
 
@@ -119,6 +125,8 @@ class LakeShoreController(HeaterDrive):
         self._set_mode(OPEN_LOOP)
         self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
         self._set_number("TLIMIT", self._input, temperature_limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
+        if self._own_gains:
+            self._set("PID", ",".join(f"{gain:.1f}" for gain in self._own_gains))
         self._learn_units()
         self.drive_limit = current_limit_A
         self.temperature_limits_degC = temperature_limits_degC

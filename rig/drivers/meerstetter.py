@@ -41,7 +41,8 @@ class MeerstetterController:
     """One channel of a Meerstetter TEC controller; see `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. address: the device's, or 0 for the only one on the line.
-    instance: the output channel, from 1.
+    instance: the output channel, from 1. kp_percent_per_K, ti_s, td_s: of the device's own regulation (3010 to 3012,
+    % of the current limit), as `peltier tune` prints them; None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
@@ -57,6 +58,9 @@ class MeerstetterController:
         line: LineSettings = LINE,
         address: int = 0,
         instance: int = 1,
+        kp_percent_per_K: float | None = None,
+        ti_s: float | None = None,
+        td_s: float | None = None,
         first_sequence: int | None = None,
     ) -> None:
         self.transport = transport
@@ -70,6 +74,7 @@ class MeerstetterController:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self.dead_man_s = 0.0
+        self._own_gains = {3010: kp_percent_per_K, 3011: ti_s, 3012: td_s}
         self._heating_sign = 1.0
         self._armed_source: int | None = None
 
@@ -102,6 +107,9 @@ class MeerstetterController:
             self._set_float(4010, low_degC)
             self._set_float(4011, high_degC)
             self._set_float(2060, dead_man_s)
+            for parameter, gain in self._own_gains.items():
+                if gain is not None:
+                    self._set_float(parameter, gain)
             self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)

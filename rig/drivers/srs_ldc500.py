@@ -44,7 +44,8 @@ class SrsLdc500Controller:
     """See `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. heating_sign: +1 if positive current heats as the element is wired,
-    -1 if it cools.
+    -1 if it cools. p_A_per_K, i_per_s, d_s: of its own regulation (TPGN, TIGN, TDGN), as `peltier tune` prints them;
+    None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600)
@@ -60,6 +61,9 @@ class SrsLdc500Controller:
         *,
         line: LineSettings = LINE,
         heating_sign: int = 1,
+        p_A_per_K: float | None = None,
+        i_per_s: float | None = None,
+        d_s: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if heating_sign not in (1, -1):
@@ -71,6 +75,7 @@ class SrsLdc500Controller:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self._heating_sign = heating_sign
+        self._own_gains = {"TPGN": p_A_per_K, "TIGN": i_per_s, "TDGN": d_s}
         self._armed_mode: int | None = None
 
     @asked_again
@@ -102,6 +107,9 @@ class SrsLdc500Controller:
         self._set("TILM", current_limit_A, RESOLUTION_A)
         self._set("TMIN", low_degC, RESOLUTION_K)
         self._set("TMAX", high_degC, RESOLUTION_K)
+        for name, gain in self._own_gains.items():
+            if gain is not None:
+                self._set(name, gain, 1e-3 * max(abs(gain), 1.0))
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
 

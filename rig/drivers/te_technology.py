@@ -44,6 +44,7 @@ from rig.ports.transport import Transport
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
 TRIALS = 3
 CONTROL_SENSOR: Request = (b"01", None)
+GAIN_UNITS = 100  # of a repeat per minute, and of a minute
 SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
 
@@ -54,6 +55,8 @@ class TeTechnologyController(SetpointOnly):
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
     (the manual advises a delay; not verified how long). drain_s: how long the line has to be silent after doubt.
     units: "degC" or "degF" where the model cannot be asked. alarm_type: None leaves the alarms as they are.
+    bandwidth_K, integral_per_min, derivative_min: of its own regulation (1d, 1e, 1f), as `peltier tune` prints them;
+    None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
@@ -72,6 +75,9 @@ class TeTechnologyController(SetpointOnly):
         units: str | None = None,
         alarm_type: int | None = 2,
         power_read_code: str | None = None,
+        bandwidth_K: float | None = None,
+        integral_per_min: float | None = None,
+        derivative_min: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if not 0 <= address <= 255:
@@ -105,6 +111,7 @@ class TeTechnologyController(SetpointOnly):
         self._given_units = units is not None
         self._alarm_type = alarm_type
         self._power_read = table.power_read if power_read_code is None else power_read_code.encode("ascii")
+        self._own_gains = bandwidth_K, integral_per_min, derivative_min
         self._armed = False
         self._looked_after = 0
 
@@ -145,11 +152,21 @@ class TeTechnologyController(SetpointOnly):
         for write, read, value in model.settings:
             self._set(write, read, value)
         self._learn_units()
+        self._set_own_gains()
         if model.limits and self._alarm_type is not None:
             for (write, read), limit_degC in zip(model.limits, temperature_limits_degC, strict=True):
                 self._set(write, read, self._fixed(limit_degC))
             self._set(*model.alarm_type, self._alarm_type)
         self.temperature_limits_degC = (low_degC, high_degC)
+
+    def _set_own_gains(self) -> None:
+        """Proportional band in its own degrees, repeats per minute, minutes: those that were given."""
+        band_K, integral, derivative = self._own_gains
+        if band_K is not None:
+            self._set(b"1d", b"51", round(band_K * (1.8 if self._fahrenheit else 1.0) * self._model.per_degC))
+        for write, read, gain in ((b"1e", b"52", integral), (b"1f", b"53", derivative)):
+            if gain is not None:
+                self._set(write, read, round(gain * GAIN_UNITS))
 
     def own_limits(self) -> OwnLimits:
         """Low and high alarm (58, 57), where the model is known to have them."""

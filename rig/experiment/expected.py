@@ -67,7 +67,7 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     """Of `rig.experiment.session`: a calibration where there is no model, then each law."""
     e = configuration.experiment
     plate = model.plate if model is not None else None
-    if e.kind != "track_resistance":
+    if e.kind not in ("track_resistance", "track_output"):
         approach = [("approach", e.settle_s)] if e.law != "instrument_pid" and e.kind != "current_profile" else []
         return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
     low, high = calibration_range(configuration)

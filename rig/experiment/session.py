@@ -30,13 +30,12 @@ from rig.experiment.repeated import LEARNED, USED, Learning, read_correction, wr
 from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
-from rig.experiment.wanted import check_feasible, wanted
+from rig.experiment.wanted import TRACKING, check_feasible, wanted
 from rig.files.configuration import ConfigurationFile
 from rig.files.model_file import Model, write_model
 from rig.files.record_file import write_columns
 from rig.files.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
-from rig.files.target import COLUMNS as COLUMN_OF
-from rig.files.target import Target
+from rig.files.target import Target, column_of_target
 from rig.guard.line import UNGUARDED, Guard
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
@@ -142,12 +141,12 @@ def run_on(session: Session, path: Path, target: Target, model: Model | None) ->
     """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
     result = Result(path, model=model, target=target)
     meter = session.bench.meter
-    if session.file.content.experiment.kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
-        raise fault(
-            session.file.path, "bench.meter", f"reads {meter.output}; expected an ohmmeter to track a resistance"
-        )
+    kind = session.file.content.experiment.kind
+    if kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
+        text = f"reads {meter.output}; expected an ohmmeter to track a resistance, or kind = 'track_output'"
+        raise fault(session.file.path, "bench.meter", text)
     _tell_dead_man(session)
-    if session.file.content.experiment.kind == "track_resistance":
+    if kind in TRACKING:
         _track_all(session, path, result)
     else:
         _profile(session, path, result)
@@ -239,7 +238,7 @@ def _one_law(
     if correction is not None:
         write_correction(folder.part / USED, correction)
     if result.repeated:
-        folder.result(repeated_rms_dec=[one.rms_dec for one in result.repeated])
+        folder.result(repeated_rms_dec=[one.rms for one in result.repeated])
     result.scores.append(score)
     result.designs[name] = plan.design
     session.say(f"{name}: {score.in_words()}")
@@ -297,7 +296,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
     """Target and model beside the rows, so that the folder stands alone."""
     values = 10.0**-target.values if target.quantity == "resistance" else target.values
-    write_columns(folder.part / "target.csv", {"time_s": target.times_s, COLUMN_OF[target.quantity]: values})
+    write_columns(folder.part / "target.csv", {"time_s": target.times_s, column_of_target(target.quantity): values})
     if model is not None:
         write_model(folder.part / "model.toml", model, "the model that the law used")
 

@@ -1,4 +1,4 @@
-"""What a configuration asks for, checked before a port is opened: target, model, and whether both can be done."""
+"""Target and model of a configured experiment, checked before any port is opened and anything is switched on."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from rig.analysis.predicted import needs_test_current
+from rig.control.law_units import in_law_units, law_units
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import own_target
 from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
 from rig.experiment.repeated import LEARNED, read_correction
-from rig.files.configuration import ConfigurationFile
-from rig.files.film_output import RISING_RESISTANCE, in_decades
+from rig.files.configuration import Configuration, ConfigurationFile
+from rig.files.film_output import FALLING_RESISTANCE, in_decades, other_sense
 from rig.files.model_file import Model, read_model
 from rig.files.target import Target, read_target, target_in_words
 
@@ -22,12 +23,23 @@ QUANTITY = {
     "current_profile": "current",
     "hold": "temperature",
 }
+TRACKING = ("track_resistance", "track_output")
+
+
+def quantity_of(configuration: Configuration) -> str:
+    """What the target is of: see `rig.files.target.Target`."""
+    e, meter = configuration.experiment, configuration.bench.meter
+    if e.kind != "track_output":
+        return QUANTITY[e.kind]
+    assert meter is not None
+    assert meter.output is not None
+    return meter.output
 
 
 def target_of(file: ConfigurationFile) -> Target:
     """The wanted course. Raises Faults."""
     e = file.content.experiment
-    quantity = QUANTITY[e.kind]
+    quantity = quantity_of(file.content)
     if e.target is None:
         raise fault(file.path, "experiment.target", f"missing; kind {e.kind!r} needs a CSV file or a profile in words")
     if isinstance(e.target, str):
@@ -43,7 +55,7 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
         say(line)
     model = None
     if e.model is not None:
-        needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)
+        needs = ("film", "plate") if e.kind in TRACKING else ("plate",)
         model = read_model(file.beside(e.model), needs=cast(Any, needs))
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
@@ -68,30 +80,38 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
         say(told)
     if c.experiment.kind == "current_profile":
         return
-    if c.experiment.kind == "track_resistance":
+    if c.experiment.kind in TRACKING:
         assert model.film is not None
-        _check_output(model, c.experiment.model)
+        _check_output(model, c.experiment.model, quantity_of(c))
+        units = law_units(model.film, c.limits.temperature_degC)
+        film = in_law_units(model.film, units)
         for warning in (
-            order_warning(model.film, c.experiment.model),
-            memory_warning(model.film, hot, c.experiment.model),
+            order_warning(film, c.experiment.model),
+            memory_warning(film, hot, c.experiment.model, units),
         ):
             if warning is not None:
                 say(warning)
-        own = own_target(target, model.film, model.switched())
-        temperatures = check_target(own, model.film, c, hot, where)
+        own = own_target(target, film, model.switched(), units)
+        course = check_target(own, film, model.plate, c, hot, where, units)
+        temperatures = course.temperatures_degC
+        if course.planned:
+            say("the target has several temperatures: not always the nearest is taken, so that all of it is reached")
         if model.plate is not None and c.experiment.law != "instrument_pid":
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
     if model.plate is not None and c.experiment.law != "instrument_pid":
         check_plate(model.plate, [float(temperatures.min()), float(temperatures.max())], c, where, "its range")
 
 
-def _check_output(model: Model, where: object) -> None:
-    """Refuse a film that no resistance can be tracked with. Raises Faults."""
+def _check_output(model: Model, where: object, quantity: str) -> None:
+    """Refuse a film that the wanted quantity cannot be tracked with. Raises Faults."""
     assert model.film is not None
     output = model.film.output
-    if not in_decades(output):
+    if quantity == "resistance" and not in_decades(output):
         raise fault(where, "film.output", f"{output!r}; expected a resistance to track one")
+    if quantity != "resistance" and output not in (quantity, other_sense(quantity)):
+        raise fault(where, "film.output", f"{output!r}; expected {quantity!r}, which the meter reads, to track it")
     on_readings = [e for e in model.switched() if e.effect.link == "ohmmeter" or needs_test_current((e,))]
-    if output == RISING_RESISTANCE and on_readings:
-        text = "has no meaning for a film whose resistance rises (film.output 'log10_ohm')"
-        raise fault(where, "effects", f"{on_readings[0].name}: {text}")
+    if output != FALLING_RESISTANCE and on_readings:
+        what = "whose resistance rises" if quantity == "resistance" else "of which no resistance is read"
+        name = on_readings[0].name
+        raise fault(where, "effects", f"{name}: has no meaning for a film {what} (film.output {output!r})")

@@ -108,8 +108,12 @@ class LimitsTable(Table):
     polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
+Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+
+
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words.
+    """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
+    meter's voltage stands for.
 
     repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
     missed. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
@@ -117,7 +121,7 @@ class ExperimentTable(Table):
     tell; "assume" begins where it is with the model's `initial`.
     """
 
-    kind: Literal["track_resistance", "temperature_profile", "current_profile", "hold"] = "track_resistance"
+    kind: Kind = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
     target: str | list[str] | None = None
     model: str | None = None
@@ -135,6 +139,8 @@ class ControlTable(Table):
 
     ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. band_dec: a difference
     for which the resistance does not turn round, at the least; what noise makes of it is estimated in the run.
+    most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; 0.35 is what
+    the margins of the whole law allow at a period of 0.1 s (`peltier tune` says it of any other).
     preview_s: how far a law looks ahead, as long as the plate takes across the film's loop where it is not given.
     rate_share: of the plate's fastest rates, for ramps of temperature; a resistance has all of them where it is not
     given.
@@ -145,6 +151,7 @@ class ControlTable(Table):
     preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
     band_dec: NotNegative = 0.0
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
+    most_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.35
 
     @property
     def resistance_rate_share(self) -> float:
@@ -185,8 +192,12 @@ class Configuration(Table):
             raise ValueError(f"bench: ports {', '.join(ports)}: expected all of them sim://, or none")
         if self.bench.time == "virtual" and not all(simulated):
             raise ValueError("bench.time: 'virtual' goes only with sim:// ports; expected 'real'")
-        if self.experiment.kind == "track_resistance" and self.bench.meter is None:
-            raise ValueError("bench.meter: missing; expected a meter for kind 'track_resistance'")
+        kind, meter = self.experiment.kind, self.bench.meter
+        if kind in ("track_resistance", "track_output") and meter is None:
+            raise ValueError(f"bench.meter: missing; expected a meter for kind {kind!r}")
+        if kind == "track_output" and meter is not None and meter.output is None:
+            text = "expected 'voltage', with output and formula, for kind 'track_output'"
+            raise ValueError(f"bench.meter.quantity: {meter.quantity!r}; {text}")
         return self
 
     @property

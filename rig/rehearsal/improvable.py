@@ -14,7 +14,7 @@ from typing import Any
 from rig.analysis.gained import same_target
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
-from rig.experiment.wanted import QUANTITY, target_of
+from rig.experiment.wanted import TRACKING, quantity_of, target_of
 from rig.files.configuration import ConfigurationFile, read_configuration
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import read_model
@@ -46,7 +46,7 @@ class Improvable:
 
     def helped_by(self, names: Sequence[str]) -> bool:
         """Whether one of these effects acts before the quantity that is followed."""
-        if QUANTITY[self.kind] == "resistance":
+        if self.kind in TRACKING:
             return bool(names)
         known = catalogue()
         return any(name in known and known[name].link in ("driver", "plate", "thermometer") for name in names)
@@ -65,7 +65,7 @@ def improvable(run_folder: Path, config: Path) -> Improvable:
     lines = [*_unusable(file), *_wider(file, run)]
     if lines:
         raise Faults(lines)
-    law = file.content.experiment.law if file.content.experiment.kind == "track_resistance" else "temperature"
+    law = file.content.experiment.law if file.content.experiment.kind in TRACKING else "temperature"
     caveats = list(_incomparable(run, file, law))
     comparable = not caveats
     if ended_early(run):
@@ -79,7 +79,7 @@ def _unusable(file: ConfigurationFile) -> Iterator[str]:
     if e.kind == "current_profile":
         text = "'current_profile' follows no target; expected track_resistance, temperature_profile or hold"
         yield f"{file.path}: experiment.kind: {text}"
-    elif e.law == "instrument_pid" or (e.kind == "track_resistance" and e.law not in COMPENSATED):
+    elif e.law == "instrument_pid" or (e.kind in TRACKING and e.law not in COMPENSATED):
         yield f"{file.path}: experiment.law: {e.law!r} makes no use of a model's effects; expected full or feedforward"
 
 
@@ -102,11 +102,11 @@ def _wider(file: ConfigurationFile, run: RunRows) -> Iterator[str]:
 def _incomparable(run: RunRows, file: ConfigurationFile, law: str) -> Iterator[str]:
     """Why the errors of both runs say nothing of the model."""
     path, what = run.part / "target.csv", str(run.document["start"]["what"])
-    quantity = QUANTITY[file.content.experiment.kind]
+    quantity = quantity_of(file.content)
     then = what.removeprefix(LAW) if what.startswith(LAW) else "temperature"
     if not path.is_file():
         yield "the first run has no target: its error cannot be compared"
-    elif what.startswith(LAW) != (quantity == "resistance") or not same_target(
+    elif what.startswith(LAW) != (file.content.experiment.kind in TRACKING) or not same_target(
         read_target(path, quantity), target_of(file)
     ):
         yield "the first run had another target: the errors cannot be compared"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.score import PROFILE, TRACK, error_dec, largest, rms
+from rig.analysis.score import largest, profile_error, rms, tracked, tracking_error
 from rig.bench.simulation import simulated_world
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
@@ -45,12 +45,17 @@ class Simulated:
     def rows(self) -> int:
         return len(self.columns["time_s"])
 
+    def column(self, name: str) -> Any:
+        """A column; nan in every row where the record does not have it."""
+        found = self.columns.get(name)
+        return np.array(found) if found is not None else np.full(self.rows, np.nan)
+
 
 def simulated_rig() -> dict[str, Any]:
     """The tables of a simulated rig, to be changed and given to `simulate` or `open_bench`.
 
-        tables = rig.simulated_rig()
-        tables["simulation"]["seed"] = 7
+    tables = rig.simulated_rig()
+    tables["simulation"]["seed"] = 7
     """
     return tomllib.loads(resources.files("rig.templates").joinpath("simulated.toml").read_text(encoding="utf-8"))
 
@@ -175,13 +180,7 @@ def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: 
 
 def target_error(simulated: Simulated) -> dict[str, float]:
     """RMS and largest error over the whole target (`rig.analysis.score`): rms_dec, or rms_K."""
-    columns = simulated.columns
-    phase = np.array(columns.get("phase", [""] * simulated.rows))
-    inside = (phase == TRACK) | (phase == PROFILE)
-    for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
-        if wanted in columns and shown in columns:
-            a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
-            error = error_dec(a, b) if unit == "dec" else a - b
-            if np.any(np.isfinite(error)):
-                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
+    for unit, error in ((tracked(simulated).unit, tracking_error(simulated)[1]), ("K", profile_error(simulated)[1])):
+        if np.any(np.isfinite(error)):
+            return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
     return {}

@@ -33,9 +33,7 @@ def grid(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure
 
 def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
     """Held-out error before, after, and the noise, a panel for each channel."""
-    caption = (
-        "Root mean square error of a simulation over the whole record, on held-out rows, beside the noise."
-    )
+    caption = "Root mean square error of a simulation over the whole record, on held-out rows, beside the noise."
     return figure(saved(drawn_gain(diagnosis), folder, "gain"), caption)
 
 

@@ -293,7 +293,6 @@ def test_not_confirmed_off_says_what_to_do(bench_file: Path, monkeypatch: pytest
 
     monkeypatch.setattr(rig.bench.assembly, "emulated_controller", wrapped)
 
-
     def work() -> None:
         with rig.open_bench(bench_file) as bench:
             armed(bench)
