@@ -14,7 +14,7 @@ from typing import Any
 
 from compensator.control.own_pid import OwnPid
 
-PER_CENT, PER_MIN = 100.0, 60.0
+PER_CENT, PER_MIN = 100.0, 60.0  # full output is 100 percent; a minute has 60 s
 
 
 @dataclass(frozen=True)

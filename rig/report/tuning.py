@@ -18,7 +18,7 @@ from rig.report.page import bullets, figure, paragraph, section, table, tiles, w
 if TYPE_CHECKING:
     from rig.experiment.tuning import WholeLaw
 
-SHOWN = (0.6, 1.0, 1.5, 2.2)
+SHOWN = (0.6, 1.0, 1.5, 2.2)  # film slope over model slope: right, the bounds of "Ms 1.6", and the largest judged
 
 
 def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], found: WholeLaw) -> None:
