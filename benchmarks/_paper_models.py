@@ -58,6 +58,14 @@ def table_1(extended: bool) -> FilmModel:
     return scaled(film, SPAN_PER_M, TABLE_1_DEGC)
 
 
+def cantilever(decay: float = DECAY) -> FilmModel:
+    """Table 1's extended model for a rig to track: its weights, which the text does not give, are chosen so that the
+    order condition holds, 0 where the radius is below what that needs; the others fall as exp(-r / decay)."""
+    film = table_1(True)
+    kept = film.order_margin(*TABLE_1_DEGC) >= 0.0
+    return scaled(replace(film, weights=np.where(kept, np.exp(-film.radii / decay), 0.0)), SPAN_PER_M, TABLE_1_DEGC)
+
+
 def table_2(extended: bool, from_zero: bool = False) -> FilmModel:
     """-log10 R of a film: N = 30, r = i/N from 1/N (`from_zero`: from 0, so that p(r_0) exists); weights chosen."""
     radii = (np.arange(30) + (0.0 if from_zero else 1.0)) / 30.0

@@ -19,6 +19,8 @@ import numpy as np
 
 from benchmarks._own_plant import KELVIN, STEP_S, OwnPlant
 
+Array = np.ndarray
+
 NOISE_K, NOISE_DEC = 0.01, 0.002
 
 
@@ -54,6 +56,10 @@ class FilmOfTheClass:
         self._weights = weights / weights.sum() * chance.uniform(0.6, 0.8)
         self._offset, self._slope = chance.uniform(4.0, 4.5), chance.uniform(0.006, 0.012)
         self._plays = np.full(count, -1.0) + self._radii
+
+    def parameters(self) -> tuple[float, float, float, Array, Array, float, float]:
+        """(a, T_r, T_f, radii, weights, offset, slope of D), for a model with which nothing is wrong."""
+        return self._a, self._rising, self._falling, self._radii, self._weights, self._offset, self._slope
 
     def log_ohm(self, degC: float) -> float:
         low = math.tanh(self._a * (degC - self._rising)) - self._radii

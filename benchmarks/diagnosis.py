@@ -44,6 +44,7 @@ COUNTS = {  # cases at 20 seeds
     "indistinguishable": 60,
     "disturbed": 100,
     "negative": 80,
+    "real_noise": 300,
 }
 FACTORS = (1.0, 1.5)
 UNLIKE_OF = ("one", "clean", "other_film")
@@ -195,6 +196,9 @@ def table(rows: list[Row]) -> None:
         rate(f"taken in another manner, {what}: these names and no other", chosen, lambda r: r["ok"], "")
         for manner in sorted({row["details"]["manner"] for row in chosen}):
             rate(f"    {manner}", [r for r in chosen if r["details"]["manner"] == manner], lambda r: r["ok"], "")
+    real = [r for r in of["real_noise"] if not r["hidden"]]
+    rate("noise as instruments have it, no effect: no name", real, lambda r: r["ok"], "98 %")
+    rate("    and nothing left", real, lambda r: r["ok"] and not r["unexplained"], "")
     rate("negative controls: no cause named with confidence", of["negative"], lambda r: r["ok"], "all")
     for control in sorted({row["details"]["control"] for row in of["negative"]}):
         rate(f"    {control}", [r for r in of["negative"] if r["details"]["control"] == control], lambda r: r["ok"], "")

@@ -253,13 +253,20 @@ def speed(count: int, engines: list[str]) -> bool:
         with opened(EngineChoice(engine), count) as many:
             list(each_ended([Case(k, _diagnose, (seeds[0],)) for k in range(cores)], many))
             began = time.perf_counter()
-            found = {
-                e.number: e.value[0] for e in each_ended([Case(k, _diagnose, (s,)) for k, s in enumerate(seeds)], many)
+            ended = {
+                e.number: (e, time.perf_counter() - began)
+                for e in each_ended([Case(k, _diagnose, (s,)) for k, s in enumerate(seeds)], many)
             }
             took = time.perf_counter() - began
-        same = [found[k] for k in range(count)] == [text for text, _ in alone]
+        same = [ended[k][0].value[0] for k in range(count)] == [text for text, _ in alone]
         ratio = took * cores / one_s
-        print(f"{engine:10s} {took:7.0f} s: {ratio:.3f} of the bare work; the same to the bit: {same}", flush=True)
+        busy_s = sum(e.seconds for e, _ in ended.values())
+        last = sorted(at for _, at in ended.values())[-cores:]
+        idle_s = sum(took - at for at in last)  # a worker has nothing left, while another computes the last case
+        print(f"{engine:10s} {took:7.0f} s: {ratio:.3f} of the bare work; the same to the bit: {same}; of it")
+        print(f"{'':10s} the cases themselves {busy_s / one_s:.3f}, ", end="")
+        print(f"idle beside the last case {idle_s / one_s:.3f}", end="")
+        print(f", the engine {ratio - (busy_s + idle_s) / one_s:.3f}", flush=True)
         good &= same and ratio <= (1.05 if engine == "processes" else 1.10)
     return good
 

@@ -1,25 +1,34 @@
 """How near the film's own resistance comes to the wanted one, on a plate and films that no part of the program wrote.
 
-    ./peltier benchmark tracking [--seeds N] [--only class|outside] [--laws full,feedforward] [--current 4] [--repeat N]
+    ./peltier benchmark tracking [--seeds 5] [--first 10] [--only ROW,ROW] [--out DIR] [--workers 2]
 
 The plant (`_tracked_plant`) is behind the emulated instruments, on the virtual clock: 30 J/K, 0.5 W/K, 0.05 V/K, 2 ohm,
-25 degC, readings with 0.01 K and n = 0.002 decades of noise, at 10 Hz. The model is what `calibrate` makes of it. The
-target stays in the middle 80 % of the film's range: ramps of 0.01 decades/s between random levels, dwells of 30 s, and
-a sine of 0.8 decades peak to peak in 300 s. Errors are those of the film itself, in n, from the first row to the last.
+25 degC, readings with 0.01 K and n = 0.002 decades of noise, at 10 Hz, 4 A. The model is what `calibrate` makes of it.
+The target stays in the middle 80 % of the film's range: ramps of 0.01 decades/s between random levels, dwells of 30 s,
+and a sine of 0.8 decades peak to peak in 300 s. Errors are those of the film itself, from the target's first row to its
+last; of each row the median over the films is told beside what is asked, and every film is in the figure (tracking.svg,
+tracking.json in DIR). Steps that nobody announced: `benchmark causal_steps`, of which the table has a short run.
+
+    class, outside   a film of the model's class, a film of relays; the full law, and feedforward alone
+    exact            a film of the class and its plate with their true parameters
+    wrong            outside, the model of the nominal plate: S -20 %, R_e and G +20 %, room +5 K, thermometer 2 s late
+    slow             a film of the class, 2 A
+    repeat           outside, the third repetition
+    memory           both films, begun inside the loop with an unknown memory and no hot excursion: the first 300 s
+    others           PID on log R at the best of four Ms; the paper's scheme: the inverse's temperatures, PID on the
+                     temperature, at the best of two; looked up on the major loop
+    steps            `causal_steps`, ten steps a film
+    step_us          one step of the law from Python (`benchmark law_step`)
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import json
-import math
-import random
-import shutil
 import sys
-import tempfile
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,146 +36,184 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
-from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheClass, Plate, TrackedPlant
-
-HOT_DEGC, COLD_DEGC = 85.0, 35.0
-RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
-SINE_DEC, SINE_S = 0.8, 300.0
-FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
-
-CONFIGURATION = (
-    SIMULATED_BENCH
-    + """
-[limits]
-temperature_degC = [10, 95]
-current_A = {current}
-[experiment]
-kind = "track_resistance"
-target = "target.csv"
-model = "{model}"
-law = "{law}"
-repeat = {repeat}
-period_s = 0.1
-[calibration]
-temperature_degC = [{low}, {high}]
-rate_K_per_s = 0.7
-minor_loops = 8
-dwell_s = 2.0
-"""
+from benchmarks._tracked_plant import NOISE_DEC
+from benchmarks._tracking_runs import (  # of which `circle` takes its own
+    COLD_DEGC,
+    CONFIGURATION,
+    FILMS,
+    HOT_DEGC,
+    Film,
+    Found,
+    Run,
+    course,
+    error,
+    span,
+    tracked,
 )
 
+__all__ = ["COLD_DEGC", "CONFIGURATION", "FILMS", "HOT_DEGC", "course", "error", "span"]
 
-def span(film: Any) -> tuple[float, float]:
-    """The film's range of log10 R over the calibration's temperatures: of its major loop."""
-    up = [film.log_ohm(t) for t in np.arange(COLD_DEGC, HOT_DEGC, 0.1)]
-    down = [film.log_ohm(t) for t in np.arange(HOT_DEGC, COLD_DEGC, -0.1)]
-    return max(min(up), min(down)), min(max(up), max(down))
-
-
-def course(low: float, high: float, seed: int) -> tuple[list[float], list[float]]:
-    """Times and wanted log10 R within the middle 80 %."""
-    chance = random.Random(seed)
-    low, high = low + 0.1 * (high - low), high - 0.1 * (high - low)
-    times, values = [0.0, 10.0], [high - 0.3 * (high - low)] * 2
-
-    def to(value: float) -> None:
-        times.append(times[-1] + abs(value - values[-1]) / RATE_DEC_PER_S + 1.0)
-        values.append(value)
-        times.append(times[-1] + DWELL_S)
-        values.append(value)
-
-    for _ in range(LEVELS):
-        to(chance.uniform(low, high))
-    middle = 0.5 * (low + high)
-    to(middle)
-    begin = times[-1]
-    for k in range(1, 601):
-        times.append(begin + k * SINE_S / 600)
-        values.append(middle + 0.5 * SINE_DEC * math.sin(2.0 * math.pi * k / 600))
-    return times, values
+FULL, FEEDFORWARD = Run("full"), Run("feedforward", law="feedforward")
+EXACT = Run("exact", exact=True), Run("exact_feedforward", law="feedforward", exact=True)
+PIDS = tuple(Run(f"pid_{ms}", law="pid", ms=ms) for ms in (1.2, 1.4, 1.7, 2.0))
+PAPER = tuple(Run(f"paper_{ms}", way="inverse", ms=ms) for ms in (1.4, 1.7))
+MEMORY = Run("memory", memory="estimate"), Run("assumed", memory="assume")
+ROWS: dict[str, tuple[tuple[str, float, tuple[Run, ...]], ...]] = {
+    "class": (("class", 4.0, (FULL, FEEDFORWARD)),),
+    "outside": (("outside", 4.0, (FULL, FEEDFORWARD)),),
+    "exact": (("class", 4.0, EXACT),),
+    "wrong": (("outside", 4.0, (Run("wrong", wrong=True),)),),
+    "slow": (("class", 2.0, (FULL,)),),
+    "repeat": (("outside", 4.0, (Run("repeat", repeat=3),)),),
+    "memory": (("class", 4.0, MEMORY), ("outside", 4.0, MEMORY)),
+    "others": (("outside", 4.0, (*PIDS, *PAPER, Run("look_up", way="look_up"))),),
+}
+SHORT_STEPS = 10
 
 
-def tracked(case: tuple[str, int, tuple[str, ...], float, float, int]) -> dict[str, Any]:
-    """Calibrate and run with each law: RMS and largest error of the film, in n."""
-    from rig.__main__ import main
+@dataclass
+class Line:
+    """Of the table: what; asked (None: reported beside); values of each film, of which `of` makes one figure."""
 
-    kind, seed, laws, current_A, noise, repeat = case
-    folder = Path(tempfile.mkdtemp(prefix="tracking-"))
-    low, high = span(FILMS[kind](seed))
-    times, values = course(low, high, seed)
-    lines = [f"{t:.3f},{10.0**y:.8g}" for t, y in zip(times, values, strict=True)]
-    (folder / "target.csv").write_text("time_s,target_ohm\n" + "\n".join(lines) + "\n")
-    found: dict[str, Any] = {"film": kind, "seed": seed}
-    with behind_the_instruments(
-        lambda start_s: TrackedPlant(Plate(), FILMS[kind](seed), seed, start_s, noise)
-    ) as plants:
-        for verb, law in (("calibrate", "full"), *(("run", law) for law in laws)):
-            path = folder / "config.toml"
-            model = "target.csv" if verb == "calibrate" else "cal/MODEL.toml"
-            times_over = 1 if verb == "calibrate" else repeat
-            path.write_text(
-                CONFIGURATION.format(
-                    current=current_A, model=model, law=law, low=COLD_DEGC, high=HOT_DEGC, repeat=times_over
-                )
-            )
-            out = folder / ("cal" if verb == "calibrate" else law)
-            err = io.StringIO()
-            note = noted_phase(lambda name: name == "track", lambda: float(plants[-1].time_s))
-            with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), note as begin_s:
-                status = main([verb, str(path), "--out", str(out)])
-            if status:
-                found["text"] = f"{verb} {law}: {err.getvalue()[-300:]}"
-                break
-            if verb == "run":
-                errors = [error(plants[-1], begin, times, values) for begin in begin_s]
-                found[law] = errors[-1]
-                found[f"{law}, repetitions"] = [rms for rms, _ in errors]
-    shutil.rmtree(folder, ignore_errors=True)
-    return found
+    what: str
+    asked: float | None
+    values: list[float]
+    unit: str = "n"
+    of: Callable[[Iterable[float]], float] = np.median  # type: ignore[assignment]
+
+    @property
+    def measured(self) -> float:
+        return float(self.of(self.values))
 
 
-def error(plant: TrackedPlant, begin_s: float, times: list[float], values: list[float]) -> tuple[float, float]:
-    """RMS and largest, in n, of the film itself over the whole target."""
-    time, _, log_ohm = np.array(plant.course).T
-    grid = np.arange(0.0, times[-1], 0.05)
-    off = np.interp(begin_s + grid, time, log_ohm) - np.interp(grid, times, values)
-    return float(np.sqrt(np.mean(off**2))) / NOISE_DEC, float(np.max(np.abs(off))) / NOISE_DEC
+def films(rows: Iterable[str], seeds: Iterable[int], noise: float) -> list[Film]:
+    """Each film once, with the runs of all rows that are on it."""
+    runs: dict[tuple[str, float], dict[str, Run]] = {}
+    for row in rows:
+        for kind, current_A, each in ROWS.get(row, ()):
+            runs.setdefault((kind, current_A), {}).update({run.name: run for run in each})
+    return [
+        Film(kind, seed, tuple(each.values()), current_A, noise)
+        for (kind, current_A), each in runs.items()
+        for seed in seeds
+    ]
+
+
+def lines(found: list[Found]) -> list[Line]:
+    """The table's lines from what there is."""
+
+    def of(kind: str, name: str, current_A: float = 4.0, which: int = 0) -> list[float]:
+        there = [f for f in found if (f.film.kind, f.film.current_A) == (kind, current_A) and name in f.errors]
+        return [f.errors[name][which] for f in there]
+
+    def over(one: list[float], other: list[float]) -> list[float]:
+        return [a / b for a, b in zip(one, other, strict=False)]
+
+    def decades(values: list[float]) -> list[float]:
+        return [NOISE_DEC * value for value in values]
+
+    against = over(of("class", "full"), of("class", "feedforward"))
+    against += over(of("outside", "full"), of("outside", "feedforward"))
+    against += over(of("class", "exact"), of("class", "exact_feedforward"))
+    table = [
+        Line("RMS, film of the class", 0.25, of("class", "full")),
+        Line("RMS, film outside the class", 0.50, of("outside", "full")),
+        Line("feedforward alone, of the class", None, of("class", "feedforward")),
+        Line("feedforward alone, outside", None, of("outside", "feedforward")),
+        Line("nothing wrong: full", None, of("class", "exact")),
+        Line("wrong: RMS", 0.8, of("outside", "wrong")),
+        Line("wrong: largest error", 0.010, decades(of("outside", "wrong", which=1)), "dec"),
+        Line("2 A, film of the class", 0.6, of("class", "full", 2.0)),
+        Line("full over feedforward, the most", 1.05, against, "", max),
+        Line("largest error, outside (the paper: 0.135)", 0.004, decades(of("outside", "full", which=1)), "dec"),
+        Line("third repetition, outside", 0.40, of("outside", "repeat")),
+    ]
+    memory = [value for kind in FILMS for value in over(of(kind, "memory"), of(kind, "assumed"))]
+    table.append(Line("unknown memory: with its estimate over without", 1.0 / 3.0, memory, ""))
+    table += [
+        Line(f"unknown memory, {kind}: {name}", None, of(kind, run))
+        for kind in FILMS
+        for name, run in (("estimated", "memory"), ("assumed", "assumed"))
+    ]
+    for name, each in (("PID on log R at its best Ms", PIDS), ("the paper's scheme, tuned", PAPER)):
+        tried = [of("outside", run.name) for run in each]
+        table.append(Line(name, None, min((t for t in tried if t), key=np.median, default=[])))
+    table.append(Line("looked up on the major loop", None, of("outside", "look_up")))
+    return [line for line in table if line.values]
+
+
+def told(line: Line) -> str:
+    """A line of the table, as text."""
+    asked = f"{line.asked:.3g}" if line.asked is not None else "-"
+    met = "" if line.asked is None or line.measured <= line.asked else "  <- not met"
+    spread = f"{min(line.values):.3g} to {max(line.values):.3g}"
+    return f"{line.what:52s} {asked:>6s} {line.measured:8.3g} {line.unit:4s} {spread:>16s}{met}"
+
+
+def step_lines(seeds: int, first: int, workers: int) -> list[Line]:
+    """Of `causal_steps`, a short run."""
+    from benchmarks.causal_steps import ASKED, Rows, measured
+
+    table: list[Line] = []
+    with ProcessPoolExecutor(workers) as pool:
+        for name, asked in ASKED.items():
+            rows: Rows = measured(pool, name, range(first, first + seeds), SHORT_STEPS)
+            if asked.overshoot_dec is not None:
+                table.append(Line(f"overshoot, {name}: largest", asked.overshoot_dec, rows.overshoot_dec, "dec", max))
+            table.append(Line(f"causal step over the fastest, {name}: median", asked.median, rows.over_fastest, ""))
+            table.append(Line(f"causal step over the fastest, {name}: most", asked.most, rows.over_fastest, "", max))
+    return table
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=6)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--only", choices=sorted(FILMS))
-    parser.add_argument("--laws", default="full,feedforward")
-    parser.add_argument("--current", type=float, default=4.0, help="limit, A")
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first", type=int, default=10)
+    parser.add_argument("--only", default=",".join([*ROWS, "steps", "step_us"]), help="rows, with commas between")
     parser.add_argument("--noise", type=float, default=1.0, help="of both instruments, in times")
-    parser.add_argument(
-        "--repeat", type=int, default=1, help="repetitions that learn; the errors are those of the last"
-    )
+    parser.add_argument("--out", type=Path, default=Path("runs/tracking"))
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    laws = tuple(options.laws.split(","))
-    kinds = [options.only] if options.only else list(FILMS)
-    seeds = range(options.first, options.first + options.seeds)
-    cases = [(kind, seed, laws, options.current, options.noise, options.repeat) for kind in kinds for seed in seeds]
+    rows = options.only.split(",")
+    unknown = set(rows) - {*ROWS, "steps", "step_us"}
+    if unknown:
+        parser.error(f"--only: {', '.join(sorted(unknown))}: expected of {', '.join([*ROWS, 'steps', 'step_us'])}")
+    cases = films(rows, range(options.first, options.first + options.seeds), options.noise)
+    found: list[Found] = []
     with ProcessPoolExecutor(options.workers) as pool:
-        found = list(pool.map(tracked, cases))
-    print(f"errors of the film in n = {NOISE_DEC} decades: RMS (largest)")
-    for result in found:
-        words = "   ".join(f"{law} {result[law][0]:5.2f} ({result[law][1]:5.2f})" for law in laws if law in result)
-        print(f"{result['film']:8s} {result['seed']:3d}   {words}   {json.dumps(result.get('text', ''))}")
-        for law in laws if options.repeat > 1 else ():
-            each = result.get(f"{law}, repetitions", [])
-            print(f"{'':15s}{law}: " + ", ".join(f"{rms:.2f}" for rms in each) + " n, repetition by repetition")
-    for kind in kinds:
-        for law in laws:
-            rms = [r[law][0] for r in found if r["film"] == kind and law in r]
-            most = [r[law][1] for r in found if r["film"] == kind and law in r]
-            if rms:
-                print(f"{kind:8s} {law:12s} median {np.median(rms):5.2f}   worst {max(rms):5.2f}   ({max(most):5.2f})")
-    return 0 if all("text" not in r for r in found) else 1
+        for each in pool.map(tracked, cases):
+            found.append(each)
+            words = "  ".join(f"{name} {rms:.2f} ({most:.2f})" for name, (rms, most) in each.errors.items())
+            at = each.film
+            print(f"{at.kind} {at.seed}, {at.current_A:g} A: RMS (largest), n: {words} {each.text}", flush=True)
+            for run in at.runs:
+                if run.repeat > 1 and run.name in each.repetitions:
+                    print("    repetitions " + ", ".join(f"{rms:.2f}" for rms in each.repetitions[run.name]))
+    table = lines(found)
+    if "steps" in rows:
+        table += step_lines(options.seeds, options.first, options.workers)
+    if "step_us" in rows:
+        from benchmarks.law_step import median_us
+
+        table.append(Line("one step of the law from Python", 25.0, [median_us("full") for _ in range(3)], "us"))
+    print(f"\n{'n = 0.002 decades':52s} {'asked':>6s} {'measured':>8s}      {'of all films':>16s}")
+    for line in table:
+        print(told(line))
+    write(options.out, table)
+    return 0 if all(not each.text for each in found) else 1
+
+
+def write(out: Path, table: list[Line]) -> None:
+    """tracking.json and the figure."""
+    from benchmarks._tracking_figure import draw
+
+    out.mkdir(parents=True, exist_ok=True)
+    document: list[dict[str, Any]] = [
+        {"what": t.what, "unit": t.unit, "asked": t.asked, "measured": t.measured, "values": t.values} for t in table
+    ]
+    (out / "tracking.json").write_text(json.dumps(document, indent=1))
+    draw(document, out / "tracking.svg")
+    print(f"\n{out}/tracking.svg, tracking.json")
 
 
 if __name__ == "__main__":

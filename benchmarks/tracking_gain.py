@@ -54,7 +54,7 @@ def rms_dec(folder: Path, effects: list[str], extended: bool, target: list[str] 
     known = _complete(file) if extended else ()
     write_model(folder / "model.toml", Model(base.film, base.plate, known))
     result = run(file, folder / ("extended" if extended else "base"), lambda text: None, None)
-    return result.scores[0].rms_dec
+    return result.scores[0].rms
 
 
 def _complete(file: ConfigurationFile) -> tuple[dict[str, float | str], ...]:

@@ -88,7 +88,7 @@ def main() -> int:
     rows = [row for found, _ in results for row in found]
     good = _told(rows)
     for name, reason in sorted({row for _, missing in results for row in missing}):
-        print(f"not told: {name}: {reason}")
+        print(f"not determined: {name}: {reason}")
     return 0 if good else 1
 
 

@@ -16,7 +16,7 @@ from compensator.thermal.plate import PlateModel
 
 
 def precompile() -> None:
-    """One step of each law, and one inversion, with a small film."""
+    """One step of each law, from a known and from an unknown memory, and one inversion, with a small film."""
     film = FilmModel(
         np.array([0.1, 0.4]),
         np.array([0.6, 0.4]),
@@ -31,7 +31,10 @@ def precompile() -> None:
         settings = LawSettings(name, 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))
         law = Law(settings, plate, film)
         wanted = np.full(settings.preview, 60.0 if name == "temperature" else -4.2)
-        law.step(law.start(58.0, None), Inputs(58.0, -4.3, float(wanted[0]), wanted))
+        inputs = Inputs(58.0, -4.3, float(wanted[0]), wanted)
+        law.step(law.start(58.0, None), inputs)
+        if name == "full":
+            law.step(law.start_anywhere(58.0, -4.3), inputs)
 
 
 if __name__ == "__main__":

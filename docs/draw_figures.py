@@ -1,14 +1,17 @@
-"""Draws docs/figures/*.svg, the figures of docs/model.md, docs/paper.md and docs/calibrate_a_film.md.
+"""Draws docs/figures/*.svg, the figures of docs/model.md, paper.md, calibrate_a_film.md and python.md.
 
-.venv/bin/python docs/draw_figures.py
+.venv/bin/python docs/draw_figures.py [NAME ...]
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
+from contextlib import chdir
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 import matplotlib as mpl
@@ -393,6 +396,15 @@ def faults() -> Figure:
     return figure
 
 
+def notebook() -> Figure:
+    """What the blocks of docs/python.md draw, in a folder of their own."""
+    text, names = (OUT.parent / "python.md").read_text(encoding="utf-8"), {"__name__": "page"}
+    with TemporaryDirectory() as folder, chdir(folder):
+        for block in re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            exec(block, names)
+    return cast(Figure, names["figure"])
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "play": play,
     "sum": weighted_sum,
@@ -401,6 +413,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "inverse": inverse,
     "order": order,
     "faults": faults,
+    "notebook": notebook,
 }
 
 
@@ -408,8 +421,8 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     style = {**SETTINGS, "axes.titlelocation": "left", "axes.titlesize": 10.5}
     with mpl.rc_context(cast(Any, style)):
-        for name, draw in FIGURES.items():
-            draw().savefig(OUT / f"{name}.svg", metadata={"Date": None})
+        for name in sys.argv[1:] or FIGURES:
+            FIGURES[name]().savefig(OUT / f"{name}.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

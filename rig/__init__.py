@@ -1,1 +1,85 @@
-"""Touches the world: ports, clocks, files, people."""
+"""Touches the world: ports, clocks, files, people. And what a notebook needs, as `import rig`:
+
+    record = rig.read_record("film.csv")          # or arrays by name, or a data frame
+    found = rig.identify(record)                  # film, plate, transition, with error bars
+    rig.predict(found, "other.csv"), rig.invert(found, [8e3, 12e3]), rig.diagnose(record)
+    rig.simulate(tables), rig.open_bench("rig.toml")
+
+docs/python.md is an hour with them. A name is loaded when it is first used, so that
+`import rig` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from compensator.moved import moved
+
+if TYPE_CHECKING:
+    from rig.core.faults import Faults
+    from rig.files.model_file import Model
+    from rig.files.record import Record
+    from rig.notebook.bench import open_bench
+    from rig.notebook.diagnosis import diagnose
+    from rig.notebook.identification import identify
+    from rig.notebook.inversion import invert
+    from rig.notebook.models import read_model, write_model
+    from rig.notebook.prediction import predict
+    from rig.notebook.records import read_record
+    from rig.notebook.simulation import simulate
+    from rig.rehearsal.simulated import simulated_rig
+    from rig.version import __version__
+
+_PLACES = {
+    "__version__": "version",
+    "Faults": "core.faults",
+    "Model": "files.model_file",
+    "Record": "files.record",
+    "diagnose": "notebook.diagnosis",
+    "identify": "notebook.identification",
+    "invert": "notebook.inversion",
+    "open_bench": "notebook.bench",
+    "predict": "notebook.prediction",
+    "read_model": "notebook.models",
+    "read_record": "notebook.records",
+    "simulate": "notebook.simulation",
+    "simulated_rig": "rehearsal.simulated",
+    "write_model": "notebook.models",
+}
+__all__ = [
+    "Faults",
+    "Model",
+    "Record",
+    "__version__",
+    "diagnose",
+    "identify",
+    "invert",
+    "open_bench",
+    "predict",
+    "read_model",
+    "read_record",
+    "simulate",
+    "simulated_rig",
+    "write_model",
+]
+moved(
+    "rig",
+    {
+        "clock": "core.clock",
+        "errors": "core.errors",
+        "faults": "core.faults",
+        "outcome": "core.outcome",
+        "reading": "core.reading",
+    },
+)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'rig' has no attribute {name!r}")
+    value = getattr(import_module(f"rig.{_PLACES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

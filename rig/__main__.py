@@ -22,6 +22,7 @@ VERBS = {
     "invert": "temperatures for a desired resistance",
     "simulate": "the experiment on the simulated rig, with effects switched on",
     "sweep": "many simulated experiments, a table of what came out",
+    "improve": "diagnose a run, extend its model, run again, say what it gained",
     "trend": "which effects, how large, since when, over the runs in a folder",
     "replay": "the law again over a recorded run, or another configuration on its twin",
     "report": "the report of a run folder, one that ended early too",
@@ -39,11 +40,11 @@ VERBS = {
     "off": "output off, with a daemon or without",
     "reset": "clear a latched trip or stop, with a reason",
 }
-ON_A_CLOCK = ("run", "calibrate", "serve")
+ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
 
 
 def overview() -> str:
-    lines = ["usage: peltier VERB ...        (peltier VERB --help tells more)", ""]
+    lines = ["usage: peltier VERB ...        (peltier VERB --help: its options)", ""]
     lines += [f"  {verb:<10} {text}" for verb, text in VERBS.items()]
     return "\n".join(lines)
 

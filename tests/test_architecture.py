@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import structure
 from rig.__main__ import VERBS
 from rig.files.configuration import read_configuration
 
@@ -81,3 +82,34 @@ def test_mathematics_never_asks_the_time(root: Path) -> None:
                 assert not {"time", "datetime", "logging", "random"} & set(names), path
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
                     assert node.func.id not in ("print", "open", "input"), path
+
+
+def test_sizes_stay_within_reason() -> None:
+    for path, source in structure.sources_now().items():
+        assert len(source.splitlines()) <= structure.LONGEST_FILE, path
+        assert not list(structure.long_functions(path, source)), path
+
+
+def test_numeric_constants_have_their_reason_beside_them() -> None:
+    assert not [
+        f"{path}:{line} {name}"
+        for path, source in structure.sources_now().items()
+        for name, line, said in structure.constants(source)
+        if not said
+    ]
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("A = 3\n", False),
+        ("A = 3  # tries\n", True),
+        ("# tries\nA = 3\n", True),
+        ("A: Final = (1.0, -2.0)\n", False),
+        ("A, B = 1, 2\n", False),
+        ('"""Text."""\n# of something else\n\nA = {"s": 1.0}\n', False),
+    ],
+)
+def test_a_reason_is_a_comment_beside_a_constant(source: str, said: bool) -> None:
+    (found,) = structure.constants(source)
+    assert found[2] is said

@@ -18,8 +18,9 @@ from compensator.characterization.major_branch import MajorBranch
 from compensator.characterization.quantity import Quantity, told, untold
 from compensator.hysteresis.functions import Array
 
+# of the fit in a window as wide as the transition's own peak (docs/decisions.md, 27)
 DEGREE: Final = 5
-PILOT_DEGREE: Final = 3
+PILOT_DEGREE: Final = 3  # of the fit that only finds the peak's place and width
 PILOT_SHARE: Final = 0.1  # of the branch's range: the first window's half width
 PILOT_WIDTHS: Final = 0.6  # of the width that the window before found
 WINDOW_WIDTHS: Final = 0.5  # of the width, to either side: the bias of the steepest place is then 1e-3 of the width

@@ -1,4 +1,4 @@
-"""A number with its 95 % interval, or why a record cannot tell it."""
+"""A number with its 95 % interval, or why a record does not determine it."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 
-INSIDE = 0.95
+INSIDE = 0.95  # the intervals' coverage, as everywhere here
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """value and the ends of its 95 % interval; both None where the record cannot tell it, for the `reason`."""
+    """value and the ends of its 95 % interval; both None where the record does not determine it, for the `reason`."""
 
     value: float | None
     ci95: tuple[float, float] | None

@@ -7,11 +7,11 @@
     decades                  change of log10 R between these ends
     activation energy        of the insulating side (`activation`)
 
-Of an output that is no resistance the same is told of the output itself. Each number comes with a 95 % interval that
+Of another output than a resistance the same is reported. Each number comes with a 95 % interval that
 holds the noise of both instruments with its memory, as the record shows it (`branch_shape`, `local_fit`), and not what
 shifts a whole branch: a thermometer that lags behind the film shows what the film had before, so that heating moves
 down and cooling up by the rate times its lag; a film that lags behind the thermometer, the other way. Where the record
-cannot tell a number, it says why.
+does not determine a number, it says why.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The control law turns a heating rate (K/s) into a current through the plate's inverse, so that the plate seen by the
 temperature PID is an integrator with the sample-and-hold's and the bench's dead time. A PID on log R alone sees the
 plate linearized at a working point, times the film's steepest slope. Rules: S. Skogestad, J. Process Control 13
-(2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity Ms is the one asked.
+(2003) 291 (SIMC), with the closed-loop time constant lengthened until the largest sensitivity is the wanted Ms.
 """
 
 from __future__ import annotations
@@ -89,8 +89,13 @@ def loop_margins(loop: Any, period_s: float) -> Margins:
     return Margins(float(gain_margin), float(phase_margin), maximum_sensitivity(loop, period_s), float(crossover))
 
 
-def design_pi(gain: float, pole_per_s: float, dead_time_s: float, period_s: float, ms: float) -> Design:
-    """PI gains for gain e^(-dead_time s) / (s + pole) by SIMC, the fastest whose sampled loop keeps Ms <= ms."""
+def design_pi(
+    gain: float, pole_per_s: float, dead_time_s: float, period_s: float, ms: float, at_least_s: float = 0.0
+) -> Design:
+    """PI gains for gain e^(-dead_time s) / (s + pole) by SIMC, the fastest whose sampled loop keeps Ms <= ms.
+
+    at_least_s: the closed-loop time and all delays together are no shorter.
+    """
     total = dead_time_s + 0.5 * period_s
 
     def gains_for(closed_loop_s: float) -> PidGains:
@@ -100,7 +105,8 @@ def design_pi(gain: float, pole_per_s: float, dead_time_s: float, period_s: floa
             integral_time = min(1.0 / pole_per_s, integral_time)
         return PidGains(kp=kp, ki=kp / integral_time, tracking_time_s=integral_time, b=1.0)
 
-    low, high = 0.05 * total, 200.0 * total
+    low = max(0.05 * total, at_least_s - total)
+    high = max(200.0 * total, 2.0 * low)
     for _ in range(30):
         middle = math.sqrt(low * high)
         loop = sampled_loop(gains_for(middle), gain, pole_per_s, dead_time_s, period_s)

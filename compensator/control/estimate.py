@@ -11,7 +11,7 @@ disturbance   reading minus film model, as a Kalman filter knows it: the film mo
 model error   from how much the disturbance has changed over each `LENGTH` of the course, less what is noise of it
 noise         of both readings, from their second differences: white noise on a smooth course
 
-So nothing of this has to be told: a model that is exact is believed more and more, and one that is off is followed.
+So nothing of this has to be set: a model that is exact is believed more and more, and one that is off is followed.
 Every function takes an estimate and returns the next one; none is changed.
 """
 
@@ -133,20 +133,37 @@ def corrected_temperature(
 
 
 @njit(cache=True)
+def grown_doubt(estimate: Estimate, moved: float, period_s: float) -> float:
+    """The variance of the disturbance a period later, before a reading."""
+    return estimate.doubt + 2.0 * estimate.model_error2 * abs(moved) / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+
+
+@njit(cache=True)
 def corrected_disturbance(
-    estimate: Estimate, disturbance: float, off: float, output: float, moved: float, period_s: float
+    estimate: Estimate,
+    disturbance: float,
+    off: float,
+    output: float,
+    moved: float,
+    period_s: float,
+    most_share: float,
 ) -> tuple[float, Estimate]:
     """The disturbance after a reading that is `off` the film model, and the estimate.
 
     output: the reading itself, for its noise. moved: by how much the output was to move since the reading before.
+    most_share: of `off` that one reading counts for at the most, whatever the model's error.
     """
     e = estimate
     noise = learned_noise(e.output, output)
     walked = abs(moved)
-    doubt = e.doubt + 2.0 * e.model_error2 * walked / LENGTH + CREEP_PER_ROOT_S**2 * period_s
+    doubt = grown_doubt(e, moved, period_s)
     share = doubt / (doubt + noise.variance + TINY)
+    if share <= most_share:
+        doubt *= 1.0 - share
+    else:
+        share = most_share
+        doubt = (1.0 - share) ** 2 * doubt + share**2 * (noise.variance + TINY)  # of any share, P. D. Joseph's form
     found = disturbance + share * (off - disturbance)
-    doubt *= 1.0 - share
     course, mark, lengths, error2 = e.course + walked, e.mark, e.lengths, e.model_error2
     if course >= LENGTH:
         if not math.isnan(mark):

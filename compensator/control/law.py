@@ -33,13 +33,16 @@ import numpy as np
 
 from compensator.control.law_step import NAMES, Command, Inputs, LawName, LawState, Rule, law_step
 from compensator.control.observer import Observer, observed_step
+from compensator.control.packing import flattener, rebuilder
 from compensator.control.pid import PidGains, PidState
 from compensator.control.reference_shaping import Reference
+from compensator.control.unknown_memory import mean_of, possible_memories
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory
 from compensator.hysteresis.functions import Array
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Choice, Inverse
 from compensator.thermal.plate import PlateModel
 
+NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
 
 
@@ -51,7 +54,9 @@ class LawSettings:
     one period ahead. reversal: the output turns round for a difference of so many standard deviations of the estimate,
     and of band at the least; it goes on its way for any. trusts_model: whether the plate model predicts the temperature
     (otherwise the reading is all that is known). rate_share: share of the plate's fastest rates that the reference may
-    use.
+    use. most_share: of what the ohmmeter is off the model, that one reading may change the disturbance by
+    (`compensator.control.whole_law.share_within`). heading: of several temperatures for an output the nearest is taken
+    (0), or the one further up (1) or down (-1), where there is one.
     """
 
     name: LawName
@@ -67,6 +72,8 @@ class LawSettings:
     trusts_model: bool = True
     rate_share: float = 0.9
     fastest_K_per_s: float = math.inf
+    most_share: float = 1.0
+    heading: int = 0
 
 
 class Law:
@@ -87,9 +94,10 @@ class Law:
         self.observer = observer
         s = settings
         stand_in = FilmModel(np.zeros(1), np.zeros(1), IDENTITY, IDENTITY)  # the same types for every law
-        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC)
+        choice: Choice = "fewest_reversals" if s.heading else "nearest"
+        inverse = Inverse(film if film is not None else stand_in, s.low_degC, s.high_degC, choice=choice)
         self.rule = Rule(
-            NAMES.index(s.name),
+            float(NAMES.index(s.name)),
             s.period_s,
             s.current_limit_A,
             s.low_degC,
@@ -97,14 +105,15 @@ class Law:
             s.preview_spacing_s,
             s.band,
             s.reversal,
-            s.trusts_model,
+            float(s.trusts_model),
             s.rate_share,
             s.fastest_K_per_s,
-            film is not None,
+            s.most_share,
+            float(film is not None),
             s.gains,
-            inverse.model.packed,
-            inverse.settings(),
         )
+        self.ruled = np.array(flattener(Rule)(self.rule))
+        self.packed_film, self.inverse = inverse.model.packed, inverse.settings(s.heading)
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0
@@ -121,6 +130,25 @@ class Law:
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)
         return LawState(t, now, memory.input_degC, memory.plays, 0.0, pid, current_A, observer=observer)
 
+    def start_anywhere(self, temperature_degC: float, output: float, test_current_A: float = 0.0) -> LawState:
+        """State at the first readings of a film whose memory nobody knows; output: as read, in the film's unit.
+
+        The film has been at one of the law's limits, or beyond, at some time: see `compensator.control.unknown_memory`.
+        """
+        if self.film is None:
+            raise ValueError(f"law {self.settings.name!r}: has no film whose memory it could estimate")
+        s, own = self.settings, output
+        if self.observer is not None:
+            own = float(self.observer.own(output))
+        possible = possible_memories(self.film, temperature_degC, own, s.low_degC, s.high_degC)
+        if possible.shape[0] == 0:
+            return self.start(temperature_degC, None, test_current_A=test_current_A)
+        plays = np.empty(self.film.operators)
+        disturbance = mean_of(possible, plays)
+        possible.setflags(write=False)
+        state = self.start(temperature_degC, Memory(temperature_degC, plays), test_current_A=test_current_A)
+        return state._replace(possible=possible, disturbance=disturbance)
+
     def preview_times_s(self) -> Array:
         """How far ahead of a step each target lies that it is given: later than a driver's delay and an ohmmeter's lag,
         and further behind a film that lags, which has to leave earlier."""
@@ -134,7 +162,19 @@ class Law:
         if not inputs.targets.flags.writeable:  # another type to the compiled loops
             inputs = inputs._replace(targets=inputs.targets.copy())
         if self.observer is not None:
-            return observed_step(self.rule, self.observer, state, inputs)
-        command, following = law_step(self.rule, self.plate.numbers, state, inputs)
-        following.plays.setflags(write=False)
-        return command, following
+            return observed_step(self.rule, self.packed_film, self.inverse, self.observer, state, inputs)
+        numbers = np.array(NUMBERS(state))
+        answer, after, plays, possible = law_step(
+            self.ruled,
+            self.packed_film,
+            self.inverse,
+            self.plate.numbers,
+            numbers,
+            state.plays,
+            state.possible,
+            inputs,
+        )
+        plays.setflags(write=False)
+        possible.setflags(write=False)
+        following: LawState = STATE(after.tolist(), plays, possible, None)
+        return Command(*answer), following

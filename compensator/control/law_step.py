@@ -1,7 +1,8 @@
 """One period of the control law, compiled, and the parts that it is made of: see `compensator.control.law`.
 
-Named tuples go in and come out. The parts are called by `law_step` for a plate and a film without effects, and one
-after the other by `compensator.control.observer` for a chain with effects.
+The parts take and give named tuples. They are called by `law_step` for a plate and a film without effects, and one
+after the other by `compensator.control.observer` for a chain with effects. `law_step` itself takes and gives arrays of
+the tuples' numbers (`compensator.control.packing`).
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ import math
 from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
+import numpy as np
 from numba import njit
 
-from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature
+from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature, grown_doubt
+from compensator.control.packing import numbers_of, packed, unpacked
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
     FilmNow,
@@ -24,6 +27,7 @@ from compensator.control.reference_shaping import (
     next_reference,
     next_temperature,
 )
+from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array, memoryless_value
 from compensator.hysteresis.play import advance, weighted_sum
@@ -33,7 +37,7 @@ from compensator.thermal.plate import step as plate_step
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
-FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)
+FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 
@@ -56,7 +60,7 @@ class Inputs(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What a step asks of the bench: the current (A), or for "instrument_pid" the setpoint (degC).
+    """What a step commands: the current (A), or for "instrument_pid" the setpoint (degC).
 
     reference_degC: where the film should be now. output_model: the film model's output now. reachable: whether the
     target one period ahead can be reached from here.
@@ -75,7 +79,9 @@ class LawState(NamedTuple):
     temperature_degC: of the plate, as estimated. reference: where film and plate should be. input_degC, plays: the
     film's memory. disturbance: reading minus film model, in the output's unit. current_A: in force. toward: sign of the
     output's last move; moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan:
-    not yet). observer: the state of the law's observer, None without one.
+    not yet). possible: the memories that the film may have, where nobody knows it
+    (`compensator.control.unknown_memory`), plays then their mean; no rows where it is known. observer: the state of the
+    law's observer, None without one.
     """
 
     temperature_degC: float
@@ -89,6 +95,7 @@ class LawState(NamedTuple):
     moved: float = 0.0
     warming_K: float = nan
     estimate: Estimate = Estimate()
+    possible: Array = NONE
     observer: Any = None
 
     @property
@@ -102,10 +109,14 @@ class LawState(NamedTuple):
         return self.reference.film_degC
 
 
-class Rule(NamedTuple):
-    """A law's parameters as the compiled loops take them: see `LawSettings`; name is a place in `NAMES`."""
+Known: Any = numbers_of(LawState, "Known", __name__)
 
-    name: int
+
+class Rule(NamedTuple):
+    """A law's parameters as the compiled loops take them, all of them numbers: see `LawSettings`; name is a place in
+    `NAMES`, what is true or false 1 or 0."""
+
+    name: float
     period_s: float
     current_limit_A: float
     low_degC: float
@@ -113,13 +124,12 @@ class Rule(NamedTuple):
     spacing_s: float
     band: float
     reversal: float
-    trusts_model: bool
+    trusts_model: float
     rate_share: float
     fastest_K_per_s: float
-    has_film: bool
+    most_share: float
+    has_film: float
     gains: PidGains
-    film: Packed
-    inverse: Settings
 
 
 @njit(cache=True)
@@ -153,7 +163,35 @@ def read_output(
     """(disturbance, estimate) after the ohmmeter's reading, which is `off` the film model."""
     if rule.name not in (FULL, INSTRUMENT_PID) or not math.isfinite(off):
         return disturbance, estimate
-    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s)
+    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s, rule.most_share)
+
+
+@njit(cache=True)
+def remembered(
+    rule: Rule,
+    before: Estimate,
+    known: Estimate,
+    possible: Array,
+    plays: Array,
+    disturbance: float,
+    off: float,
+    moved: float,
+    film: Packed,
+) -> tuple[Array, Array, float]:
+    """(possible memories, their mean, the disturbance) after a reading, which is `off` the mean memory's output.
+
+    possible: at the temperature of now, changed. before, known: the estimate before and after the reading. disturbance:
+    as it was before. Without a reading the likelihoods stay.
+    """
+    mean = np.empty(plays.size)
+    if rule.name in (FULL, INSTRUMENT_PID) and math.isfinite(off):
+        doubt = grown_doubt(before, moved, rule.period_s)
+        variance = doubt + known.output.variance
+        possible = weighed(possible, plays, off, doubt / variance, variance, film)
+        disturbance = mean_of(possible, mean)
+        return (possible[:0] if possible.shape[0] == 1 else possible), mean, disturbance
+    mean_of(possible, mean)
+    return possible, mean, disturbance
 
 
 @njit(cache=True)
@@ -228,33 +266,53 @@ def on_the_output(
     return current, pid
 
 
+Answer = tuple[float, float, float, float, bool]  # what a `Command` is made of
+
+
 @njit(cache=True)
-def law_step(rule: Rule, plate: Array, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
-    """One period of a law whose plate and film have no effects on them."""
-    s, period, drift = state, rule.period_s, state.estimate.drift_K_per_s
+def law_step(
+    ruled: Array,
+    film: Packed,
+    inverse: Settings,
+    plate: Array,
+    numbers: Array,
+    plays: Array,
+    possible: Array,
+    inputs: Inputs,
+) -> tuple[Answer, Array, Array, Array]:
+    """One period of a law whose plate and film have no effects on them: (the command's numbers, the next state's
+    numbers, play operators and possible memories). ruled: the numbers of `Rule`; numbers: of `Known`."""
+    rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
+    period, drift = rule.period_s, s.estimate.drift_K_per_s
     here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
     moving = rate(plate, here, s.current_A) + drift
     _, here, known = read_temperature(rule, s.estimate, here, moving, here, 0.0, inputs)
-    plays, disturbance, output, v = s.plays.copy(), s.disturbance, nan, s.input_degC
-    envelopes, radii, weights, code, par = rule.film
+    plays, possible, disturbance, output, v = plays.copy(), possible.copy(), s.disturbance, nan, s.input_degC
+    envelopes, radii, weights, code, par = film
     if rule.has_film:
-        advance(here, v, envelopes, radii, plays)
+        if possible.shape[0] > 0:
+            taken_along(possible, here, v, film)
+            mean_of(possible, plays)
+        else:
+            advance(here, v, envelopes, radii, plays)
         v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
         off = inputs.output + s.moved / period * (inputs.output_age_s + inputs.acts_after_s) - output
+        before = known
         disturbance, known = read_output(rule, known, disturbance, off, s.moved, inputs)
+        if possible.shape[0] > 0:
+            possible, plays, disturbance = remembered(
+                rule, before, known, possible, plays, disturbance, off, s.moved, film
+            )
+            output = memoryless_value(code, par, here) + weighted_sum(weights, plays)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
-        command = Command(current, nan, nan, nan, True)
-        return command, LawState(
-            here, s.reference, v, plays, disturbance, pid, current, s.toward, s.moved, nan, known, None
-        )
-    film = FilmNow(v, plays, rule.film, rule.inverse)
+        after = Known(here, s.reference, v, disturbance, pid, current, s.toward, s.moved, nan, known)
+        return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible
+    there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    plan = planned(rule, plate, here, 0.0, film, s.reference, s.toward, known.doubt, targets)
+    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, known.doubt, targets)
     now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)
-    command = Command(current, next_degC, now_degC, output, plan.reached)
-    return command, LawState(
-        here, plan.reference, v, plays, disturbance, pid, current, toward, plan.move, nan, known, None
-    )
+    after = Known(here, plan.reference, v, disturbance, pid, current, toward, plan.move, nan, known)
+    return (current, next_degC, now_degC, output, plan.reached), packed(after, numbers.size), plays, possible

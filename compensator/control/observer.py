@@ -29,10 +29,13 @@ from compensator.control.law_step import (
     planned,
     read_output,
     read_temperature,
+    remembered,
 )
 from compensator.control.reference_shaping import FilmNow, Reference
-from compensator.hysteresis.film import Memory
+from compensator.control.unknown_memory import taken_along
+from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
+from compensator.inverse.solve import Settings
 from compensator.thermal.plate import PlateModel
 
 
@@ -94,6 +97,10 @@ class Observer(Protocol):
         """Plate and thermometer corrected to these, then film and ohmmeter over the same period."""
         ...
 
+    def remembering(self, state: Any, memory: Memory) -> Any:
+        """The film has this memory, at its own temperature."""
+        ...
+
     def ahead(self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0) -> Any:
         """The state when a command of now acts."""
         ...
@@ -111,20 +118,22 @@ class Observer(Protocol):
         ...
 
 
-def observed_step(rule: Rule, observer: Observer, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
+def observed_step(
+    rule: Rule, film: Packed, inverse: Settings, observer: Observer, state: LawState, inputs: Inputs
+) -> tuple[Command, LawState]:
     """One period of a law with an observer: see the module."""
-    seen, estimate, disturbance = observed(rule, observer, state, inputs)
+    seen, estimate, disturbance, possible = observed(rule, film, observer, state, inputs)
     test = inputs.test_current_A
     there = observer.ahead(seen, test, estimate.drift_K_per_s)
     plate = observer.plate_now(there).numbers
     memory = there.film_memory
     if memory is None:
         memory = Memory(there.film_degC, np.zeros(1))
-    film = FilmNow(there.film_degC, memory.plays.copy(), rule.film, rule.inverse)
+    there_now = FilmNow(there.film_degC, memory.plays.copy(), film, inverse)
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     before = state.reference
     lag_s, doubt = observer.film_lag_s, estimate.doubt
-    plan = planned(rule, plate, there.plate_degC, lag_s, film, before, state.toward, doubt, wanted - disturbance)
+    plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, wanted - disturbance)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
     warming_K = observer.warming_K(there, next_output, test, rule.period_s) if math.isfinite(next_output) else 0.0
     now_K = warming_K if math.isnan(state.warming_K) else state.warming_K
@@ -143,24 +152,37 @@ def observed_step(rule: Rule, observer: Observer, state: LawState, inputs: Input
         plan.move,
         warming_K,
         estimate,
+        possible,
         observer.sent(seen, current),
     )
 
 
-def observed(rule: Rule, observer: Observer, state: LawState, inputs: Inputs) -> tuple[Any, Estimate, float]:
-    """(the observer's state after both readings, the estimate, the disturbance)."""
-    before = state.observer
+def observed(
+    rule: Rule, film: Packed, observer: Observer, state: LawState, inputs: Inputs
+) -> tuple[Any, Estimate, float, Array]:
+    """(the observer's state after both readings, the estimate, the disturbance, the possible memories)."""
+    before, possible = state.observer, state.possible
     now = observer.predicted(before, state.estimate.drift_K_per_s)
     shown_K_per_s = (now.thermometer_degC - before.thermometer_degC) / rule.period_s
     shown, plate, estimate = read_temperature(
         rule, state.estimate, now.thermometer_degC, shown_K_per_s, now.plate_degC, observer.thermometer_lag_s, inputs
     )
     now = observer.followed(now, plate, shown, inputs.test_current_A)
+    if possible.size > 0:
+        possible = possible.copy()
+        taken_along(possible, now.film_degC, before.film_degC, film)
     if not rule.has_film or not math.isfinite(inputs.output):
-        return now, estimate, state.disturbance
+        return now, estimate, state.disturbance, possible
     expected, last = (float(observer.own(each.shown_output)) for each in (now, before))
     output = float(observer.own(inputs.output))
     passed = (expected - last) / rule.period_s * (inputs.output_age_s + inputs.acts_after_s)
     off = output + (passed if math.isfinite(passed) else 0.0) - expected
-    disturbance, estimate = read_output(rule, estimate, state.disturbance, off, state.moved, inputs)
-    return now, estimate, disturbance
+    disturbance, known = read_output(rule, estimate, state.disturbance, off, state.moved, inputs)
+    if possible.size > 0:
+        plays = np.array(now.film_memory.plays)
+        possible, plays, disturbance = remembered(
+            rule, estimate, known, possible, plays, state.disturbance, off, state.moved, film
+        )
+        now = observer.remembering(now, Memory(now.film_degC, plays))
+    possible.setflags(write=False)
+    return now, known, disturbance, possible

@@ -193,7 +193,8 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     envelopes, radii, weights, code, par = film.model
     before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
     best, cheapest, best_output = now, math.inf, before
-    for choice in range(DEPARTURES):
+    choices = 1 if np.array_equal(wanted, departures) else DEPARTURES  # all the same where nothing has to leave early
+    for choice in range(choices):
         share = choice / (DEPARTURES - 1.0)
         memory = film.plays.copy()
         at, v, cost, first, output = now, film.degC, 0.0, now, before

@@ -9,7 +9,8 @@ one, so a trial step costs nothing and a record can be replayed exactly.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -190,6 +191,19 @@ class FilmModel:
             self.memoryless.code,
             self.memoryless_array,
         )
+
+    def scaled(self, factor: float) -> FilmModel:
+        """The same film with its output in a unit that is 1 / factor times as large; factor > 0."""
+        if not 0.0 < factor < math.inf:
+            raise ValueError(f"factor: {factor!r}: expected a finite number > 0")
+        d = self.memoryless
+        memoryless = replace(
+            d,
+            amplitude=factor * d.amplitude,
+            offset=factor * d.offset,
+            coefficients=tuple(factor * c for c in d.coefficients),
+        )
+        return replace(self, weights=factor * self.weights, memoryless=memoryless)
 
     def saturated(self, initial: Initial) -> Array:
         """Each operator's output after the input came from +inf ("cooled") or -inf ("heated"); may be infinite."""

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.own_functions import HIGH, INFLECTION, LOW, SLOPE, THIRD, VALUE, call_at, number_at
 
-ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1}
-MEMORYLESS_CODES: Final = {
+ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1}  # by which compiled loops know them
+MEMORYLESS_CODES: Final = {  # the same of D
     "none": 0,
     "tanh": 1,
     "sin": 2,
@@ -37,7 +37,7 @@ MEMORYLESS_CODES: Final = {
     "polynomial": 5,
     "arrhenius": 6,
 }
-KELVIN: Final = 273.15
+KELVIN: Final = 273.15  # 0 degC in K
 FIRST_COEFFICIENT: Final = 4  # index of c_0 in a memoryless function's array
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Envelope and memoryless functions of a user's own, under a name, in compiled loops that were never told of them.
+"""Envelope and memoryless functions of a user's own, under a name, for compiled loops that were compiled without them.
 
     register_envelope("arctan", value=math.atan, slope=lambda s: 1.0 / (1.0 + s * s), inverse=math.tan,
                       low=-math.pi / 2, high=math.pi / 2)

@@ -13,14 +13,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
-from compensator.hysteresis.film import Envelope, FilmModel, Initial, Memory
+from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
+from compensator.identification.film_fit import FilmFit, Prediction, memory_at_start
 from compensator.identification.identifiability import film_notes
 from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import MixedSolution, solve_mixed
@@ -38,84 +39,15 @@ from compensator.identification.model_selection import (
     without_strays,
 )
 from compensator.identification.multistart import choose_starts, refine_starts, search, start_candidates
-from compensator.identification.prediction_bands import NORMAL_95, Linearized, Uncertainty, uncertainty
+from compensator.identification.prediction_bands import Linearized, uncertainty
 from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
-from compensator.identification.temperature_smoother import temperature_path
 from compensator.identification.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
 
-MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless they are asked for
+MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
 FALLING: Final = -0.8  # correlation with temperature: the output has the wrong sign
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading."""
-
-    output: Array
-    half_width: Array
-    half_width_reading: Array
-
-
-@dataclass(frozen=True, eq=False)
-class FilmFit:
-    """The identified film.
-
-    model; starts and memories: what each record's film remembered at its first row; rmse, max_abs: over all trusted
-    readings; held_out_rmse: of the same kind of model fitted without the held-out rows; candidates: what was tried;
-    active_operators: those with weight > 0; uncertainty: covariance of all that was fitted; temperature_noise_K: of
-    each record's thermometer; outliers: indices of readings left out, of each record; identifiability: in plain
-    words what these records cannot fix.
-    """
-
-    model: FilmModel
-    starts: tuple[Start, ...]
-    memories: tuple[Memory, ...]
-    rmse: float
-    max_abs: float
-    held_out_rmse: float
-    candidates: tuple[Candidate, ...]
-    active_operators: int
-    uncertainty: Uncertainty
-    temperature_noise_K: tuple[float, ...]
-    outliers: tuple[NDArray[np.int64], ...]
-    identifiability: tuple[str, ...]
-
-    @property
-    def outer_names(self) -> tuple[str, ...]:
-        """Names of the nonlinear parameters, with units; none with mixed envelopes."""
-        return self.uncertainty.fitted.outer_names
-
-    @property
-    def outer_values(self) -> Array:
-        """Their values, shape (outer,)."""
-        return self.uncertainty.fitted.outer_values
-
-    @property
-    def outer_standard_errors(self) -> Array:
-        """Their standard errors, shape (outer,); inf where a record does not determine one."""
-        return self.uncertainty.outer_standard_errors
-
-    def predict(
-        self,
-        time_s: ArrayLike,
-        temperature_degC: ArrayLike,
-        *,
-        start: Start | None = None,
-        temperature_noise_K: float | None = None,
-    ) -> Prediction:
-        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's."""
-        path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
-        v = path.temperature_degC
-        start = start or Start(self.model.initial)
-        output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
-        every = np.ones(v.size, dtype=np.bool_)
-        none = np.empty(0, dtype=np.int64)
-        record = Prepared("record", np.asarray(time_s, dtype=np.float64), path, np.zeros(v.size), every, none, 0)
-        half_width = self.uncertainty.half_width(build_path([record], [start]))
-        return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 
 
 def identify_film(
@@ -182,16 +114,29 @@ def identify_film_records(
         raise ValueError(f"operators: {operators}: expected at least 1")
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
-    rows = share_out([prepare(record, noise_K=temperature_noise_K) for record in records])
-    _check_outputs(rows.records)
-    low = min(float(np.min(record.inputs)) for record in rows.records)
-    high = max(float(np.max(record.inputs)) for record in rows.records)
+    prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
+    _check_outputs(prepared)
+    low = min(float(np.min(record.inputs)) for record in prepared)
+    high = max(float(np.max(record.inputs)) for record in prepared)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
     increasing = monotone if monotone is not None else form not in ("sin", "cos")
     forms = [Form(name, increasing, low, high) for name in names]
     structure = equal_structure(operators, 1, ordered)
-    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
+    with threadpool_limits(limits=1):  # see `triangle`
+        return _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
 
+
+def _identified(
+    rows: Rows,
+    structure: Structure,
+    forms: Sequence[Form],
+    kind: Kind | None,
+    initial: Initial | Literal["fitted"],
+    output_name: str,
+    seed: int,
+) -> FilmFit:
+    """The same, from rows that are ready for a fit and the forms of D to choose from."""
+    plain_kind = "generalized_pi" if kind == "generalized_pi" else "extended_generalized_pi"
     starts = [Start(_likely_end(record) if initial == "fitted" else initial) for record in rows.records]
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
@@ -212,7 +157,7 @@ def identify_film_records(
     if kind in (None, "mixed_envelopes"):
         error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)
         to_beat = MIXED_WORTH * error if kind is None else math.inf
-        most = MIXED_OPERATORS * operators if kind is None else None
+        most = MIXED_OPERATORS * structure.group.size if kind is None else None
         mixed, tried = choose_mixed(rows, starts, chosen, solution.theta[4:], to_beat, most)
         candidates += tried
         if mixed is not None:
@@ -314,14 +259,6 @@ def plain_model(problem: Problem, solution: Solution, kind: str, output_name: st
         output_name,
         initial,
     )
-
-
-def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory:
-    """The film's memory at a record's first row (degC)."""
-    if start.previous_degC is None:
-        return model.initial_memory(first_degC, start.initial)
-    memory = model.initial_memory(start.previous_degC, start.initial)
-    return model.step(first_degC, memory)[1]
 
 
 def _fit(

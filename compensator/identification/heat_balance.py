@@ -21,11 +21,15 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from compensator.hysteresis.functions import KELVIN, Array
+from compensator.identification.levenberg_marquardt import Linearized, descend, held_at_bounds
 
 Kind = Literal["peltier", "heater"]
 PLACES: Final = {"peltier": (0, 1, 2, 4), "heater": (3, 2, 4)}  # fitted ones of (s, r, g, q, h, tau)
 LAG_PLACE: Final = 5
-SMALLEST: Final = 1e-9
+SMALLEST: Final = 1e-9  # of the rates s (1/(A s)) and q (K/s): a millionth of any plate's, and no division by zero
+LEAST: Final = np.array([SMALLEST, 0.0, 0.0, SMALLEST, -math.inf, 0.0])  # of par; h is free
+NO_MOST: Final = np.full(6, math.inf)
+SETTLED: Final = 1e-9  # of the cost: a step that gains less is the last
 USUAL_AMBIENT_DEGC: Final = (25.0, 15.0)  # and its spread
 USUAL_SHARE: Final = (0.4, 0.3)  # r I_max / (300 K s), and its spread
 
@@ -201,35 +205,28 @@ class SimulationError:
         return Trial(par, np.array(firsts), cost, residual, w, np.concatenate(jacobians))
 
     def descend(self, best: Trial, steps: int) -> Trial:
-        """Gauss-Newton with Marquardt's damping; rates stay >= 0, h is free."""
-        damping = 1e-3
-        least = np.array([SMALLEST, 0.0, 0.0, SMALLEST, -math.inf, 0.0])[self.places]
-        for _ in range(steps):
-            if best.cost == math.inf:
-                break
-            weighted = best.weights[:, None] * best.jacobian
-            normal, gradient = weighted.T @ best.jacobian, weighted.T @ best.residual
-            if self.one_reading > 0.0:
-                away, slopes = self.usual(best.par)
-                normal += self.one_reading * slopes.T @ slopes
-                gradient -= self.one_reading * slopes.T @ away
-            now = best.par[self.places]
-            held = (now <= least) & (gradient <= 0.0)
-            normal[held, :] = 0.0
-            normal[:, held] = 0.0
-            gradient[held] = 0.0
-            scale = np.diag(normal) + (np.diag(normal) <= 0.0)
-            norm = np.sqrt(scale)
-            before = best.cost
-            for _ in range(8):
-                damped = normal / np.outer(norm, norm) + damping * np.eye(norm.size)
-                par = best.par.copy()
-                par[self.places] = np.maximum(now + np.linalg.solve(damped, gradient / norm) / norm, least)
-                trial = self.evaluate(par)
-                if trial.cost < best.cost:
-                    best, damping = trial, max(0.1 * damping, 1e-12)
-                    break
-                damping = max(10.0 * damping, 1e-9)
-            if not best.cost < before * (1.0 - 1e-9):
-                break
-        return best
+        """The minimum reached from a trial; rates stay >= 0, h is free."""
+        if best.cost == math.inf:
+            return best
+
+        def settled(before: float, after: float) -> bool:
+            return not after < before * (1.0 - SETTLED)
+
+        return descend(best, steps, lambda at: at.cost, self._linearized, settled)
+
+    def _linearized(self, at: Trial) -> Linearized[Trial]:
+        weighted = at.weights[:, None] * at.jacobian
+        normal, gradient = weighted.T @ at.jacobian, weighted.T @ at.residual
+        if self.one_reading > 0.0:
+            away, slopes = self.usual(at.par)
+            normal += self.one_reading * slopes.T @ slopes
+            gradient -= self.one_reading * slopes.T @ away
+        now, least = at.par[self.places], LEAST[self.places]
+        held_at_bounds(normal, gradient, now, least, NO_MOST[self.places])
+
+        def moved(step: Array) -> Trial:
+            par = at.par.copy()
+            par[self.places] = np.maximum(now + step, least)
+            return self.evaluate(par)
+
+        return Linearized(normal, gradient, np.diag(normal) + (np.diag(normal) <= 0.0), moved)

@@ -9,10 +9,10 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.gram import gram
 from compensator.identification.multistart import transition
 from compensator.identification.rows import Path, Prepared
 
+# at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
 TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change to nearly all of it
 
@@ -35,7 +35,8 @@ def determined_combinations(operators: Array, weights: Array, noise: float) -> i
     weights' own size. operators: play outputs, shape (readings, operators)."""
     stride = max(1, operators.shape[0] // 2000)
     part = operators[::stride]
-    square = np.linalg.eigvalsh(gram(part - part.mean(axis=0)))
+    centred = part - part.mean(axis=0)
+    square = np.linalg.eigvalsh(centred.T @ centred)
     singular = np.sqrt(np.maximum(square, 0.0) * stride)
     size = float(np.sum(weights)) / weights.size
     return int(np.sum(singular * size > 2.0 * noise))
@@ -107,7 +108,7 @@ def film_notes(
         if record.gaps:
             notes.append(
                 f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is "
-                "taken as monotone; an excursion inside a gap would have changed the film's memory unseen."
+                "taken as monotone; an excursion inside a gap would have changed the film's memory without a trace."
             )
     return tuple(notes)
 

@@ -17,12 +17,12 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.gram import gram, triangle
 from compensator.identification.memoryless_forms import Form
 from compensator.identification.multistart import slope_density
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, operator_outputs
 from compensator.identification.rows import Path
+from compensator.identification.triangle import triangle
 
 WIDTHS: Final = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.45, 1.75, 2.1, 2.6, 3.2])  # of the loop's half-width
 RESOLUTIONS: Final = (
@@ -161,7 +161,7 @@ def solve_mixed(path: Path, operators: Dictionary, form: Form, shape: Array) -> 
     mean = columns.mean(axis=0)
     centred = columns - mean
     k = memoryless.shape[1]
-    x, _ = solve_triangle(triangle(gram(centred)), 0 if form.monotone else k)
+    x, _ = solve_triangle(triangle(centred), 0 if form.monotone else k)
     kept = np.flatnonzero(x[k:] > 1e-6 * float(np.sum(x[k:])))
     x_kept = np.append(x[:k], x[k:][kept])
     index = np.append(np.arange(k), k + kept)

@@ -22,8 +22,8 @@ from compensator.identification.operator_outputs import GROUP
 from compensator.identification.rows import Path, Prepared, Start, build_path
 from compensator.identification.variable_projection import Problem, Solution, Structure
 
-STARTS: Final = 256
-REFINED: Final = 8
+STARTS: Final = 256  # over four to six parameters: about three values of each
+REFINED: Final = 8  # of the starts, the best: a descent costs as much as a dozen of them
 SHAPES: Final = 48  # of D, tried beside good envelopes
 
 

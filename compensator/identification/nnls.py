@@ -2,7 +2,7 @@
 
     minimize |M_free x + M_nn p - y|^2   over x and p >= 0
 
-The rows are first reduced to a triangle R with R'R = M'M, M = [M_free, M_nn, y] (`compensator.identification.gram`).
+The rows are first reduced to a triangle R with R'R = M'M, M = [M_free, M_nn, y] (`identification.triangle`).
 The free columns come first, so that p is decided by the lower right block alone and x follows by substitution. Source:
 C. L. Lawson, R. J. Hanson, Solving Least Squares Problems (SIAM 1995), ch. 23.
 """

@@ -62,6 +62,30 @@ def operator_outputs(
 
 
 @njit(cache=True)
+def _hand_over(
+    first: int,
+    by_log_a: float,
+    by_c: float,
+    by_floor: float,
+    total: Array,
+    total_by_floor: Array,
+    part: Array,
+    owner: Integers,
+) -> None:
+    """An operator adds something else now, by the envelope whose parameters begin at `first`: in place.
+
+    total, total_by_floor: of its group; part: what it has added, shape (3,); owner: by which envelope.
+    """
+    total[owner[0]] -= part[0]
+    total[owner[0] + 1] -= part[1]
+    total_by_floor[0] -= part[2]
+    part[0], part[1], part[2], owner[0] = by_log_a, by_c, by_floor, first
+    total[first] += by_log_a
+    total[first + 1] += by_c
+    total_by_floor[0] += by_floor
+
+
+@njit(cache=True)
 def output_derivatives(
     inputs: Array,
     gamma: Array,
@@ -108,20 +132,14 @@ def output_derivatives(
                 p = weights[j]
                 if p == 0.0:
                     continue
-                total[k, owner[j]] -= parts[j, 0]
-                total[k, owner[j] + 1] -= parts[j, 1]
-                by_floor[k] -= parts[j, 2]
+                by_log_a, by_c, by_radius = 0.0, 0.0, sign * p * (1.0 - fractions[j])
                 if saturated:
-                    parts[j, 0], parts[j, 1], parts[j, 2] = 0.0, 0.0, -sign * p * (1.0 - fractions[j])
+                    by_radius = -by_radius
                 else:
                     a, c = np.exp(shapes[k, first]), shapes[k, first + 1]
                     bell = (1.0 - gamma[i, k] * gamma[i, k]) * a * p
-                    parts[j, 0], parts[j, 1] = bell * (inputs[i] - c), -bell
-                    parts[j, 2] = sign * p * (1.0 - fractions[j])
-                owner[j] = first
-                total[k, first] += parts[j, 0]
-                total[k, first + 1] += parts[j, 1]
-                by_floor[k] += parts[j, 2]
+                    by_log_a, by_c = bell * (inputs[i] - c), -bell
+                _hand_over(first, by_log_a, by_c, by_radius, total[k], by_floor[k : k + 1], parts[j], owner[j : j + 1])
         while r < rows.size and rows[r] == i:
             for k in range(groups):
                 for q in range(GROUP):

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import checked_columns
 from compensator.identification.covariance import block_sandwich, correlation_rows
 from compensator.identification.heat_balance import (
     LAG_PLACE,
@@ -37,7 +38,7 @@ from compensator.identification.heat_balance import (
     Trial,
     rough_balances,
 )
-from compensator.identification.rows import gap_threshold
+from compensator.identification.rows import FEWEST, gap_threshold
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
 
@@ -52,9 +53,8 @@ NAMES: Final = {
 }
 HUBER: Final = 4.0  # in robust standard deviations
 UNUSUAL: Final = 6.0  # squared spreads from a usual plate
-FEWEST: Final = 12
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
-SHORTEST_LAG_S: Final = 0.05
+SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
 
 
@@ -77,7 +77,7 @@ class PlateFit:
     correlation: shape (parameters, parameters); first_degC: temperature at the start of each stretch, with `stretches`
     its (record, first row, last row + 1); noise_K: of the thermometer; rmse_K, max_abs_K: of the simulation over all
     trusted readings; outliers: number of readings left out; identifiability: what the records cannot fix; lag_s: of the
-    thermometer behind the plate, where it was asked for.
+    thermometer behind the plate, where `lag` is True.
     """
 
     model: PlateModel
@@ -162,20 +162,8 @@ def _with_lag(fit: SimulationError, plain: Trial) -> Trial:
 def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, float]:
     """The record in stretches between gaps, its number of outliers, and its noise (K)."""
     name = record.name
-    time = np.asarray(record.time_s, dtype=np.float64)
-    temperature = np.asarray(record.temperature_degC, dtype=np.float64)
-    current = np.asarray(record.current_A, dtype=np.float64)
-    if not (time.ndim == temperature.ndim == current.ndim == 1 and time.size == temperature.size == current.size):
-        raise ValueError(
-            f"{name}: time_s {time.shape}, temperature_degC {temperature.shape}, current_A {current.shape}: "
-            "expected three arrays of the same length"
-        )
-    if not np.all(np.isfinite(time)):
-        raise ValueError(f"{name}: time_s: {int(np.sum(~np.isfinite(time)))} are not finite, expected finite seconds")
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        k = int(back[0]) + 1
-        raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
+    columns = ("time_s", "temperature_degC", "current_A")
+    time, temperature, current = checked_columns({c: getattr(record, c) for c in columns}, name).values()
     known = np.isfinite(temperature)
     if np.sum(known) < FEWEST:
         raise ValueError(f"{name}: temperature_degC: {int(np.sum(known))} finite readings, expected at least {FEWEST}")
@@ -253,10 +241,10 @@ def plate_notes(
     g = values[names.index("conductance_over_capacity_per_s")]
     if levels.size == 1:
         notes.append(
-            "The current is constant: Seebeck term, Joule heat and loss cannot be told apart. "
+            "The current is constant: Seebeck term, Joule heat and loss cannot be separated. "
             "Record a profile with at least three levels of current, of both signs."
             if kind == "peltier"
-            else "The drive is constant: heating rate and loss to the ambient cannot be told apart. "
+            else "The drive is constant: heating rate and loss to the ambient cannot be separated. "
             "Record steps of the drive, zero among them."
         )
     elif kind == "peltier" and (np.all(current >= -0.02 * largest) or np.all(current <= 0.02 * largest)):

@@ -15,7 +15,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import Covariance, block_sandwich
 from compensator.identification.rows import Path
 
-NORMAL_95: Final = 1.959963984540054
+NORMAL_95: Final = 1.959963984540054  # standard deviations to either side hold 95 % of a normal distribution
 
 
 class Linearized(Protocol):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import checked_columns
 from compensator.identification.operator_outputs import Integers, Sides
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
@@ -81,20 +82,11 @@ class Path:
 def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     """Check one record and find its path; `ValueError` with one line where it cannot be used."""
     name = record.name
-    time = np.asarray(record.time_s, dtype=np.float64)
-    temperature = np.asarray(record.temperature_degC, dtype=np.float64)
-    output = np.array(record.output, dtype=np.float64)
-    if not (time.ndim == temperature.ndim == output.ndim == 1 and time.size == temperature.size == output.size):
-        raise ValueError(
-            f"{name}: time_s {time.shape}, temperature_degC {temperature.shape}, output {output.shape}: "
-            "expected three arrays of the same length"
-        )
-    if not np.all(np.isfinite(time)):
-        raise ValueError(f"{name}: time_s: {int(np.sum(~np.isfinite(time)))} are not finite, expected finite seconds")
-    back = np.flatnonzero(np.diff(time) <= 0.0)
-    if back.size:
-        k = int(back[0]) + 1
-        raise ValueError(f"{name}: time_s: row {k}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
+    columns = {"time_s": record.time_s, "temperature_degC": record.temperature_degC, "output": record.output}
+    if record.output_time_s is not None:
+        columns["output_time_s"] = record.output_time_s
+    found = checked_columns(columns, name)
+    time, temperature, output = found["time_s"], found["temperature_degC"], found["output"]
     known = np.isfinite(temperature)
     if not np.any(known):
         raise ValueError(f"{name}: temperature_degC: no finite number in {time.size} rows, expected degC")
@@ -114,12 +106,7 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     steps = np.diff(time)
     gaps = int(np.sum(steps > gap_threshold(steps)))
     whole = Prepared(name, time, path, output, finite, outliers, gaps)
-    if record.output_time_s is None:
-        return whole
-    read = np.array(record.output_time_s, dtype=np.float64)
-    if read.shape != time.shape:
-        raise ValueError(f"{name}: output_time_s {read.shape}: expected the same length as time_s {time.shape}")
-    return _at_reading_times(whole, read)
+    return whole if record.output_time_s is None else _at_reading_times(whole, found["output_time_s"])
 
 
 def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:

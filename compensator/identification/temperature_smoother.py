@@ -27,6 +27,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import isotonic_regression
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.outliers import lone_outliers
@@ -106,25 +107,6 @@ def _smooth(
             work[k, 0] += g_tt * dx + g_tr * dr
             work[k, 1] += g_rt * dx + g_rr * dr
     return logs
-
-
-@njit(cache=True)
-def _monotone(values: Array, sense: float, out: Array, level: Array, size: NDArray[np.int64]) -> None:
-    """Isotonic least squares of `values` (rising for sense +1, falling for -1): pool adjacent violators."""
-    blocks = 0
-    for k in range(values.size):
-        level[blocks], size[blocks] = sense * values[k], 1
-        blocks += 1
-        while blocks > 1 and level[blocks - 2] >= level[blocks - 1]:
-            total = size[blocks - 2] + size[blocks - 1]
-            level[blocks - 2] = (level[blocks - 2] * size[blocks - 2] + level[blocks - 1] * size[blocks - 1]) / total
-            size[blocks - 2] = total
-            blocks -= 1
-    k = 0
-    for block in range(blocks):
-        for _ in range(size[block]):
-            out[k] = sense * level[block]
-            k += 1
 
 
 @njit(cache=True)
@@ -223,14 +205,13 @@ def temperature_path(
     smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
     path = np.empty_like(smooth)
-    level, size = np.empty(smooth.size), np.empty(smooth.size, dtype=np.int64)
     for first, last in pairwise(turning):
-        sense = 1.0 if smooth[last] >= smooth[first] else -1.0
+        rises = bool(smooth[last] >= smooth[first])
         start = first if first == 0 else first + 1
-        _monotone(smooth[start : last + 1], sense, path[start : last + 1], level, size)
+        run = isotonic_regression(smooth[start : last + 1], increasing=rises).x
         if first > 0:
-            run = path[start : last + 1]
-            np.maximum(run, path[first], out=run) if sense > 0 else np.minimum(run, path[first], out=run)
+            run = np.maximum(run, path[first]) if rises else np.minimum(run, path[first])
+        path[start : last + 1] = run
     return TemperaturePath(path, turning, sigma, outliers)
 
 

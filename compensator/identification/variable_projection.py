@@ -2,7 +2,7 @@
 
     minimize over theta   min over p >= 0, offset   | y - offset - D(v; theta) c - sum_j p_j F_j[v; theta] |^2
 
-The outer search is Gauss-Newton with Marquardt's damping on the projected residual: the derivative is
+The outer search is a damped Gauss-Newton descent (`levenberg_marquardt`) on the projected residual: the derivative is
 P (dF/dtheta p), with P the projector off the active columns. Sources: G. Golub, V. Pereyra, Inverse Problems 19
 (2003) R1; L. Kaufman, BIT 15 (1975) 49.
 """
@@ -10,11 +10,12 @@ P (dF/dtheta p), with P the projector off the active columns. Sources: G. Golub,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gram import gram, triangle
+from compensator.identification.levenberg_marquardt import Damping, Linearized, descend
 from compensator.identification.memoryless_forms import Form
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import (
@@ -26,6 +27,10 @@ from compensator.identification.operator_outputs import (
     radius_floor,
 )
 from compensator.identification.rows import Path
+from compensator.identification.triangle import triangle
+
+# Weights that come and go with the active columns bend the cost: damping begins higher and changes more slowly.
+DAMPING: Final = Damping(1e-2, 0.2, 5.0, 1e-9, 1e-6, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +132,7 @@ class Problem:
         mean = columns.mean(axis=0)
         centred = columns - mean
         free = 0 if self.form.monotone else memoryless.shape[1]
-        x, _ = solve_triangle(triangle(gram(centred)), free)
+        x, _ = solve_triangle(triangle(centred), free)
         residual = centred[:, -1] - centred[:, :-1] @ x
         k = memoryless.shape[1]
         offset = float(mean[-1] - mean[:-1] @ x)
@@ -170,35 +175,32 @@ class Problem:
         return np.concatenate((ones, memoryless[:, used], operators[:, solution.weights > 0.0]), axis=1)
 
     def refine(self, start: Solution, *, steps: int = 20, tolerance: float = 1e-5) -> Solution:
-        """The local minimum reached from a solution."""
-        best, damping = start, 1e-2
-        for _ in range(steps):
-            operators, gamma = self.operators(best.theta)
-            if best.residual.size != self.v.size:
-                best = self.solve_columns(best.theta, operators)
-            normal, gradient = self._projected(
-                self.active_columns(best, operators), self.derivatives(best, gamma), best
-            )
-            scale = np.diag(normal) + 1e-12 * float(np.trace(normal)) + 1e-300
-            before = best.square
-            for _ in range(6):
-                step = np.linalg.solve(normal + damping * np.diag(scale), gradient)
-                theta = np.clip(best.theta + np.clip(step, -self._reach, self._reach), self.low, self.high)
-                trial = self.solve(theta)
-                if trial.square < best.square:
-                    best, damping = trial, max(0.2 * damping, 1e-9)
-                    break
-                damping = max(5.0 * damping, 1e-6)
-            if not best.square < before * (1.0 - tolerance):
-                break
-        return best
+        """The local minimum reached from a solution, which may be one on another path."""
+        if start.residual.size != self.v.size:
+            start = self.solve(start.theta)
+
+        def settled(before: float, after: float) -> bool:
+            return not after < before * (1.0 - tolerance)
+
+        return descend(start, steps, lambda at: at.square, self._linearized, settled, DAMPING)
+
+    def _linearized(self, at: Solution) -> Linearized[Solution]:
+        operators, gamma = self.operators(at.theta)
+        normal, gradient = self._projected(self.active_columns(at, operators), self.derivatives(at, gamma), at)
+        scale = np.diag(normal) + 1e-12 * float(np.trace(normal)) + 1e-300  # for what nothing depends on
+
+        def moved(step: Array) -> Solution:
+            theta = at.theta + np.clip(step, -self._reach, self._reach)
+            return self.solve(np.clip(theta, self.low, self.high))
+
+        return Linearized(normal, gradient, scale, moved)
 
     @staticmethod
     def _projected(active: Array, jacobian: Array, solution: Solution) -> tuple[Array, Array]:
         """J'PJ and J'Pe, P the projector off the active columns: the lower right block of the common triangle."""
         common = np.concatenate((active, jacobian, solution.residual[:, None]), axis=1)
         first = active.shape[1]
-        rest = triangle(gram(common))[first:, first:]
+        rest = triangle(common)[first:, first:]
         return rest[:, :-1].T @ rest[:, :-1], rest[:, :-1].T @ rest[:, -1]
 
     @property

@@ -229,11 +229,17 @@ def level(kappa: float, target: float, start: float, held: Array, radii: Array, 
 
 
 @lean
+def hold(side: float, memory: Array, held: Array) -> None:
+    """held_j = side m_j: what each operator keeps until its envelope has passed it."""
+    for j in range(memory.size):
+        held[j] = side * memory[j]
+
+
+@lean
 def held_back(rest: float, start: float, side: float, film: Packed, memory: Array, work: Work) -> float:
     """The z at which H alone reaches the value `rest`, common envelopes; nan where it never does."""
     envelopes, held = film[0], work[3]
-    for j in range(memory.size):
-        held[j] = side * memory[j]
+    hold(side, memory, held)
     g = level(0.0, rest, start, held, film[1], film[2])[0]
     first = 0 if side > 0.0 else 3
     return side * envelope_inverse(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], side * g)
@@ -245,8 +251,7 @@ def common_step(row: int, target: float, side: float, film: Packed, memory: Arra
     point, envelopes, held = work[0][row], film[0], work[3]
     if point[SLOPE] <= 0.0:
         return math.nan
-    for j in range(memory.size):
-        held[j] = side * memory[j]
+    hold(side, memory, held)
     kappa = point[E1] / point[SLOPE]
     rest = target - (point[F] - point[H]) + kappa * point[GAMMA]
     g = level(kappa, rest, point[GAMMA], held, film[1], film[2])[0]

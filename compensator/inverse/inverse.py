@@ -14,7 +14,7 @@ On one branch all three take the nearest. The bound that is kept: |model(inverse
 output's unit, or 1e-12 of the model's span where that is more (outputs of hundreds). One *evaluation* is D and the
 envelopes at one trial temperature, the present one included.
 
-The paper's own iteration, eq (20), is `compensator.inverse.iteration`; where it cannot converge is told there.
+The paper's own iteration, eq (20), is `compensator.inverse.iteration`; it says where it cannot converge.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from compensator.hysteresis.functions import Array
 from compensator.inverse.monotone_intervals import SLOPE_ROW, pieces
 from compensator.inverse.solve import Settings, output_range, solutions_on_branch, trajectory
 
-LOW_DEGC, HIGH_DEGC = -50.0, 200.0
+LOW_DEGC, HIGH_DEGC = -50.0, 200.0  # limits of the search where none are given: no VO2 film switches beyond
 TOLERANCE = 5e-10  # of the output: 1e-9 decades are promised
 SPAN_SHARE = 1e-12  # of the output's span, where that is more
 MOST_SOLUTIONS: Final = 512

@@ -20,8 +20,8 @@ from numpy.polynomial import Polynomial
 from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import FIRST_COEFFICIENT, Array, memoryless
 
-GRID: Final = 4097
-VALUE_ROW, SLOPE_ROW = 1, 2
+GRID: Final = 4097  # points, 60 mK apart over 250 K: two sign changes nearer to each other are not seen
+VALUE_ROW, SLOPE_ROW = 1, 2  # of the table; row 0 is v
 
 
 def pieces(d: Memoryless, low_degC: float, high_degC: float) -> Array:

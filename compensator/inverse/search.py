@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, lean
@@ -35,6 +36,19 @@ from compensator.inverse.branch import (
 from compensator.inverse.monotone_intervals import inside
 
 NARROW: Final = 1e-12  # relative to |z|: no interval narrower than this is searched for a further pair of roots
+SAME_K: Final = 1e-6  # roots no further apart are one: its bracket's end may be met from both sides
+LITTLE: Final = 0.6  # of an interval: a division that leaves more than this of it gains less than halving would
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@lean
+def outweighed(least_slope: float, side: float, film: Packed, memory: Array, work: Work) -> bool:
+    """Whether a straight common envelope's operators that move from HERE on rise faster than E can fall."""
+    envelopes, first = film[0], 0 if side > 0.0 else 3
+    if envelopes.shape[0] > 1 or envelopes[0, first] != 0.0:
+        return False
+    return bool(moving_weight(HERE, side, film, memory, work) * envelopes[0, first + 1] + least_slope >= 0.0)
 
 
 @lean
@@ -102,6 +116,110 @@ def split(
     return float(side * table[0, first] if last > first else middle)
 
 
+@lean
+def one_root(
+    far_row: int,
+    e_increasing: bool,
+    side: float,
+    target: float,
+    film: Packed,
+    memory: Array,
+    work: Work,
+    tolerance: float,
+) -> tuple[bool, int]:
+    """The root between the point in row HERE and another, F monotone between them: (found, evaluations)."""
+    points = work[0]
+    far, far_f = points[far_row, Z], points[far_row, F]
+    if film[0].shape[0] == 1 and not far_f < target:
+        held, parts = work[3], work[4]
+        return common_root(HERE, far, far_f, e_increasing, side, target, *film, memory, points, held, parts, tolerance)
+    return bracketed(HERE, far_row, side, target, film, memory, work, tolerance)
+
+
+@lean
+def walked(
+    row: int, evaluated: Flags, stale: Integers, target: float, side: float, film: Packed, memory: Array, work: Work
+) -> int:
+    """One evaluation on the way to a far end that is not evaluated yet: the row that it stands in.
+
+    It is at a step towards the target, once for each far end, else at that end.
+    """
+    p, q = work[0][HERE], work[0][row]
+    trial = math.nan
+    if film[0].shape[0] == 1:
+        trial = common_step(HERE, target, side, film, memory, work)
+    if not p[Z] < trial < q[Z]:
+        slope = slope_onward(HERE, side, film, memory, work)
+        if slope * (target - p[F]) > 0.0:
+            trial = p[Z] + (target - p[F]) / slope
+    into = row
+    if stale[row] == 0 and p[Z] < trial < q[Z] - 1e-3 * (q[Z] - p[Z]):  # any nearer to the end, and the end tells more
+        stale[row] = 1
+        into = row + 1
+    else:
+        trial = q[Z]
+    evaluate(into, side, trial, film, memory, work)
+    evaluated[into], stale[into] = True, 0
+    return into
+
+
+@lean
+def added(found: int, points: Array, roots: Array) -> int:
+    """How many roots there are with the one in row FOUND, where it is another than the last."""
+    if found > 0 and not points[FOUND, Z] - roots[found - 1] > SAME_K:
+        return found
+    roots[found] = points[FOUND, Z]
+    return found + 1
+
+
+@lean
+def verdict(
+    row: int, target: float, tolerance: float, known: tuple[float, float, float, float], work: Work
+) -> tuple[bool, bool, bool]:
+    """Of the interval from HERE to a row: (settled, its far end is a root, it holds exactly one root).
+
+    known: (least F', largest F', least F, largest F) within.
+    """
+    least, most, floor, ceiling = known
+    p, q = work[0][HERE], work[0][row]
+    if ceiling < target or floor > target:
+        return True, False, False
+    narrow = q[Z] - p[Z] <= NARROW * max(abs(p[Z]), 1.0) or row >= DEEPEST
+    settled = least >= 0.0 or most <= 0.0 or narrow
+    at_end = abs(q[F] - target) <= tolerance
+    touches = at_end and (ceiling <= target + tolerance if p[F] < target else floor >= target - tolerance)
+    if (settled and at_end) or touches:
+        return True, True, False
+    return settled, False, settled and (p[F] < target) != (q[F] < target)
+
+
+@lean
+def divide(
+    row: int,
+    target: float,
+    known: tuple[float, float, float, float],
+    stale: Integers,
+    side: float,
+    film: Packed,
+    table: Array,
+    memory: Array,
+    work: Work,
+) -> None:
+    """Evaluate a point between HERE and a row, into the next row; known as for `split`.
+
+    stale: how often in a row each interval's division has taken little of it away.
+    """
+    points = work[0]
+    near, far = points[HERE, Z], points[row, Z]
+    trial = split(HERE, row, target, stale[row], known, side, film, table, memory, work)
+    if not near < trial < far:
+        trial = 0.5 * (near + far)
+    evaluate(row + 1, side, trial, film, memory, work)
+    before = stale[row]
+    stale[row] = before + 1 if far - trial > LITTLE * (far - near) else 0
+    stale[row + 1] = before + 1 if trial - near > LITTLE * (far - near) else 0
+
+
 @njit(cache=True, error_model="numpy")
 def search(
     side: float,
@@ -121,122 +239,47 @@ def search(
     branch at the present temperature: where the output jumps at a reversal, the first root may lie one bit beyond.
     least_slope: of dD/dv within the limits.
     """
-    points, envelopes = work[0], film[0]
-    first = 0 if side > 0.0 else 3
-    found, count = 0, 0
+    points, found, count = work[0], 0, 0
     if abs(points[HERE, F] - target) <= tolerance:
         evaluate(FOUND, side, np.nextafter(points[HERE, Z], math.inf), film, memory, work)
         count += 1
         if abs(points[FOUND, F] - target) <= tolerance:
-            roots[0] = points[FOUND, Z]
-            found = 1
-            if roots.size == 1:
+            found = added(found, points, roots)
+            if found == roots.size:
                 return found, count
     e_increasing = least_slope >= 0.0
-    monotone = e_increasing
-    if not monotone and envelopes.shape[0] == 1 and envelopes[0, first] == 0.0:
-        weight = moving_weight(HERE, side, film, memory, work)
-        monotone = weight * envelopes[0, first + 1] + least_slope >= 0.0
     points[TOP, Z], points[TOP, F] = end, math.nan
-    if monotone:
+    if e_increasing or outweighed(least_slope, side, film, memory, work):
         if points[HERE, F] > target:
             return found, count
-        if envelopes.shape[0] == 1:
-            reached, more = common_root(
-                HERE,
-                end,
-                math.nan,
-                e_increasing,
-                side,
-                target,
-                *film,
-                memory,
-                points,
-                work[3],
-                work[4],
-                tolerance,
-            )
-        else:
-            reached, more = bracketed(HERE, TOP, side, target, film, memory, work, tolerance)
-        if reached and (found == 0 or points[FOUND, Z] - roots[0] > 1e-6):
-            roots[found] = points[FOUND, Z]
-            found += 1
-        return found, count + more
+        reached, more = one_root(TOP, e_increasing, side, target, film, memory, work, tolerance)
+        return added(found, points, roots) if reached else found, count + more
     evaluated, stale = np.zeros(ROWS, dtype=np.bool_), np.zeros(ROWS, dtype=np.int64)
     depth = TOP
     while depth > 0:
-        p, q = points[HERE], points[depth]
         if not evaluated[depth]:
-            trial = math.nan
-            if envelopes.shape[0] == 1:
-                trial = common_step(HERE, target, side, film, memory, work)
-            if not p[Z] < trial < q[Z]:
-                slope = slope_onward(HERE, side, film, memory, work)
-                if slope * (target - p[F]) > 0.0:
-                    trial = p[Z] + (target - p[F]) / slope
-            if p[Z] < trial < q[Z] - 1e-3 * (q[Z] - p[Z]) and stale[depth] == 0:
-                stale[depth] = 1  # once
-                depth += 1
-                evaluate(depth, side, trial, film, memory, work)
-                evaluated[depth], stale[depth] = True, 0
-            else:
-                evaluate(depth, side, q[Z], film, memory, work)
-                evaluated[depth], stale[depth] = True, 0
+            depth = walked(depth, evaluated, stale, target, side, film, memory, work)
             count += 1
             continue
-        width = q[Z] - p[Z]
         least, most, floor, ceiling, least_e, most_e = bounds(HERE, depth, side, film, table, memory, work)
-        at_end = abs(q[F] - target) <= tolerance
-        passes = (p[F] < target) != (q[F] < target)
-        accepted = False
-        settled = ceiling < target or floor > target
-        if not settled:
-            narrow = width <= NARROW * max(abs(p[Z]), 1.0) or depth >= DEEPEST
-            settled = least >= 0.0 or most <= 0.0 or narrow
-            touches = at_end and (ceiling <= target + tolerance if p[F] < target else floor >= target - tolerance)
-            if (settled and at_end) or touches:
-                copy_row(depth, FOUND, work)
-                settled = accepted = True
-            elif settled and passes:
-                if p[F] < target and envelopes.shape[0] == 1:
-                    accepted, more = common_root(
-                        HERE,
-                        q[Z],
-                        q[F],
-                        e_increasing,
-                        side,
-                        target,
-                        *film,
-                        memory,
-                        points,
-                        work[3],
-                        work[4],
-                        tolerance,
-                    )
-                else:
-                    accepted, more = bracketed(HERE, depth, side, target, film, memory, work, tolerance)
-                count += more
+        settled, accepted, passes = verdict(depth, target, tolerance, (least, most, floor, ceiling), work)
+        if accepted:
+            copy_row(depth, FOUND, work)
+        elif passes:
+            accepted, more = one_root(depth, e_increasing, side, target, film, memory, work, tolerance)
+            count += more
         if settled:
-            if accepted and (found == 0 or points[FOUND, Z] - roots[found - 1] > 1e-6):
-                roots[found] = points[FOUND, Z]
-                found += 1
+            if accepted:
+                found = added(found, points, roots)
                 if found == roots.size:
                     return found, count
             copy_row(depth, HERE, work)
             depth -= 1
             continue
-        trial = split(
-            HERE, depth, target, stale[depth], (least, most, least_e, most_e), side, film, table, memory, work
-        )
-        if not p[Z] < trial < q[Z]:
-            trial = 0.5 * (p[Z] + q[Z])
-        evaluate(depth + 1, side, trial, film, memory, work)
-        evaluated[depth + 1] = True
-        before = stale[depth]
-        stale[depth] = before + 1 if points[depth, Z] - trial > 0.6 * width else 0
-        stale[depth + 1] = before + 1 if trial - p[Z] > 0.6 * width else 0
-        count += 1
+        divide(depth, target, (least, most, least_e, most_e), stale, side, film, table, memory, work)
         depth += 1
+        evaluated[depth] = True
+        count += 1
     return found, count
 
 
@@ -259,37 +302,20 @@ def largest(
     while depth > 0:
         p, q = points[HERE], points[depth]
         best = max(best, sign * q[F])
-        width = q[Z] - p[Z]
         least, most, floor, ceiling, least_e, most_e = bounds(HERE, depth, side, film, table, memory, work)
         bound = ceiling if sign > 0.0 else -floor
         if (
             bound <= best + tolerance
             or least >= 0.0
             or most <= 0.0
-            or width <= NARROW * max(abs(p[Z]), 1.0)
+            or q[Z] - p[Z] <= NARROW * max(abs(p[Z]), 1.0)
             or depth >= DEEPEST
         ):
             copy_row(depth, HERE, work)
             depth -= 1
             continue
-        trial = split(
-            HERE,
-            depth,
-            sign * (best + tolerance),
-            stale[depth],
-            (least, most, least_e, most_e),
-            side,
-            film,
-            table,
-            memory,
-            work,
-        )
-        if not p[Z] < trial < q[Z]:
-            trial = 0.5 * (p[Z] + q[Z])
-        evaluate(depth + 1, side, trial, film, memory, work)
-        before = stale[depth]
-        stale[depth] = before + 1 if points[depth, Z] - trial > 0.6 * width else 0
-        stale[depth + 1] = before + 1 if trial - p[Z] > 0.6 * width else 0
+        goal, known = sign * (best + tolerance), (least, most, least_e, most_e)
+        divide(depth, goal, known, stale, side, film, table, memory, work)
         best = max(best, sign * points[depth + 1, F])
         depth += 1
     return float(sign * best)

@@ -1,6 +1,6 @@
 """The chosen temperature from a memory, in compiled loops: the nearer of the rising and the falling branch's solution.
 
-What the choice means, and what is kept, tells `compensator.inverse.inverse`. One *evaluation* is D and the envelopes at
+`compensator.inverse.inverse` says what the choice means, and what is kept. One *evaluation* is D and the envelopes at
 one trial temperature, the present one included.
 """
 
@@ -21,7 +21,55 @@ from compensator.inverse.search import largest, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
 Settings = tuple[Array, Array]
-LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)
+LOW, HIGH, BOUND, LEAST_SLOPE, UP_COST, DOWN_COST = range(6)  # places in the first of `Settings`
+
+
+@lean
+def _place_here(
+    side: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    memory: Array,
+    points: Array,
+    parts: Array,
+    here: Array,
+) -> None:
+    """The row HERE, at the present temperature v on a branch, from what is known of v. Common envelopes."""
+    points[HERE, Z], points[HERE, D] = side * v, here[1]
+    points[HERE, E1], points[HERE, E2] = here[2], side * here[3]
+    if here[4] == side:
+        points[HERE, GAMMA], points[HERE, SLOPE] = here[5], here[6]
+    else:
+        first = 0 if side > 0.0 else 3
+        gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
+        points[HERE, GAMMA], points[HERE, SLOPE] = side * gamma, slope
+    place_common(HERE, side, radii, weights, memory, points, parts)
+
+
+@lean
+def _place_next(
+    side: float,
+    v: float,
+    envelopes: Array,
+    radii: Array,
+    weights: Array,
+    code: int,
+    par: Array,
+    memory: Array,
+    points: Array,
+    parts: Array,
+) -> float:
+    """The row FOUND, one bit beyond v on a branch: that temperature. Common envelopes."""
+    v_next = np.nextafter(v, side * math.inf)
+    first = 0 if side > 0.0 else 3
+    d0, d1, d2 = memoryless(code, par, v_next)
+    gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v_next)
+    points[FOUND, Z], points[FOUND, D], points[FOUND, E1] = side * v_next, d0, d1
+    points[FOUND, E2], points[FOUND, GAMMA], points[FOUND, SLOPE] = side * d2, side * gamma, slope
+    place_common(FOUND, side, radii, weights, memory, points, parts)
+    return float(v_next)
 
 
 @lean
@@ -51,17 +99,8 @@ def solve_monotone(
     rest = here[1] + play.weighted_sum(weights, memory)
     found, v_found, residual, count = abs(rest - target) <= bound, v, rest - target, 1
     if not found:
-        side, first, end = 1.0, 0, limits[HIGH]
-        if target < rest:
-            side, first, end = -1.0, 3, -limits[LOW]
-        points[HERE, Z], points[HERE, D] = side * v, here[1]
-        points[HERE, E1], points[HERE, E2] = here[2], side * here[3]
-        if here[4] == side:
-            points[HERE, GAMMA], points[HERE, SLOPE] = here[5], here[6]
-        else:
-            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v)
-            points[HERE, GAMMA], points[HERE, SLOPE] = side * gamma, slope
-        place_common(HERE, side, radii, weights, memory, points, parts)
+        side, end = (-1.0, -limits[LOW]) if target < rest else (1.0, limits[HIGH])
+        _place_here(side, v, envelopes, radii, weights, memory, points, parts, here)
         # not where the film is at its limit, nor where the output jumps past the target at the reversal
         if side * v < end and points[HERE, F] - side * target < -bound:
             found, more = common_root(
@@ -84,15 +123,9 @@ def solve_monotone(
             )
             count += more
             v_found, residual = side * points[FOUND, Z], side * points[FOUND, F] - target
-        elif side * v < end and points[HERE, F] - side * target <= bound:
-            v_found = np.nextafter(v, side * math.inf)  # the jump ends at the target, one bit from here
-            d0, d1, d2 = memoryless(code, par, v_found)
-            gamma, slope = envelope(envelopes[0, first], envelopes[0, first + 1], envelopes[0, first + 2], v_found)
-            points[FOUND, Z], points[FOUND, D], points[FOUND, E1] = side * v_found, d0, d1
-            points[FOUND, E2], points[FOUND, GAMMA], points[FOUND, SLOPE] = side * d2, side * gamma, slope
-            place_common(FOUND, side, radii, weights, memory, points, parts)
-            found, residual = True, side * points[FOUND, F] - target
-            count += 1
+        elif side * v < end and points[HERE, F] - side * target <= bound:  # the jump ends at the target
+            v_found = _place_next(side, v, envelopes, radii, weights, code, par, memory, points, parts)
+            found, residual, count = True, side * points[FOUND, F] - target, count + 1
     return found, v_found if found else math.nan, residual, count
 
 
@@ -140,7 +173,7 @@ def solve(
 ) -> tuple[bool, float, float, int]:
     """(found, temperature, model minus target, evaluations) of the chosen solution, from v (degC) and a memory.
 
-    The row FOUND and `here` of the workspace tell `arrive` what is known at the solution, so that a smooth target costs
+    The row FOUND and `here` of the workspace hand `arrive` what is known at the solution, so that a smooth target costs
     no evaluation twice.
     """
     limits = settings[0]

@@ -87,7 +87,7 @@ def current_for_rate(par: Array, temperature: float, wanted_rate: float, limit: 
 
 @dataclass(frozen=True)
 class PlateModel:
-    """The plate's parameters, each over the heat capacity: what temperature and current alone can tell."""
+    """The plate's parameters, each over the heat capacity: all that temperature and current alone determine."""
 
     seebeck_over_capacity_per_A_s: float
     resistance_over_capacity_K_per_A2_s: float

@@ -8,11 +8,12 @@ value    z = (mean after - mean before) / sqrt(s^2 (1/W_after + 1/W_before)),  m
          say. Held against Student's t with the nights' degrees of freedom.
 seen     Fisher's exact test of how often the effect was seen before and after: it appears, or it is gone.
 
-A change is told where the test's probability, corrected for how often it was tried, is below `false_alarm`: so often at
-the most has a series without a change one. It is looked for every night anew, and at every night until then: n nights
-have n^2 / 2 tests of the value. (Tests of what was seen are fewer, because only so many tables can come out, and exact,
-which a discrete test is only from above: they are corrected by n.) Of several changes the latest counts: what holds
-from then on until now is judged by itself, so that a second change is found, and an old one is not told as a new one.
+A change is reported where the test's probability, corrected for how often it was tried, is below `false_alarm`: at
+most so often a series without a change has one. It is looked for every night anew, and at every night until then: n
+nights have n^2 / 2 tests of the value. (Tests of what was seen are fewer, because only so many tables can come out,
+and exact, which a discrete test is only from above: they are corrected by n.) Of several changes the latest counts:
+what holds from then on until now is judged by itself, so that a second change is found, and an old one is not
+reported again.
 """
 
 from __future__ import annotations

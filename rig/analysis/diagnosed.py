@@ -1,4 +1,4 @@
-"""A record diagnosed: which of its columns can tell something, which kinds of plate are possible, what is refused.
+"""A record diagnosed: which of its columns hold information, which kinds of plate are possible, what is refused.
 
 With other records held out, the extended model's error there is that of the very model that is handed over, run as
 `predict --initial fitted` runs it.
@@ -80,10 +80,10 @@ def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record
         found = predicted(model, record, record.source, initial="fitted")
         if found.temperature_degC is not None:
             left = found.temperature_degC - record["temperature_degC"]
-            errors.setdefault("temperature_K", []).append(left[~found.told])
+            errors.setdefault("temperature_K", []).append(left[~found.fitted_rows])
         if found.output is not None and model.film is not None:
             left = found.output - record.output(model.film.output)
-            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.told])
+            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.fitted_rows])
     channels = dict(diagnosis.channels)
     for name, parts in errors.items():
         error = np.concatenate(parts)

@@ -1,4 +1,4 @@
-"""The transition and the reversal curves of a record, as `identify` and `calibrate` tell them."""
+"""The transition and the reversal curves of a record, as `identify` and `calibrate` report them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has mo
 
 @dataclass(frozen=True, eq=False)
 class FilmNumbers:
-    """What a record tells of its film without a model. output: its name; lag_s: the thermometer's lag behind the plate
+    """What a record shows of its film without a model. output: its name; lag_s: the thermometer's lag behind the plate
     that was taken out of the temperatures, None where none is known."""
 
     source: str

@@ -1,4 +1,4 @@
-"""The film's output that was asked for, in the sense in which it rises with temperature."""
+"""The film's output, in the sense in which it rises with temperature."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ FALLS = -0.5  # correlation with temperature, below which the output's other sig
 
 
 def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -> str:
-    """The output, or its negative where it falls as temperature rises. Raises Faults where a column was asked for that
-    no record has."""
+    """The output, or its negative where it falls as temperature rises. Raises Faults for one that no record has."""
     if output != FALLING_RESISTANCE and not any(record.has_output(output) for record in records):
         raise Faults([_missing(record, output) for record in records])
     pairs = [(r["temperature_degC"], r.output(output)) for r in records if r.has_output(output)]

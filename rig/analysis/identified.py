@@ -2,15 +2,127 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
+import numpy as np
+
+from compensator.hysteresis.film import FilmModel
+from compensator.identification.compression import Compression, compress
 from compensator.identification.film import FilmFit, FilmRecord, identify_film_records
 from compensator.identification.plate import PlateFit, PlateRecord, identify_plate_records
-from rig.core.faults import Faults
+from compensator.inverse.check import Finding, check_model
+from rig.analysis.film_numbers import FilmNumbers, numbers_of_record
+from rig.analysis.film_sense import rising
+from rig.core.faults import Faults, fault
+from rig.files.film_output import FALLING_RESISTANCE, column_of
+from rig.files.model_file import Model
 from rig.files.record_file import Record
 
 
-def film_fit(records: list[Record], output: str, **how: Any) -> FilmFit:
+@dataclass(frozen=True)
+class AskedFit:
+    """How to fit, as the arguments of `peltier identify` say it."""
+
+    output: str = FALLING_RESISTANCE
+    kind: Any = None
+    form: str | None = None
+    operators: int = 30
+    initial: Literal["cooled", "heated", "fitted"] = "fitted"
+    violate_order: bool = False
+    compress: int | None = None
+    plate: Literal["peltier", "heater"] = "peltier"
+    seed: int = 0
+
+    @property
+    def of_the_film(self) -> dict[str, Any]:
+        """As `identify_film_records` takes it."""
+        how = {"kind": self.kind, "form": self.form, "operators": self.operators, "initial": self.initial}
+        return {**how, "ordered": not self.violate_order, "seed": self.seed}
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What was fitted to records: film and plate, None where the records have none; model: both as a model file has
+    them, the film compressed where `AskedFit.compress` is set.
+
+    output: the film's, in the sense in which it rises with temperature; film_records: those with such an output;
+    findings: what to know of the film between the temperatures seen; numbers: the transition of each film record,
+    without a model; lag_s: of the thermometer behind the plate, 0 where it was not fitted; drive: the unit of a current
+    that is a share of full drive, else None.
+    """
+
+    records: tuple[Record, ...]
+    output: str
+    model: Model
+    film: FilmFit | None = None
+    plate: PlateFit | None = None
+    film_records: tuple[Record, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    compression: Compression | None = None
+    numbers: tuple[FilmNumbers, ...] = ()
+    lag_s: float = 0.0
+    drive: str | None = None
+
+
+def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], None]) -> Identified:
+    """One film and one plate of all records. Raises Faults."""
+    with_film = [r for r in records if r.has_output(asked.output)]
+    with_plate = [r for r in records if r.has("current_A")]
+    if not with_film and not with_plate:
+        raise _nothing_to_fit(records, asked.output)
+    output = rising(records, asked.output, say)
+    found = Identified(tuple(records), output, Model(None, None))
+    film_model, plate_model = None, None
+    if with_film:
+        film = film_fit(with_film, output, **asked.of_the_film)
+        findings = check_model(film.model, *seen_degC(with_film)).findings
+        compression = _compressed(film.model, with_film, asked.compress) if asked.compress is not None else None
+        film_model = film.model if compression is None else compression.model
+        numbers = tuple(numbers_of_record(record, output) for record in with_film)
+        found = replace(
+            found,
+            film=film,
+            film_records=tuple(with_film),
+            findings=tuple(findings),
+            compression=compression,
+            numbers=numbers,
+        )
+    if with_plate:
+        plate = plate_fit(with_plate, asked.plate)
+        plate_model = plate.model
+        lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
+        found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive)
+    return replace(found, model=Model(film_model, plate_model))
+
+
+def seen_degC(records: Sequence[Record]) -> tuple[float, float]:
+    """The least and the largest temperature in records, degC."""
+    finite = [r["temperature_degC"][np.isfinite(r["temperature_degC"])] for r in records]
+    return min(float(t.min()) for t in finite), max(float(t.max()) for t in finite)
+
+
+def _nothing_to_fit(records: Sequence[Record], output: str) -> Faults:
+    """Why there is neither a film nor a plate in the records."""
+    name = column_of(output)
+    lines = []
+    for record in records:
+        there = [column for column in (name, "current_A") if column in record.columns]
+        what = f"{' and '.join(there)}: no finite number in {record.rows} rows" if there else "no such column"
+        lines.append(f"{record.source}: {name}, current_A: {what}; expected one of them at least (--column maps names)")
+    return Faults(lines)
+
+
+def _compressed(model: FilmModel, records: Sequence[Record], operators: int) -> Compression:
+    """The film with fewer operators. Raises Faults."""
+    try:
+        return compress(model, operators, *seen_degC(records))
+    except ValueError as error:
+        raise fault("--compress", repr(operators), str(error)) from None
+
+
+def film_fit(records: Sequence[Record], output: str, **how: Any) -> FilmFit:
     """how: as `identify_film_records`. Readings of the resistance have their own times, where the record has them.
     Raises Faults."""
     inputs = [
@@ -29,7 +141,7 @@ def film_fit(records: list[Record], output: str, **how: Any) -> FilmFit:
         raise said_of(records, error) from None
 
 
-def plate_fit(records: list[Record], kind: Any = "peltier", lag: bool = False) -> PlateFit:
+def plate_fit(records: Sequence[Record], kind: Any = "peltier", lag: bool = False) -> PlateFit:
     """lag: whether the thermometer's lag behind the plate is fitted too. Raises Faults."""
     inputs = [PlateRecord(r["time_s"], r["temperature_degC"], r["current_A"], r.source) for r in records]
     try:
@@ -38,7 +150,7 @@ def plate_fit(records: list[Record], kind: Any = "peltier", lag: bool = False) -
         raise said_of(records, error) from None
 
 
-def said_of(records: list[Record], error: ValueError) -> Faults:
+def said_of(records: Sequence[Record], error: ValueError) -> Faults:
     """The fault with the record that it is about."""
     text = str(error)
     if any(text.startswith(record.source) for record in records):

@@ -33,13 +33,14 @@ Initial = Literal["cooled", "heated", "fitted"]
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """output: of the film, temperature_degC: of the thermometer, both (rows,), nan where the model says nothing, None
-    where it was not asked; driven_by: what the film's temperature came from, None without a film; told: the rows to
-    which what belongs to the record was fitted, which are not scored; own: what was fitted, None where nothing was."""
+    the model or the record lacks what it takes; driven_by: what the film's temperature came from, None without a film;
+    fitted_rows: those to which what belongs to the record was fitted, which are not scored; own: what was fitted, None
+    where nothing was."""
 
     output: Array | None
     temperature_degC: Array | None
     driven_by: Drive | None
-    told: Mask
+    fitted_rows: Mask
     own: RecordOwn | None = None
 
 

@@ -1,4 +1,4 @@
-"""Which columns of a record can tell anything: a temperature that moves, a film that switches."""
+"""Which columns of a record hold information: a temperature that moves, a film that switches."""
 
 from __future__ import annotations
 

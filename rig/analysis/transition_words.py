@@ -27,7 +27,7 @@ WORDS = {
 def number(quantity: Quantity, unit: str) -> str:
     """A value and half of its interval, both to the interval's second digit."""
     if quantity.value is None or quantity.ci95 is None:
-        return f"not told: {quantity.reason}"
+        return f"not determined: {quantity.reason}"
     half = 0.5 * (quantity.ci95[1] - quantity.ci95[0])
     digits = max(0, 1 - math.floor(math.log10(half))) if half > 0.0 else 6
     return f"{quantity.value:.{digits}f} +- {half:.{digits}f} {unit}".rstrip()
@@ -82,7 +82,7 @@ def notes(found: Transition, lag_s: float | None = None) -> list[str]:
 def forc_note(forc: Forc) -> str:
     """What became of the reversal curves."""
     if forc.reason:
-        return f"FORC diagram: not told: {forc.reason}"
+        return f"FORC diagram: not drawn: {forc.reason}"
     peak = forc.peak()
     text = f"FORC diagram: of {forc.reversal_degC.size} curves of {forc.sense}"
     if peak is None:

@@ -8,12 +8,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from rig.bench.output_off import OutputOff
 from rig.bench.serial_numbers import strangers
 from rig.bench.simulation import simulated_world
 from rig.core.clock import Clock, RealClock, VirtualClock
 from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
 from rig.core.faults import Faults, fault
-from rig.core.outcome import NotConfirmedOff
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.drivers.meter import ResistanceMeter
@@ -22,7 +22,6 @@ from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTab
 from rig.guard.line import UNGUARDED, Guard
 from rig.ports.registry import register, unregister
 from rig.ports.silence import nobody_answers
-from rig.safety.switching_off import off_confirmed, switch_off
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import CONTROLLERS, METERS, emulated_controller, emulated_meter, emulator_options
 from sim.world.plant import SimulatedPlant
@@ -66,7 +65,7 @@ def open_bench(
             ports = _simulated(file, clock, stack)
         controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
         stack.callback(controller.close)
-        stack.enter_context(_output_off(controller, c.bench.controller, guard))
+        stack.enter_context(OutputOff(controller, c.bench.controller, guard))
         with _told_where(controller, "controller", c.bench.controller):
             identities = {"controller": controller.identify()}
         _require_ours(file, identities, whatever_serial_number)
@@ -100,43 +99,6 @@ def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable)
     except (TimedOut, Corrupt, OutOfStep) as error:
         silent = nobody_answers(instrument, table.port, role, table.driver, "who it is")
         raise type(error)(silent or f"{table.port} ({role}): {error}") from error
-
-
-@contextmanager
-def _output_off(controller: TemperatureController, table: ControllerTable, guard: Guard) -> Iterator[None]:
-    """Output off before and after, whatever happens in between; an error is told whether that is confirmed.
-
-    The guard stops answering for the output only where it is off, or where everything has been tried and that is told.
-    Raises NotConfirmedOff, which outranks all others; after it nothing is sent any more, which would only feed the
-    controller's dead man.
-    """
-    _see_it_off(controller, table, guard, None)
-    try:
-        yield
-    except NotConfirmedOff:
-        guard.given_up()
-        raise
-    except BaseException as error:
-        _see_it_off(controller, table, guard, error)
-        guard.let_go()
-        error.add_note(off_confirmed(controller))
-        raise
-    _see_it_off(controller, table, guard, None)
-    guard.let_go()
-
-
-def _see_it_off(
-    controller: TemperatureController, table: ControllerTable, guard: Guard, error: BaseException | None
-) -> None:
-    """Switch off. Raises NotConfirmedOff."""
-    verdict = switch_off(controller, alive=guard.alive)
-    if not verdict.confirmed:
-        guard.given_up()
-        reason = f" (after: {error})" if error is not None else ""
-        silent = nobody_answers(controller, table.port, "controller", table.driver, "to switch its output off")
-        raise NotConfirmedOff(silent or f"{table.port}: {verdict.text}{reason}") from error
-    if verdict.text and error is not None:
-        error.add_note(verdict.text)
 
 
 def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:

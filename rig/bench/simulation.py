@@ -6,10 +6,11 @@ Effects are those of [[simulation.effects]], of [simulation.heat_sink_warmup], a
 from __future__ import annotations
 
 from rig.core.faults import fault
-from rig.files.configuration import ConfigurationFile, ModelFilmTable, RelayFilmTable
+from rig.files.configuration import ConfigurationFile
 from rig.files.effect_tables import switched_effects
 from rig.files.film_output import in_decades
 from rig.files.model_file import read_model
+from rig.files.simulation_table import ModelFilmTable, RelayFilmTable
 from sim.effects.effect import Switched, switched
 from sim.effects.heat_sink_warmup import EFFECT as HEAT_SINK_WARMUP
 from sim.model.film_side import Film

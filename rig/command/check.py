@@ -4,8 +4,8 @@ The output is commanded off first and last; no current flows. Limits and dead ma
 several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
 configured.
 
-An error that the controller reports is told with what it means and what clears it. On a terminal you are asked whether
-to clear it; --clear does so without asking.
+An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
+whether to clear it; --clear clears it without asking.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
-MOST_RANGES = 8  # of a meter
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,7 +105,7 @@ def _wanted() -> bool:
 
 
 def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    """The instrument's own limits and dead man, asked for anew."""
+    """The instrument's own limits and dead man, read back."""
     from rig.drivers.heater_drive import drive_unit
 
     limits, controller = file.content.limits, bench.controller
@@ -131,14 +130,11 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
 
 
 def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:
-    from rig.drivers.meter import column_of, reading_in_words
+    from rig.drivers.meter import column_of, reading_in_words, settled_reading
 
     if bench.meter is None:
         return {"resistance_ohm": None}
-    for _ in range(MOST_RANGES):  # until it has found its range, or that none is high enough
-        if bench.meter.read().is_number:
-            break
-    reading = bench.meter.read()
+    reading = settled_reading(bench.meter)
     column = column_of(bench.meter.output)
     name, _, unit = column.partition("_")
     voice.say(

@@ -1,7 +1,7 @@
 """peltier diagnose RECORD...: where the simulated rig and the real one part, why, and what the repair gains.
 
 The base model is fitted to the record, then every effect of the catalogue with it; those are named that the record
-needs, and what they gain is measured on rows that no fit has seen. What is left over is called unexplained. A record
+needs, and what they gain is measured on held-out rows. What is left over is called unexplained. A record
 without resistance is diagnosed as far as the plate goes, one without current as far as the film goes.
 
 Several records are diagnosed side by side, each by itself. --report DIR then has a folder for each, a table of all in
@@ -114,7 +114,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _base(options: argparse.Namespace) -> str | None:
-    """The base that was asked for, or that the model has."""
+    """The base of --base, or that of the model."""
     if options.base is not None:
         return str(options.base)
     if options.model is None:

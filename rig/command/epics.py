@@ -1,7 +1,7 @@
 """peltier epics CONFIG: an EPICS server beside the bench daemon: readings, state, trips, STOP.
 
 It listens as [epics] says, on Channel Access and PV Access, and asks the daemon of serve.name; it holds no instrument.
-Records that start and reset exist only with [epics] write = true. docs/epics.md tells more. Ends on a signal; the bench
+Records that start and reset exist only with [epics] write = true. More is in docs/epics.md. Ends on a signal; the bench
 goes on.
 """
 

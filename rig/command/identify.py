@@ -24,8 +24,8 @@ from rig.command.say import Voice
 from rig.core.faults import Faults, fault
 
 if TYPE_CHECKING:
+    from rig.analysis.identified import AskedFit
     from rig.files.record_file import Record
-    from rig.report.identified_records import AskedFit
     from rig.report.told import Told
 
 
@@ -53,7 +53,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         help="allow radii that break the order condition (the output then jumps)",
     )
     parser.add_argument(
-        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and tell what that loses"
+        "--compress", type=int, metavar="N", help="keep at most N operators in the model, and print the loss"
     )
     add_output_argument(parser)
     parser.add_argument("--plate", choices=["peltier", "heater"], default="peltier", help="kind of the plate model")
@@ -61,7 +61,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.report.identified_records import AskedFit, identified
+    from rig.analysis.identified import AskedFit
+    from rig.report.identified_records import identified_and_told
 
     if options.out is not None:
         if options.each:
@@ -79,7 +80,7 @@ def main(options: argparse.Namespace) -> int:
     if folder is not None:
         folder.mkdir(exist_ok=True)
     models = [path for path in (options.out, folder / "model.toml" if folder is not None else None) if path is not None]
-    result = identified(records, asked, models, folder, voice.say)
+    result = identified_and_told(records, asked, models, folder, voice.say)
     if models:
         voice.say(f"model: {models[0]}")
     if folder is not None:

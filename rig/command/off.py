@@ -1,8 +1,9 @@
 """peltier off [CONFIG]: the output off, with a daemon or without.
 
-Where a daemon runs it is told to stop (of CONFIG's ports, or every one). Where none does, the controller that CONFIG
-names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process holds the port.
-A process that still tries to switch the output off, after that was not confirmed, is ended, and this one tries instead.
+Where daemons run, the one that holds CONFIG's ports stops (without CONFIG every one). Where none does, the controller
+that CONFIG names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process
+holds the port. A process that still tries to switch the output off, after that was not confirmed, is ended, and this
+one tries instead.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.command.stop import NOT_CONFIRMED, stopped
+from rig.command.stop import stopped
 from rig.core.faults import fault
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
 
@@ -107,7 +109,7 @@ def _switched_off(held: Held, target: str | None) -> int:
     print(f"peltier off: OUTPUT NOT CONFIRMED OFF: {problem}. Switch the controller off by hand.", file=sys.stderr)
     if controller is not None and not verdict.confirmed:
         keep_trying(held)
-    return NOT_CONFIRMED
+    return NotConfirmedOff.exit_status
 
 
 def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:

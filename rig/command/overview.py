@@ -1,6 +1,6 @@
 """peltier overview CONFIG: one page for several bench daemons, with a STOP for each.
 
-CONFIG (TOML) has [overview] and a [[bench]] with name, address and token for each daemon; docs/daemon.md tells more.
+CONFIG (TOML) has [overview] and a [[bench]] with name, address and token for each daemon; more is in docs/daemon.md.
 It holds no instrument and no bench waits for it. Ends on a signal; the benches go on.
 """
 

@@ -13,8 +13,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rig.command.record_arguments import (
     add_json_argument,
     add_record_arguments,
@@ -24,11 +22,9 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
-from rig.files.film_output import column_of, in_decades, sign_of
-from rig.files.record_file import Record, unit_of, write_columns
+from rig.files.record_file import Record, write_columns
 
 if TYPE_CHECKING:
-    from rig.analysis.predicted import Prediction
     from rig.files.model_file import Model
 
 
@@ -63,6 +59,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.analysis.prediction_error import require_something_to_predict
     from rig.experiment.feasible import order_warning
     from rig.files.model_file import read_model
 
@@ -81,9 +78,7 @@ def main(options: argparse.Namespace) -> int:
     model = read_model(options.model)
     records = read_records(options.records, options)
     for record in records:
-        if model.film is None and not (model.plate is not None and record.has("current_A")):
-            text = f"missing; expected a [film], or a [plate] and current_A in {record.source}"
-            raise fault(options.model, "film", text)
+        require_something_to_predict(model, record, options.model)
     warning = order_warning(model.film, options.model) if model.film is not None else None
     if warning is not None:
         print(warning, file=sys.stderr)
@@ -102,75 +97,40 @@ def _predicted(
     model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
 ) -> dict[str, Any]:
     """One record beside the model: lines, files, and the JSON."""
-    from rig.analysis.predicted import needs_test_current, predicted
+    from rig.analysis.predicted import predicted
+    from rig.analysis.prediction_error import errors_of, fitted_values, left_out, predicted_columns
 
-    columns: dict[str, Any] = {**record.columns, **record.text_columns}
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
-    channels = {}
-    if model.film is not None and needs_test_current(model.switched()) and not record.has("meter_current_A"):
-        print(f"{record.source}: no meter_current_A: the model's self-heating is left out", file=sys.stderr)
+    note = left_out(model, record)
+    if note is not None:
+        print(note, file=sys.stderr)
     how = {"initial": options.initial, "drive": options.drive, "first_s": options.first}
     found = predicted(model, record, options.model, **how)
     if found.driven_by is not None:
         result["film_driven_by"] = found.driven_by
-    if found.own is not None:
-        result["fitted"] = _fitted(model, found, voice)
-    scored = ~found.told
-    if model.film is not None and found.output is not None:
-        name = model.film.output
-        quantity = sign_of(name) * found.output
-        columns[_predicted_column(name)] = 10.0**quantity if in_decades(name) else quantity
-        if record.has_output(name):
-            what = "log R" if in_decades(name) else column_of(name)
-            _report(result, (found.output - record.output(name))[scored], unit_of(name), what, voice)
-            channels[name] = record.output(name), found.output
-    if found.temperature_degC is not None:
-        columns["predicted_degC"] = found.temperature_degC
-        _report(result, (found.temperature_degC - record["temperature_degC"])[scored], "K", "temperature", voice)
-        channels["temperature_degC"] = record["temperature_degC"], found.temperature_degC
-    if not any(key.startswith("rmse") for key in result):
+    fitted = fitted_values(found, model)
+    if fitted:
+        result["fitted"] = fitted
+        values = ", ".join(f"{name} {_short(value)}" for name, value in fitted.items() if name != "rows")
+        voice.say(f"fitted to the first {fitted['rows']} rows: {values}")
+    errors = errors_of(found, model, record)
+    for error in errors:
+        result |= error.document()
+        numbers = f"RMSE {error.rmse:.4f} {error.unit}, largest {error.max_abs:.4f} {error.unit}"
+        voice.say(f"{error.what}: {numbers}, {error.rows} rows")
+    if not errors:
         voice.say(f"{record.source}: nothing to compare: neither readings of the film nor temperature with current")
     if options.out is not None:
-        write_columns(options.out, columns)
+        write_columns(options.out, {**record.columns, **record.text_columns, **predicted_columns(found, model)})
         voice.say(f"predictions: {options.out}")
     if folder is not None:
         from rig.report.prediction import write_prediction_report
 
         folder.mkdir(parents=True, exist_ok=True)
-        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], channels)
+        write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], errors)
         voice.say(f"report: {folder / 'report.html'}")
     return result
 
 
-def _fitted(model: Model, found: Prediction, voice: Voice) -> dict[str, Any]:
-    """What belongs to the record, as it was fitted."""
-    assert found.own is not None
-    film = found.own.film
-    fitted: dict[str, Any] = {"rows": int(np.sum(found.told))}
-    if model.plate is not None and found.temperature_degC is not None:
-        fitted["ambient_degC"] = found.own.ambient_degC
-        fitted["first_degC"] = float(found.own.plate_degC[0])
-    if model.film is not None:
-        fitted |= {"memory": film.initial, "turned_at_degC": film.previous_degC}
-    said = ", ".join(f"{name} {_short(value)}" for name, value in fitted.items() if name != "rows")
-    voice.say(f"fitted to the first {fitted['rows']} rows: {said}")
-    return fitted
-
-
 def _short(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else "none" if value is None else str(value)
-
-
-def _predicted_column(output: str) -> str:
-    """What the prediction of an output is called in a file."""
-    ohm = in_decades(output) or column_of(output) == "resistance_ohm"
-    return "predicted_ohm" if ohm else f"predicted_{column_of(output)}"
-
-
-def _report(result: dict[str, Any], error: np.ndarray, unit: str, what: str, voice: Voice) -> None:
-    error = error[np.isfinite(error)]
-    if error.size == 0:
-        return
-    rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-    result |= {f"rmse_{unit}": rmse, f"max_abs_{unit}": largest, f"rows_{unit}": int(error.size)}
-    voice.say(f"{what}: RMSE {rmse:.4f} {unit}, largest {largest:.4f} {unit}, {error.size} rows")

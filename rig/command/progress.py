@@ -13,7 +13,7 @@ from rig.experiment.expected import Phases, still_to_come
 
 
 class Progress:
-    """An onlooker (`rig.experiment.expected`) that shows what it is told in a line."""
+    """An onlooker (`rig.experiment.expected`) that shows in a line how far an experiment is."""
 
     def __init__(self, line: TerminalLine | PatientLine) -> None:
         self._line = line

@@ -28,14 +28,14 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
         "names the first that a file has; #3 is its third column",
     )
     parser.add_argument(
-        "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers do not tell it"
+        "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers leave it open"
     )
 
 
 def read_records(
     paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
 ) -> list[Record]:
-    """The records of a verb, by its arguments; what was taken for what is told on stderr. Raises Faults, of all."""
+    """The records of a verb, by its arguments; what was taken for what is printed on stderr. Raises Faults, of all."""
     from rig.files.record_file import ColumnMapping, read_record
 
     mappings = [ColumnMapping.parse(text) for text in options.column]

@@ -1,4 +1,4 @@
-"""What the verbs print: lines, progress, and JSON where it is asked for."""
+"""What the verbs print: lines, progress, and JSON with --json."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Voice:
         print(text, file=self._stream, flush=True)
 
     def report(self, value: Any) -> None:
-        """Write the JSON, if it was asked for."""
+        """Write the JSON, if --json is given."""
         if self._json == "-":
             sys.stdout.write(plain_json(value) + "\n")
             sys.stdout.flush()
@@ -42,7 +42,7 @@ class Voice:
 
     @contextmanager
     def progress(self, virtual: bool = False) -> Iterator[Progress | None]:
-        """A line that tells how far an experiment is; none where simulated time runs and nobody watches."""
+        """A line that shows how far an experiment is; none where simulated time runs and nobody watches."""
         if virtual and not sys.stderr.isatty():
             yield None
             return

@@ -1,7 +1,7 @@
 """peltier serve CONFIG: the bench daemon. Holds the instruments, runs experiments, keeps history, shows a page.
 
 It starts with the output commanded off; nothing resumes by itself. `peltier status`, `watch`, `stop`, `off`, `reset`
-and `peltier run` talk to it. Ends on INT, TERM, HUP or QUIT with the output off. docs/daemon.md tells more.
+and `peltier run` talk to it. Ends on INT, TERM, HUP or QUIT with the output off. More is in docs/daemon.md.
 """
 
 from __future__ import annotations

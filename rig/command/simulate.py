@@ -2,7 +2,7 @@
 
 Whatever the ports are, the configured experiment runs on simulated instruments in virtual time; a current_profile runs
 without instruments, so that its rows are exact. Effects of --effect come to those of the configuration; a parameter
-that is left out takes the geometric middle of the sizes met.
+that is left out takes the geometric middle of its usual sizes.
 """
 
 from __future__ import annotations

@@ -8,11 +8,10 @@ from __future__ import annotations
 import argparse
 import sys
 
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.asking import bench_argument, checked, json_argument, one_daemon, report, some_daemons, teller
 from rig.daemon.client import NoDaemon
 from rig.daemon.words import rows_of
-
-NOT_CONFIRMED = 11
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +30,7 @@ def main(options: argparse.Namespace) -> int:
             for what, how in rows_of(state):
                 print(f"  {what:<14} {how}", file=teller(options.json))
             if state["output"] == "unknown":
-                status = NOT_CONFIRMED
+                status = NotConfirmedOff.exit_status
     except NoDaemon as error:
         print(f"peltier status: {error}", file=sys.stderr)
         return 1

@@ -9,10 +9,9 @@ from __future__ import annotations
 import argparse
 import sys
 
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.asking import bench_argument, json_argument, report, some_daemons, teller
 from rig.daemon.client import Client, NoDaemon
-
-NOT_CONFIRMED = 11
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,14 +29,14 @@ def main(options: argparse.Namespace) -> int:
 
 
 def stopped(client: Client, by: str, target: str | None) -> int:
-    """Tell one daemon to stop, and tell what it answered: the exit status."""
+    """Stop one daemon, and print its answer: the exit status."""
     name = client.path.stem
     try:
         with client:
             answer = client.ask("stop", by=by)
     except NoDaemon as error:
         print(f"{by}: OUTPUT NOT CONFIRMED OFF: {error}. Switch the controller off by hand.", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     report(target, answer)
     if not answer.get("confirmed"):
         print(
@@ -45,7 +44,7 @@ def stopped(client: Client, by: str, target: str | None) -> int:
             f"{answer.get('took_s', 0.0):.1f} s. Switch the controller off by hand.",
             file=sys.stderr,
         )
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     rests_on = f" ({answer['confirmed_by']})" if answer.get("confirmed_by") else ""
     text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms{rests_on}"
     print(f"{text}; the queue is held", file=teller(target), flush=True)

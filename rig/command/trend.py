@@ -3,7 +3,7 @@
 Every run below FOLDER that came to its end is diagnosed, once: what is known of it is kept in DIR/cases.jsonl, and when
 the command is given again only new runs are diagnosed. DIR/report.html has the series of every effect with their 95 %
 intervals, DIR/effects.csv one line an effect (since when, before, after), DIR/trend.csv and DIR/trend.nc one row a run.
-A change is told at a false-alarm rate of 5 % a series, however often one looks.
+A change is reported at a false-alarm rate of 5 % a series, however often one looks.
 """
 
 from __future__ import annotations

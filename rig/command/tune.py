@@ -1,48 +1,176 @@
-"""peltier tune CONFIG: PID gains from the plate model, with gain margin, phase margin and maximum sensitivity."""
+"""peltier tune CONFIG: gains from the plate model, and the margins of the whole law with them.
+
+Estimator, resistance feedback through the inverse, temperature PID, delays, plate and film together, the film's slope
+being 0.6 to 2.2 times the model's. Gains whose margins do not hold are refused (exit status 1): it says which to lower.
+"""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from rig.command.record_arguments import add_json_argument
+from rig.command.record_arguments import add_json_argument, writable_parent
 from rig.command.say import Voice
 from rig.core.faults import fault
+
+if TYPE_CHECKING:
+    from compensator.control.design import Design
+    from compensator.control.law import Law
+    from compensator.control.limit_cycle import LimitCycle
+    from rig.experiment.own_pid import OwnTuning
+    from rig.experiment.tuning import WholeLaw
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path)
+    parser.add_argument(
+        "--output-age", type=float, metavar="S", help="the ohmmeter is read by so much before the thermometer"
+    )
+    parser.add_argument("--acts-after", type=float, metavar="S", help="a command acts by so much after its reading")
+    parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and tuning.json there")
     add_json_argument(parser)
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.experiment.own_pid import own_tuning
+    from rig.experiment.summaries import design_table
+    from rig.experiment.tracking import law_and_design, timing_of
+    from rig.experiment.tuning import film_cycles, law_table, own_table, tuned_law
     from rig.files.configuration import read_configuration
     from rig.files.model_file import read_model
 
+    if options.report is not None:
+        writable_parent(options.report)
     voice = Voice(options.json)
     file = read_configuration(options.config)
-    if file.content.experiment.model is None:
+    configuration = file.content
+    if configuration.experiment.model is None:
         raise fault(options.config, "experiment.model", "missing; expected a model file with [plate] (and [film])")
-    model = read_model(file.beside(file.content.experiment.model), needs=("plate", "film"))
-    from rig.drivers.heater_drive import OF_FULL_DRIVE
-    from rig.experiment.summaries import design_table
-    from rig.experiment.tracking import law_and_design
-
+    model = read_model(file.beside(configuration.experiment.model), needs=("plate", "film"))
     assert model.film is not None
     assert model.plate is not None
-    result = {}
-    unit = "A" if model.plate.kind == "peltier" else OF_FULL_DRIVE
-    for name, what in (("full", "temperature, output in K/s"), ("pid", f"log R, output in {unit}")):
-        _, design = law_and_design(name, file.content, model.film, model.plate)  # type: ignore[arg-type]
-        gains, margins = design.gains, design.margins
-        voice.say(f"{name}: PID on {what}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
+    for flag, value in (("--output-age", options.output_age), ("--acts-after", options.acts_after)):
+        if value is not None and not 0.0 <= value <= configuration.experiment.period_s:
+            raise fault("the command line", flag, f"{value:g} s: expected 0 to a period")
+    timing = timing_of(configuration, options.output_age, options.acts_after)
+    own = own_tuning(configuration, model.film, model.plate)
+    chosen = configuration.experiment.law
+    name = chosen if chosen == "instrument_pid" else "full"
+    found, law, design = tuned_law(configuration, model, name, timing)
+    _, by_output = law_and_design("pid", configuration, model.film, model.plate)
+    cycles = film_cycles(model.film, by_output, *configuration.limits.temperature_degC)
+    if name == "full":
+        _say_gains(voice, "full: PID on temperature, output in K/s", design)
+    _say_margins(voice, found, law)
+    unit = "A" if model.plate.kind == "peltier" else "of full drive"
+    _say_gains(voice, f"pid: PID on log R alone, output in {unit}", by_output)
+    voice.say(f"  swings by the film's hysteresis: {_cycles(cycles, 'K')}")
+    _say_own(voice, own, configuration.bench.controller.driver)
+    result = {
+        "format": "peltier-tuning/2",
+        name: {**design_table(design), "whole_law": law_table(found)},
+        "pid": {**design_table(by_output), "limit_cycles": [cycle.__dict__ for cycle in cycles]},
+        "instrument_pid_gains": own_table(own),
+        "refused": found.refused,
+    }
+    if options.report is not None:
+        from rig.report.tuning import write_tuning_report
+
+        options.report.mkdir(exist_ok=True)
+        write_tuning_report(options.report, options.config.name, result, found)
+        voice.say(f"report: {options.report / 'report.html'}")
+    voice.report(result)
+    for line in found.refused:
+        print(f"{options.config}: refused: {line}", file=sys.stderr)
+    return 1 if found.refused else 0
+
+
+def _say_gains(voice: Voice, title: str, design: Design) -> None:
+    gains, margins = design.gains, design.margins
+    voice.say(f"{title}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
+    voice.say(f"  Kp {gains.kp:.5g}   Ki {gains.ki:.5g}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
+    voice.say(
+        f"  this loop alone: gain margin {margins.gain_margin:.2f}   phase margin {margins.phase_margin_deg:.1f} deg   "
+        f"Ms {margins.ms:.3f}   crossover {margins.crossover_rad_per_s:.3g} rad/s"
+    )
+
+
+def _say_margins(voice: Voice, found: WholeLaw, law: Law) -> None:
+    from rig.experiment.tuning import PLAY_K
+
+    t = found.timing
+    voice.say(
+        f"{found.name}: the whole law (estimator, resistance through the inverse, temperature, delays, plate, film),\n"
+        "  the least margins of its way up and down the film's loop"
+    )
+    voice.say(
+        f"  one reading of the ohmmeter moves the correction by at most {found.most_share:.2f} of what it is off;\n"
+        f"  it is read {1e3 * t.output_age_s:.0f} ms before the thermometer, "
+        f"a command acts {1e3 * t.acts_after_s:.0f} ms after it"
+        + (f" and {1e3 * t.late_s:.0f} ms that nobody tells" if t.late_s else "")
+    )
+    voice.say("  film's slope over   gain    phase margin   Ms of      Ms, at        Ms, at     disk margin")
+    voice.say("  the model's         margin  deg            the law    thermometer   ohmmeter   gain x, phase deg")
+    for row in found.rows:
+        m = row.margins
+        if not m.stable:
+            voice.say(f"  {row.ratio:<19g} rings on by itself ({row.way}, {row.degC:.1f} degC)")
+            continue
         voice.say(
-            f"  Kp {gains.kp:.5g}   Ki {gains.ki:.5g}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}"
+            f"  {row.ratio:<19g} {m.gain_margin:<7.2f} {m.phase_margin_deg:<14.0f} {m.ms:<10.2f} "
+            f"{_or_dash(m.at_thermometer):<13} {m.at_ohmmeter:<10.2f} {m.disk_gain:.2f}, {m.disk_phase_deg:.0f}"
         )
-        voice.say(
-            f"  gain margin {margins.gain_margin:.2f}   phase margin {margins.phase_margin_deg:.1f} deg   "
-            f"Ms {margins.ms:.3f}   crossover {margins.crossover_rad_per_s:.3g} rad/s"
-        )
-        result[name] = design_table(design)
-    voice.report({"format": "peltier-tuning/1", **result})
-    return 0
+    voice.say(
+        f"  it would ring on with a film {_times(found.rings_at_ratio)} as steep as the model's, "
+        f"or a plate that answers {_times(found.rings_at_gain)} as much"
+    )
+    rest = found.rest
+    voice.say(
+        f"  a film at rest, within the band where the resistance is not fed back: gain margin {rest.gain_margin:.2f}, "
+        f"Ms {rest.ms:.2f}"
+    )
+    words = {
+        "play": (f"swings by a film's loop that is {2e3 * PLAY_K:.0f} mK wider than the model's", "K"),
+        "thermometer": ("swings by the thermometer's steps", "K"),
+        "dead band": ("swings by the driver's dead band", law_unit(law)),
+    }
+    for part, cycles in found.cycles.items():
+        text, unit = words[part]
+        voice.say(f"  {text}: {_cycles(cycles, unit)}")
+
+
+def law_unit(law: Law) -> str:
+    """The unit of what a law commands."""
+    return "A" if law.plate.kind == "peltier" else "of full drive"
+
+
+def _or_dash(value: float) -> str:
+    return "-" if value != value else f"{value:.2f}"
+
+
+def _times(ratio: float) -> str:
+    return "more than 100 times" if ratio == float("inf") else f"{ratio:.2f} times"
+
+
+def _cycles(cycles: list[LimitCycle], unit: str) -> str:
+    kept = [cycle for cycle in cycles if cycle.keeps]
+    if not kept:
+        return "none"
+    return ", ".join(f"+-{cycle.amplitude:.3g} {unit} every {cycle.period_s:.3g} s" for cycle in kept)
+
+
+def _say_own(voice: Voice, own: OwnTuning, driver: str) -> None:
+    pid, margins = own.pid, own.design.margins
+    voice.say(
+        f"the controller's own PID (law instrument_pid): Kp {pid.kp_A_per_K:.4g} A/K, Ti {pid.ti_s:.3g} s, "
+        f"Td {pid.td_s:.3g} s; Ms {margins.ms:.2f}"
+    )
+    if own.fields is None:
+        voice.say(f"  {driver}: its fields are not known here")
+        return
+    listed = ", ".join(f"{field.option} = {field.value:g}" for field in own.fields)
+    voice.say(f"  [bench.controller] options = {{ {listed} }}")
+    for command in dict.fromkeys(field.command for field in own.fields):
+        voice.say(f"  or at the instrument: {command}")

@@ -11,7 +11,7 @@ from rig.daemon.asking import bench_argument, one_daemon
 from rig.daemon.client import Client, NoDaemon
 from rig.daemon.words import number, resistance, rows_of
 
-EVERY_S = 0.25
+EVERY_S = 0.25  # as often as anybody reads a changing number
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

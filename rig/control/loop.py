@@ -17,9 +17,10 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from rig.bench.assembly import Bench
+from rig.control.decision import Decision, Policy, read_at
+from rig.core.columns import OF_A_RUN
 from rig.core.errors import Disconnected, InstrumentError, RigError
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
@@ -35,83 +36,12 @@ GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
 TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
 
-COLUMNS = [
-    "time_s",
-    "temperature_degC",
-    "resistance_ohm",
-    "current_A",
-    "meter_current_A",
-    "resistance_time_s",
-    "current_time_s",
-    "setpoint_degC",
-    "reference_degC",
-    "target_ohm",
-    "predicted_ohm",
-    "acts_after_s",
-    "tick",
-    "phase",
-]
-
 
 def columns_of(bench: Bench) -> list[str]:
-    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does."""
+    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
+    by the model, and read."""
     output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
-    return COLUMNS if output == LOG_RESISTANCE else [*COLUMNS, output]
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What a policy asks for: a current (A), or a setpoint (degC) for the controller's own PID; and what to record.
-
-    setpoint_degC: the temperature that is wanted, or sent where use_setpoint. reference_degC: the course towards it
-    that the plate can follow.
-
-    done: the phase ends here; a current that stands beside it is sent. wait: nothing is sent, whatever is on stays on.
-    """
-
-    current_A: float = math.nan
-    setpoint_degC: float = math.nan
-    use_setpoint: bool = False
-    reference_degC: float = math.nan
-    target_ohm: float = math.nan
-    predicted_ohm: float = math.nan
-    done: bool = False
-    wait: bool = False
-
-
-@dataclass(frozen=True)
-class ReadAt:
-    """When a tick's readings were taken, s: the thermometer's after the tick, the output's before the thermometer's.
-
-    acts_after_s: when a command acts, after the thermometer's reading; as it was at the last tick. test_current_A: of
-    the ohmmeter, while it read; 0 where there is none.
-    """
-
-    after_s: float = 0.0
-    output_age_s: float = 0.0
-    acts_after_s: float = 0.0
-    test_current_A: float = 0.0
-
-
-AT_THE_TICK = ReadAt()
-
-
-def read_at(
-    begin_s: float, tick_s: float, row_s: float, output_s: float, acts_after_s: float, test_current_A: float
-) -> ReadAt:
-    """Out of a run's times (s): of its phase's beginning, of its row and of the row's output (nan: none).
-
-    tick_s: of the tick, from the beginning of the phase. test_current_A: nan where there is none.
-    """
-    age_s = 0.0 if math.isnan(output_s) else row_s - output_s
-    return ReadAt(row_s - begin_s - tick_s, age_s, acts_after_s, 0.0 if math.isnan(test_current_A) else test_current_A)
-
-
-class Policy(Protocol):
-    """What decides. time_s, of the tick, runs from the start of its phase; output is -log10(R / 1 ohm), nan where
-    unknown."""
-
-    def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision: ...
+    return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, f"target_{output}", f"predicted_{output}", output]
 
 
 @dataclass
@@ -283,11 +213,12 @@ class Loop:
             current_time_s = self._apply(decision, now, degC) - self._start_s
             self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
+        ohms = self._output == LOG_RESISTANCE
         self.folder.row(
             (
                 row_s,
                 degC,
-                value if self._output == LOG_RESISTANCE else math.nan,
+                value if ohms else math.nan,
                 self.sent.current_A,
                 test_current_A,
                 output_s,
@@ -295,11 +226,11 @@ class Loop:
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,
-                decision.predicted_ohm if self._output == LOG_RESISTANCE else math.nan,
+                decision.predicted_ohm if ohms else math.nan,
                 acts_after_s,
                 k,
                 name,
-                *([] if self._output == LOG_RESISTANCE else [value]),
+                *([] if ohms else [decision.target_output, decision.predicted_output, value]),
             )
         )
         if not self.bench.virtual:

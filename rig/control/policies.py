@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -10,10 +12,13 @@ from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.reference_shaping import Reference
 from compensator.hysteresis.film import Memory
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
-from rig.control.resistance import ohm
-from rig.files.film_output import RISING_RESISTANCE
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
+from rig.control.law_units import LawUnits, plain_units
+from rig.control.loop import Loop
+from rig.files.film_output import ohm
 from rig.files.target import Target
+
+LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on which the nearest temperature is right
 
 
 class CurrentProfile:
@@ -29,12 +34,33 @@ class CurrentProfile:
         return Decision(float(self._target.at(time_s)))
 
 
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """Which way the film is to go where a target has several temperatures.
+
+    planned: temperatures over the time of the target, degC. up, down: the law, heading either way.
+    """
+
+    planned: Target
+    up: Law
+    down: Law
+
+    def law(self, nearest: Law, from_s: float, to_s: float) -> Law:
+        """The law for the coming targets; `nearest` where the plan stands still."""
+        ahead = float(self.planned.at(to_s)) - float(self.planned.at(from_s))
+        if abs(ahead) < LEAST_WAY_K:
+            return nearest
+        return self.up if ahead > 0.0 else self.down
+
+
 class Follow:
     """A law following a target; holds the law's state between ticks, and gives it to the next phase.
 
-    The target's quantity says what it is: a temperature for the law "temperature", else a resistance. setpoints: the
-    reference goes to the controller's own PID instead of a current to its output. correction: what is added to the
-    target of a resistance for the law, -log10 R; the target that is recorded stays as it is.
+    The target's quantity says what it is: a temperature for the law "temperature", else what the meter reads. units:
+    of the law's output, by default those of its film. setpoints: the reference goes to the controller's own PID instead
+    of a current to its output. correction: what is added to the target of a resistance for the law, -log10 R; the
+    target that is recorded stays as it is. branches: the way to go where a target has several temperatures.
+    estimates_memory: nobody knows the film's memory at the start; the readings tell.
     """
 
     def __init__(
@@ -44,15 +70,17 @@ class Follow:
         memory: Memory | None = None,
         state: LawState | None = None,
         setpoints: bool = False,
+        units: LawUnits | None = None,
+        branches: Branches | None = None,
     ) -> None:
         self.law = law
         self.target = target
         self.state = state
         self.setpoints = setpoints
+        self.units, self.branches = units or plain_units(law.film), branches
         self.correction: Target | None = None
+        self.estimates_memory = False
         self._memory = memory
-        # a target and a reading are -log10(R / 1 ohm); the law's are its film's, of one that rises log10(R / 1 ohm)
-        self._sign = -1.0 if law.film is not None and law.film.output == RISING_RESISTANCE else 1.0
         self._ahead = law.preview_times_s()
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
@@ -60,9 +88,10 @@ class Follow:
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
-            self.state = law.start(temperature_degC, self._memory, test_current_A=read.test_current_A)
-        resistance = self.target.quantity == "resistance"
-        sign = self._sign if resistance else 1.0
+            if self.estimates_memory and math.isnan(output):
+                return Decision(0.0, wait=True)
+            self.state = self._started(temperature_degC, self.units.law(output), read.test_current_A)
+        metered, units = self.target.quantity != "temperature", self.units
         at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
         ahead_s = at_s + read.acts_after_s + self._ahead
@@ -70,18 +99,30 @@ class Follow:
         if self.correction is not None:
             asked, coming = now + float(self.correction.at(at_s)), coming + self.correction.at(ahead_s)
         read_so = read.output_age_s, read.acts_after_s, read.test_current_A
-        command, self.state = law.step(
-            self.state, Inputs(temperature_degC, self._sign * output, sign * asked, sign * coming, *read_so)
-        )
-        predicted = self._sign * command.output_model
+        if metered:
+            asked, coming = units.law(asked), units.law(coming)
+        if self.branches is not None and metered:
+            law = self.branches.law(law, at_s, float(ahead_s[-1]))
+        command, self.state = law.step(self.state, Inputs(temperature_degC, units.law(output), asked, coming, *read_so))
+        ohms = units.quantity == "resistance"
+        wanted = math.nan if not metered else ohm(now) if ohms else now
+        predicted = units.shown(command.output_model) if math.isfinite(command.output_model) else math.nan
         return Decision(
             current_A=command.current_A,
-            setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if resistance else now,
+            setpoint_degC=command.setpoint_degC if self.setpoints else math.nan if metered else now,
             use_setpoint=self.setpoints,
             reference_degC=command.reference_degC,
-            target_ohm=ohm(now) if resistance else math.nan,
-            predicted_ohm=ohm(predicted) if math.isfinite(predicted) else math.nan,
+            target_ohm=wanted if ohms else math.nan,
+            predicted_ohm=predicted if ohms else math.nan,
+            target_output=math.nan if ohms else wanted,
+            predicted_output=math.nan if ohms else predicted,
         )
+
+    def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
+        """The law's state at the first readings."""
+        if self.estimates_memory:
+            return self.law.start_anywhere(temperature_degC, output, test_current_A)
+        return self.law.start(temperature_degC, self._memory, test_current_A=test_current_A)
 
 
 class Setpoints:
@@ -124,12 +165,14 @@ def handed_over(state: LawState, law: Law) -> LawState:
         fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
-    return fresh._replace(disturbance=state.disturbance, estimate=known)
+    return fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
 
 
 def warmed_up(law: Law) -> Law:
     """The law, after some steps: what has to be compiled is, before a loop waits for it."""
     state, wanted = law.start(25.0, None), np.full(law.preview_times_s().size, 25.0)
+    if law.film is not None:
+        law.start_anywhere(25.0, law.film.output_at(law.film.initial_memory(25.0)))
     for output in (math.nan, 4.0, 4.0):
         _, state = law.step(state, Inputs(25.0, output, 25.0, wanted, test_current_A=1e-4))
     return law

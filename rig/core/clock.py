@@ -8,7 +8,9 @@ Clock
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from typing import Final, Protocol
+
+DAY_S: Final = 86400.0  # without leap seconds, as Unix time counts
 
 
 class Clock(Protocol):

@@ -18,8 +18,8 @@ from rig.daemon.job import Job
 from rig.daemon.latching import NotCleared
 from rig.files.configuration import read_configuration
 
-LONGEST_REASON = 2000
-PRESSES_KEPT = 100
+LONGEST_REASON = 2000  # characters, a page of text: reasons are kept in the history
+PRESSES_KEPT = 100  # of STOP: the page's second copy of a press comes within seconds
 
 
 class Refusal(Exception):

@@ -35,7 +35,7 @@ from rig.files.json_text import parsed_json, usable
 
 LONGEST_LINE = 2_000_000  # bytes: a configuration of 1 MB, escaped
 MOST_CONNECTIONS = 64
-TRY_AGAIN_S = 0.1
+TRY_AGAIN_S = 0.1  # where no connection can be accepted: for want of descriptors, which are back when one closes
 
 
 class ControlSocket:

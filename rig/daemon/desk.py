@@ -21,6 +21,7 @@ from rig.core.faults import Faults
 from rig.core.outcome import Tripped
 from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
+from rig.daemon.bench_state import bench_state, no_job_because
 from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
@@ -37,7 +38,6 @@ from rig.files.run_folder import check_free, default_folder
 from rig.history.store import Retention, Store
 from rig.history.writer import Writer
 from rig.safety.after_off import AfterOff
-from rig.version import __version__
 
 HISTORY = "history.sqlite"
 ENDED = "the daemon ended; nothing resumes by itself"
@@ -90,8 +90,8 @@ class Desk:
         self.coming_s = 0.0  # that the job's phases after this one are expected to last
         self.last_cycle_s = clock.now_s()
         self.gaps = Gaps(self.steady_s())
-        self._began_s = self.steady_s()
-        self._live: dict[str, Any] = {}
+        self.began_s = self.steady_s()
+        self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
@@ -160,7 +160,7 @@ class Desk:
         self.ticks.done += 1
         self.last_cycle_s = self.clock.now_s()
         self.gaps.cycle(now_s, self._longest_between_s())
-        self._live = row
+        self.live = row
         self.writer.row(row, now_s)
 
     def _longest_between_s(self) -> float:
@@ -319,85 +319,11 @@ class Desk:
 
     def state(self) -> dict[str, Any]:
         """The bench at this moment (docs/bench_api.md)."""
-        limits, latch, job = self.file.content.limits, self.latching.told, self.queue.running
-        phase = self.phase
-        word = latch.state if latch is not None else "running" if job is not None else "idle"
-        if not self.online:
-            word = "offline" if word in ("idle", "running") else word
-        row = self._live if self.writer.failure is not None or not self.recent else self.recent[-1]
-        shown = ("time_s", "temperature_degC", "setpoint_degC", "current_A", "resistance_ohm", "target_ohm", "quality")
-        reading = {name: row.get(name) for name in shown}
-        if self.writer.failure is not None:
-            reading["quality"] = "not recorded"
-        now_s, label_s = self.clock.now_s(), self.label_s()
-        doing: dict[str, Any] | None = None
-        if job is not None:
-            name, began_s, total_s = phase if phase is not None else ("working", now_s, 0.0)
-            doing = {"id": job.id, "name": job.name, "kind": job.kind, "phase": name}
-            done_s = min(now_s - began_s, total_s)
-            doing |= {"done_s": done_s, "total_s": total_s}
-            doing |= {"elapsed_s": now_s - self.job_began_s, "to_go_s": total_s - done_s + self.coming_s}
-        return {
-            "time_s": label_s,
-            "version": __version__,
-            "name": self.file.content.serve.name,
-            "uptime_s": max(0.0, self.steady_s() - self._began_s),
-            "state": word,
-            "output": self.output,
-            "output_confirmed": self.confirmed,
-            "output_confirmed_by": self.confirms_off_by if self.confirmed and self.output == "off" else None,
-            "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
-            "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
-            "job": doing,
-            "queue": len(self.queue),
-            "no_job_because": self.no_job_because(),
-            "reading": reading,
-            "limits": {"temperature_degC": list(limits.temperature_degC), "current_A": limits.current_A},
-            "drive_unit": self.drive_unit,
-            "dead_man_s": self.file.content.bench.controller.dead_man_s if self.has_dead_man else None,
-            "instruments": {role: str(identity) for role, identity in self.identities.items()},
-            "ticks": {name: getattr(self.ticks, name) for name in ("done", "missed", "latest_s", "unwatched_s")},
-            "gaps": dict(self.gaps.table()),
-            "memory_known": self.memory_since_s is not None,
-            "viewers": 0,
-            "stop_port": self.stop_port,
-            "warnings": self.warnings(),
-            "cycle_age_s": now_s - self.last_cycle_s,
-        }
+        return bench_state(self)
 
     def is_idle(self) -> bool:
         """Whether nothing runs, and nothing is about to."""
-        return self.queue.running is None and (len(self.queue) == 0 or bool(self.no_job_because()))
-
-    def no_job_because(self) -> list[str]:
-        """What keeps the next job from starting; nothing where it may."""
-        held, told, trouble = self.latching.held, self.latching.told, self.latching.trouble()
-        found = []
-        if told is not None:
-            found.append(f"{told.state}: {told.text}")
-        elif held is not None:
-            found.append("a stop or a trip is being written down")
-        if trouble is not None:
-            found.append(f"the latch cannot be written: {trouble}")
-        if self.writer.failure is not None:
-            found.append(f"the history cannot be written: {self.writer.failure}")
-        if not self.confirmed:
-            found.append("the output is not confirmed off")
-        return found
-
-    def warnings(self) -> list[str]:
-        """What people should know."""
-        found = list(self.notes)
-        if (trouble := self.latching.trouble()) is not None:
-            found.append(f"the latch cannot be written, no job starts: {trouble}")
-        if not self.online and self.offline_because:
-            found.append(f"offline: {self.offline_because}")
-        if self.writer.failure is not None:
-            lost = f"{self.writer.dropped} rows lost, no job starts"
-            found.append(f"the history cannot be written, {lost}: {self.writer.failure}")
-        if self.online and not self.has_dead_man:
-            found.append("the controller has no dead man of its own")
-        return found
+        return self.queue.running is None and (len(self.queue) == 0 or bool(no_job_because(self)))
 
 
 def history_folder(file: ConfigurationFile) -> Path:

@@ -19,13 +19,13 @@ from types import FrameType
 from typing import Any
 
 from rig.core.faults import Faults, fault
+from rig.core.outcome import NotConfirmedOff
 from rig.core.terminal_line import TerminalLine
 from rig.daemon.asking import one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.words import in_a_line, off_in_words
 from rig.files.toml_text import read_toml
 
-NOT_CONFIRMED = 11
 HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
@@ -112,7 +112,7 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
         return _ended_by(verb, client, job["id"], stopped.number)
     except NoDaemon as error:
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -155,13 +155,13 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
                 return ended
     finally:
         line.clear()
-    raise NoDaemon("the daemon tells nothing any more")
+    raise NoDaemon("the daemon is silent")
 
 
 def _held_by(state: dict[str, Any]) -> str | None:
     """Why no job runs; None where one may start."""
     if state["state"] in HOLDING:
-        return f"the bench is {state['state']}: the job waits (`peltier status` tells why)"
+        return f"the bench is {state['state']}: the job waits (`peltier status` says why)"
     return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None
 
 
@@ -173,9 +173,9 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     if state.get("output") != "off":
         print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
     print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
     return 128 + signal_number

@@ -10,13 +10,14 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rig.core.clock import DAY_S
 from rig.core.faults import Faults, fault
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.model_file import read_model
 from rig.files.toml_text import parsed_toml, shown
 
-USUAL_S = 600.0
-LONGEST_S = 7 * 86400.0  # longer holds are written down in a configuration
+USUAL_S = 600.0  # of a hold whose time nobody gives: long enough to look at a film, too short to be forgotten
+LONGEST_S = 7 * DAY_S  # longer holds are written down in a configuration
 HEADER = re.compile(r"\s*\[{1,2}\s*([\w.\-]+)\s*\]{1,2}\s*(#.*)?")
 
 

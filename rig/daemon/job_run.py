@@ -117,7 +117,8 @@ class JobRun(Watcher):
         desk, job = self._desk, self._job
         if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
             desk.in_loop, desk.phase = False, None
-            desk.output, desk.confirmed = ("off", True) if end.exit_status != 11 else ("unknown", False)
+            not_off = end.exit_status == NotConfirmedOff.exit_status
+            desk.output, desk.confirmed = ("unknown", False) if not_off else ("off", True)
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
         if end.trip is not None:
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)

@@ -15,6 +15,7 @@ from rig.bench.assembly import Bench, open_bench
 from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.reading import Quality, Reading, missing
+from rig.daemon.bench_state import no_job_because
 from rig.daemon.desk import Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.job_run import JobRun
@@ -185,7 +186,7 @@ class Keeper:
             with self._idling:
                 controller.configure(limits.current_A, limits.temperature_degC, dead_man_s)
         with desk.lock:
-            if desk.no_job_because():
+            if no_job_because(desk):
                 return ended
             desk.gate.open()
             job = desk.queue.next()

@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+# of a trip, kept with it: at one to ten rows a second what led to it, and what became of it
 ROWS_BEFORE, ROWS_AFTER = 40, 20
 CLEAR, STOPPED, TRIPPED = "clear", "stopped", "tripped"
 UNKNOWN = "what was latched is not known: look at the bench before you reset it"

@@ -11,6 +11,7 @@ from rig.core.errors import PortHeld, RigError
 from rig.core.faults import fault
 from rig.core.outcome import NotConfirmedOff
 from rig.daemon.answers import Answers
+from rig.daemon.bench_state import no_job_because, warnings
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
@@ -92,8 +93,8 @@ def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
             folder.take()
         _off_first(file, guard)
         desk = Desk(file, RealClock(), notes, folder.take, log)
-        held = desk.no_job_because()[: 1 if desk.latch is not None else 0]
-        for line in [*desk.warnings(), *held, *_told_of_tokens(file)]:
+        held = no_job_because(desk)[: 1 if desk.latch is not None else 0]
+        for line in [*warnings(desk), *held, *_told_of_tokens(file)]:
             log(line)
         notifier = stack.enter_context(closing(Notifier()))
         listener.start(Answers(desk))

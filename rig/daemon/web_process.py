@@ -15,9 +15,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+# until it is begun again, doubled each time: one that cannot live must not take the bench's processor
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
-LONG_LIFE_S = 60.0
-ENDS_S = 2.0
+LONG_LIFE_S = 60.0  # one that lived longer has not died of its start
+ENDS_S = 2.0  # it has nothing to put away; then it is killed
 CALLERS = 128  # that wait to be accepted
 
 

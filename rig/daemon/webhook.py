@@ -10,7 +10,7 @@ import urllib.request
 from collections.abc import Callable
 from typing import Any
 
-TIMEOUT_S = 5.0
+TIMEOUT_S = 5.0  # a server that is there answers within one
 WAITS_S = (0.0, 1.0, 5.0, 30.0)  # before each try
 
 

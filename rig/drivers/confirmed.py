@@ -6,6 +6,8 @@ import contextlib
 from collections.abc import Callable, Sequence
 
 from rig.core.clock import Clock
+from rig.core.errors import Refused
+from rig.drivers.controller import Status
 
 OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
 STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
@@ -47,6 +49,20 @@ def confirmed_off(
                 break
             clock.sleep_until_s(clock.now_s() + LOOK_S)
     return False
+
+
+def comes_on(clock: Clock, status: Callable[[], Status]) -> None:
+    """Wait until a controller says that its output is on. Refused where it does not, or is in error."""
+    found: list[Status] = []
+
+    def runs_or_never_will() -> bool:
+        found[:] = [status()]
+        return found[0].is_error or found[0].output_is_on
+
+    waited_for(clock, runs_or_never_will, STARTED_S)
+    if found[0].is_error or not found[0].output_is_on:
+        remedy = f" ({found[0].remedy})" if found[0].remedy else ""
+        raise Refused(found[0].code or None, f"the output does not come on: {found[0].text}{remedy}")
 
 
 def waited_for(clock: Clock, true: Callable[[], bool], longest_s: float) -> bool:

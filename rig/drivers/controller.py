@@ -1,4 +1,4 @@
-"""What the rig asks of a temperature controller, whatever its protocol."""
+"""What every driver of a temperature controller provides, whatever its protocol."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ class OwnLimits:
 class TemperatureController(Protocol):
     """Drives a Peltier element and reads its thermometer. Positive current heats, however it is wired.
 
-    commands_current: whether it can be told a current (otherwise setpoints only). has_dead_man: whether it
-    turns its output off by itself when the host falls silent. has_ramp: whether its own regulation can be told a rate.
+    commands_current: whether it takes a current (otherwise setpoints only). has_dead_man: whether it
+    turns its output off by itself when the host falls silent. has_ramp: whether its own regulation takes a rate.
     confirms_off_by: what a True of `off` rests on, in words. dead_man_s: what `configure` has set, 0 before that and
     where there is none.
 

@@ -25,7 +25,7 @@ from rig.ports.open import LineSettings
 TEST_CURRENTS_A: Mapping[float, float] = MappingProxyType(
     {1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7}
 )
-NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)
+NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # those that it has
 CLEAR_S = 0.05  # after ^C
 
 

@@ -38,19 +38,20 @@ from rig.drivers.lakeshore_line import LakeShoreLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-KELVIN = 273.15
-RANGES = {"low": 1, "medium": 2, "high": 3}
-CLOSED_LOOP, OPEN_LOOP = 1, 3
+KELVIN = 273.15  # 0 degC in K
+RANGES = {"low": 1, "medium": 2, "high": 3}  # of the heater, as RANGE takes them
+CLOSED_LOOP, OPEN_LOOP = 1, 3  # of OUTMODE
 MODES = {0: "off", CLOSED_LOOP: "own regulation", 2: "zones", OPEN_LOOP: "open loop", 4: "monitor", 5: "warm-up"}
 KELVIN_UNITS, CELSIUS_UNITS = 1, 2  # of a sensor (INTYPE)
 SHOWS_POWER = "2"
 HEATER_ERRORS = {1: "heater open", 2: "heater shorted", 3: "heater compliance"}
 READING_FAULTS = {1: "invalid", 16: "too cold", 32: "too hot", 64: "sensor at zero", 128: "sensor over range"}
+# of MOUT, SETP and TLIMIT: what reads back within this was set
 RESOLUTION_PERCENT, RESOLUTION_K, LIMIT_RESOLUTION_K = 0.011, 2e-3, 0.6
 NO_OUTPUT_PERCENT = 0.1  # some show 0.005 % with the output off
 SETTLE_S, AGAIN_S = 0.6, 0.05
-TRIALS, OFF_ATTEMPTS = 3, 3
-SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0
+TRIALS, OFF_ATTEMPTS = 3, 3  # one answer may be hurt, and its repetition by the same disturbance
+SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0  # of RAMP, by the manual
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
 
 
@@ -58,7 +59,8 @@ class LakeShoreController(HeaterDrive):
     """See `rig.drivers.controller.TemperatureController`.
 
     input: of the sensor, "A" or "B" (336: to "D"). output: 1 or 2. range: "low", "medium" or "high". max_current_A: of
-    the heater, A; None leaves it as it is set.
+    the heater, A; None leaves it as it is set. p, i, d: of its own regulation (PID), as `peltier tune` prints them;
+    given together, or left as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600, bytesize=7, parity="O")
@@ -74,6 +76,9 @@ class LakeShoreController(HeaterDrive):
         output: int = 1,
         range: str = "high",
         max_current_A: float | None = None,
+        p: float | None = None,
+        i: float | None = None,
+        d: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if input not in ("A", "B", "C", "D"):
@@ -89,7 +94,9 @@ class LakeShoreController(HeaterDrive):
             transport, byte_s=line.byte_s, first_token=first_token, after_resynchronisation=self._look_after_doubt
         )
         self._input, self._output, self._range = input, output, RANGES[range]
-        self._max_current_A = max_current_A
+        self._max_current_A, self._own_gains = max_current_A, [gain for gain in (p, i, d) if gain is not None]
+        if len(self._own_gains) in (1, 2):
+            raise ValueError("p, i, d: expected all three, or none")
         self._kelvin: bool | None = None
         self._armed_mode: int | None = None
 
@@ -118,6 +125,8 @@ class LakeShoreController(HeaterDrive):
         self._set_mode(OPEN_LOOP)
         self._set_number("MOUT", str(self._output), 0.0, RESOLUTION_PERCENT)
         self._set_number("TLIMIT", self._input, temperature_limits_degC[1] + KELVIN, LIMIT_RESOLUTION_K)
+        if self._own_gains:
+            self._set("PID", ",".join(f"{gain:.1f}" for gain in self._own_gains))
         self._learn_units()
         self.drive_limit = current_limit_A
         self.temperature_limits_degC = temperature_limits_degC
@@ -279,14 +288,14 @@ class LakeShoreController(HeaterDrive):
     def _set_and_wait(self, command: str, question: str, is_it: Callable[[str], bool]) -> None:
         """Set and read back in one line, again and again until it is so. Refused where the time is over."""
         clock = self.transport.clock
-        (text,) = self._answers(f"{command};{question}", 1)
+        (text,) = self.link.answers(f"{command};{question}", 1)
         give_up_s = clock.now_s() + SETTLE_S
         while not is_it(text):
             if clock.now_s() > give_up_s:
                 self.link.command(command)
                 raise Refused(None, f"{command} was set, and {question} reads {text}")
             clock.sleep_until_s(clock.now_s() + AGAIN_S)
-            (text,) = self._answers(question, 1)
+            (text,) = self.link.answers(question, 1)
 
     def _learn_units(self) -> None:
         """The units of the sensor, in which setpoints count. Refused for those that are no temperatures."""
@@ -304,26 +313,19 @@ class LakeShoreController(HeaterDrive):
         """Answers that the instrument gives twice in one line, the token between. Corrupt where they differ."""
         count, message = len(questions), ";".join(questions)
         for _ in range(TRIALS):
-            answers = self._answers(f"{message};*ESE?;{message}", 2 * count + 1)
+            answers = self.link.answers(f"{message};*ESE?;{message}", 2 * count + 1)
             first, token, second = answers[:count], answers[count], answers[count + 1 :]
             if first == second and self.link.is_token(token):
                 return ";".join(first)
         self.link.doubt()
         raise Corrupt(f"{first}, {token!r}, {second} are not twice the same about a token")
 
-    def _answers(self, message: str, count: int) -> list[str]:
-        answers = self.link.ask(message).split(";")
-        if len(answers) != count:
-            self.link.doubt()
-            raise Corrupt(f"{answers} are not {count} answers to {message}")
-        return answers
-
     def _look_after_doubt(self) -> None:
         """A controller that was switched off in between comes back with its output off: it is no longer armed."""
         if self._armed_mode is None:
             return
         mode, self._armed_mode = self._armed_mode, None
-        in_range, now = self._answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
+        in_range, now = self.link.answers(f"RANGE? {self._output};OUTMODE? {self._output}", 2)
         if _number(in_range) == self._range and _number(now.partition(",")[0]) == mode:
             self._armed_mode = mode
 

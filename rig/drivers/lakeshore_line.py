@@ -20,7 +20,7 @@ from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.drivers.scpi import ScpiLink
 from rig.ports.transport import Transport
 
-ANSWER_S = 0.3
+ANSWER_S = 0.3  # until an answer begins: it takes commands every 50 ms, and another may be under way
 BITS = (1, 4, 16, 32, 128)  # of the event status enable register that are used
 TOKENS = tuple(sorted(sum(bits) for bits in product(*((0, bit) for bit in BITS)) if any(bits)))
 ERRORS = {4: "query error", 8: "device error", 16: "execution error", 32: "command error"}
@@ -59,11 +59,6 @@ class LakeShoreLink(ScpiLink):
         self._take_errors(self.ask(f"{message};*ESR?"))
         if self.errors:
             raise Refused(self.errors[0][0], f"{self.errors[0][1]}: {message}")
-
-    def shout(self, message: str) -> None:
-        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
-        self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
 
     def _next_token(self) -> int:
         self._count = (self._count + 1) % len(TOKENS) ** 2

@@ -20,7 +20,7 @@ from math import isfinite
 from rig.core.errors import Corrupt, Refused, TimedOut
 from rig.ports.transport import Transport
 
-TRIALS = 3
+TRIALS = 3  # one frame may be hurt, and its repetition by the same disturbance
 TRIAL_S = 0.1  # beyond the time on the wire
 PATIENT_S = 0.6  # the same while nothing is controlled yet: an adapter may hand over half an answer 0.4 s late
 LONGEST_FRAME = 40

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
+from rig.drivers.confirmed import OFF_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
@@ -25,7 +25,7 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 STATES = {0: "starting", 1: "ready", 2: "running", 3: "error", 4: "in its bootloader", 5: "about to reset"}
-READY, RUNNING, IN_ERROR = 1, 2, 3
+READY, RUNNING, IN_ERROR = 1, 2, 3  # of parameter 104, device status
 OUT_OF_RANGE = 7  # what a device says to a value that it does not take
 LIVE_SOURCE, OWN_REGULATION = 1, 2
 NO_OUTPUT_A = 0.1  # a current-measurement offset is no output
@@ -41,7 +41,8 @@ class MeerstetterController:
     """One channel of a Meerstetter TEC controller; see `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. address: the device's, or 0 for the only one on the line.
-    instance: the output channel, from 1.
+    instance: the output channel, from 1. kp_percent_per_K, ti_s, td_s: of the device's own regulation (3010 to 3012,
+    % of the current limit), as `peltier tune` prints them; None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
@@ -57,6 +58,9 @@ class MeerstetterController:
         line: LineSettings = LINE,
         address: int = 0,
         instance: int = 1,
+        kp_percent_per_K: float | None = None,
+        ti_s: float | None = None,
+        td_s: float | None = None,
         first_sequence: int | None = None,
     ) -> None:
         self.transport = transport
@@ -70,6 +74,7 @@ class MeerstetterController:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self.dead_man_s = 0.0
+        self._own_gains = {3010: kp_percent_per_K, 3011: ti_s, 3012: td_s}
         self._heating_sign = 1.0
         self._armed_source: int | None = None
 
@@ -102,6 +107,9 @@ class MeerstetterController:
             self._set_float(4010, low_degC)
             self._set_float(4011, high_degC)
             self._set_float(2060, dead_man_s)
+            for parameter, gain in self._own_gains.items():
+                if gain is not None:
+                    self._set_float(parameter, gain)
             self._heating_sign = 1.0 if self.link.read_int(3034) == 1 else -1.0
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
@@ -246,17 +254,7 @@ class MeerstetterController:
         self._set_int(2000, source)
         self._set_int(50000, 1)
         self._set_int(2010, 2)
-        found: list[Status] = []
-
-        def runs_or_never_will() -> bool:
-            found[:] = [self.status()]
-            return found[0].is_error or found[0].output_is_on
-
-        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
-        status = found[0]
-        if status.is_error or not status.output_is_on:
-            remedy = f" ({status.remedy})" if status.remedy else ""
-            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
+        comes_on(self.transport.clock, self.status)
         self._armed_source = source
 
     def _make_ready(self) -> None:

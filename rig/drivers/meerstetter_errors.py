@@ -6,7 +6,7 @@ our own words. Every one of them takes the output off and stays until the device
 
 from __future__ import annotations
 
-EMERGENCY_STOP, TOO_HOT, WATCHDOG = 11, 60, 183
+EMERGENCY_STOP, TOO_HOT, WATCHDOG = 11, 60, 183  # device errors, by the maker's error numbers
 RESET = "`peltier check CONFIG --clear` resets the device"
 
 BROKEN = "if it comes back, the device is broken"
@@ -16,16 +16,16 @@ WAIT = "wait until the plate is within limits.temperature_degC"
 # first and last number: meaning, what has to be done before the reset
 KINDS: tuple[tuple[int, int, str, str], ...] = (
     (1, 10, "its processor has failed", f"switch its supply off and on; {BROKEN}"),
-    (11, 11, "emergency stop", "it was told so, because its output did not go off: find out why before the next run"),
+    (11, 11, "emergency stop", "this program sent it, as the output did not go off: find out why before the next run"),
     (12, 12, "a hand terminal that released it has fallen silent", "release it again"),
     (20, 21, "its parameters are damaged inside", LOAD),
     (22, 24, "its parameters are empty, damaged or of another firmware", LOAD),
-    (25, 29, "its firmware met a parameter that it cannot use", LOAD),
+    (25, 29, "its firmware read a parameter that it cannot use", LOAD),
     (30, 30, "supply voltage too low", "check the supply's voltage and its current limit"),
     (31, 31, "supply voltage too high", "check the supply's voltage"),
     (32, 37, "one of its internal supplies is out of range", f"check the supply; {BROKEN}"),
     (50, 52, "its flash memory fails", BROKEN),
-    (53, 53, "it could not send what it was asked for", "look for another program on the same line"),
+    (53, 53, "it could not send the answer", "look for another program on the same line"),
     (60, 60, "device too hot", "let it cool down: check its airflow, its mounting and the current"),
     (61, 61, "it cannot talk to its input and output hardware", BROKEN),
     (100, 103, "over-current at its output", "check the element and its cables for a short, and the threshold 2032"),

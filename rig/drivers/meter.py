@@ -1,4 +1,4 @@
-"""What the rig asks of a meter, whatever its protocol; and what its numbers mean.
+"""What every driver of a meter provides, whatever its protocol; and what its numbers mean.
 
 A meter reads the film's resistance, or a voltage that stands for another quantity: a position-sensitive detector's for
 a cantilever's curvature (`rig.drivers.formula_meter`). Either way it has one film output, as a film model names it.
@@ -17,6 +17,7 @@ from rig.ports.transport import Transport
 OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
 NOT_A_NUMBER = 9.905e37
 LOG_RESISTANCE = "minus_log10_ohm"  # the film's output where the meter reads ohms: -log10(R / 1 ohm)
+MOST_RANGES = 8  # of a meter: none has more
 
 
 class Meter(Protocol):
@@ -82,10 +83,18 @@ def film_output(output: str, reading: Reading | None) -> float:
     return -log10(reading.value) if reading.value > 0.0 else nan
 
 
+def settled_reading(meter: Meter) -> Reading:
+    """A reading after the meter has found its range, or that none is high enough."""
+    for _ in range(MOST_RANGES):
+        if meter.read().is_number:
+            break
+    return meter.read()
+
+
 def reading_in_words(reading: Reading, meter: Meter) -> str:
     """What is wrong with a meter's reading, for people; empty where it is a number.
 
-    What is beyond the highest range of an ohmmeter is told as what it is: a film that is open or not connected.
+    What is beyond the highest range of an ohmmeter is named as what it is: a film that is open or not connected.
     """
     if reading.is_number:
         return ""

@@ -1,4 +1,4 @@
-"""Drivers by the name that a configuration gives them; only the one that is asked for is imported.
+"""Drivers by the name that a configuration gives them; only the one that is used is imported.
 
 A driver of the user's own is one file, named with its class: "/home/ada/bath.py:Bath" (docs/own_driver.md).
 """

@@ -24,7 +24,8 @@ from collections.abc import Callable
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.ports.transport import Transport
 
-RESYNCHRONISATIONS = 3
+RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
+# until an answer begins, where a driver says nothing else: meters answer within 50 ms unless they measure
 ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
@@ -112,6 +113,19 @@ class ScpiLink:
         except TimedOut:
             self.explain_silence(message)
             raise
+
+    def answers(self, message: str, count: int) -> list[str]:
+        """Answers to several questions of one message. Corrupt where they are not as many as that."""
+        answers = self.ask(message).split(";")
+        if len(answers) != count:
+            self.doubt()
+            raise Corrupt(f"{answers} are not {count} answers to {message}")
+        return answers
+
+    def shout(self, message: str) -> None:
+        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
+        self.doubt()
+        self.transport.send(self._end + message.encode("ascii") + self._end)
 
     def explain_silence(self, message: str) -> None:
         """After an answer that did not come: Refused, where the error queue says why."""

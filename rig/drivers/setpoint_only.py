@@ -32,15 +32,15 @@ class SetpointOnly:
 
     def arm_current(self) -> None:
         """Refused."""
-        raise Refused(None, f"{self.NAME} cannot be told a current; use setpoints")
+        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def set_current_A(self, current_A: float) -> None:
         """Refused."""
-        raise Refused(None, f"{self.NAME} cannot be told a current; use setpoints")
+        raise Refused(None, f"{self.NAME} takes no current; use setpoints")
 
     def clear_error(self) -> None:
         """Refused."""
-        raise Refused(None, f"{self.NAME} cannot be told to forget an error; clear it at the instrument")
+        raise Refused(None, f"{self.NAME} cannot clear an error from here; clear it at the instrument")
 
     def read_current(self) -> Reading:
         """Not known; nothing is asked."""

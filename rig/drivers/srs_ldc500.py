@@ -30,9 +30,9 @@ from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-CURRENT_MODE, TEMPERATURE_MODE = 0, 1
+CURRENT_MODE, TEMPERATURE_MODE = 0, 1  # of TMOD
 WORDS = {"OFF": 0, "ON": 1, "CC": CURRENT_MODE, "CT": TEMPERATURE_MODE}
-LARGEST_CURRENT_A = 4.5
+LARGEST_CURRENT_A = 4.5  # of the LDC500 series' temperature controller
 RESOLUTION_A, RESOLUTION_K = 2e-3, 2e-3  # a setting that reads back within this is the one that was set
 NO_OUTPUT_A = 0.05  # a current-measurement offset is no output
 TRIALS = 3
@@ -44,7 +44,8 @@ class SrsLdc500Controller:
     """See `rig.drivers.controller.TemperatureController`.
 
     line: settings that the port was opened with. heating_sign: +1 if positive current heats as the element is wired,
-    -1 if it cools.
+    -1 if it cools. p_A_per_K, i_per_s, d_s: of its own regulation (TPGN, TIGN, TDGN), as `peltier tune` prints them;
+    None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=9600)
@@ -60,6 +61,9 @@ class SrsLdc500Controller:
         *,
         line: LineSettings = LINE,
         heating_sign: int = 1,
+        p_A_per_K: float | None = None,
+        i_per_s: float | None = None,
+        d_s: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if heating_sign not in (1, -1):
@@ -71,6 +75,7 @@ class SrsLdc500Controller:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self._heating_sign = heating_sign
+        self._own_gains = {"TPGN": p_A_per_K, "TIGN": i_per_s, "TDGN": d_s}
         self._armed_mode: int | None = None
 
     @asked_again
@@ -102,6 +107,9 @@ class SrsLdc500Controller:
         self._set("TILM", current_limit_A, RESOLUTION_A)
         self._set("TMIN", low_degC, RESOLUTION_K)
         self._set("TMAX", high_degC, RESOLUTION_K)
+        for name, gain in self._own_gains.items():
+            if gain is not None:
+                self._set(name, gain, 1e-3 * max(abs(gain), 1.0))
         self.current_limit_A = current_limit_A
         self.temperature_limits_degC = (low_degC, high_degC)
 
@@ -165,7 +173,7 @@ class SrsLdc500Controller:
 
     def status(self) -> Status:
         """Output and mode (TEON, TMOD), and errors since they were last asked for (LEXE, LCME)."""
-        on_text, mode_text, execution, command = self._answers("TEON?;TMOD?;LEXE?;LCME?", 4)
+        on_text, mode_text, execution, command = self.link.answers("TEON?;TMOD?;LEXE?;LCME?", 4)
         on, mode = _number(on_text), _number(mode_text)
         if not all(text.isascii() and text.strip().isdigit() for text in (execution, command)):
             self.link.doubt()
@@ -251,7 +259,7 @@ class SrsLdc500Controller:
     def _set_fast(self, name: str, value: float, resolution: float = 0.0) -> None:
         """Set and read back in one line. What reads back right was taken; otherwise errors are asked for."""
         text = f"{value:.4f}" if resolution else f"{value:g}"
-        (read_back,) = self._answers(f"{name} {text};{name}?", 1)
+        (read_back,) = self.link.answers(f"{name} {text};{name}?", 1)
         if not abs(_number(read_back) - value) <= resolution:
             self.link.check(f"{name} {text}")
             raise Refused(None, f"{name} was set to {text} and reads {read_back}")
@@ -260,24 +268,17 @@ class SrsLdc500Controller:
         """A number that the instrument says twice in one line, the token between. Corrupt where they differ, again and
         again: a stale pair before the token of a question that did not arrive whole is none."""
         for _ in range(TRIALS):
-            first, token, second = self._answers(f"{name}?;*ESE?;{name}?", 3)
+            first, token, second = self.link.answers(f"{name}?;*ESE?;{name}?", 3)
             if first == second and self.link.is_token(token):
                 return _number(first)
         self.link.doubt()
         raise Corrupt(f"{first!r}, {token!r}, {second!r} are not twice the same {name} about a token")
 
-    def _answers(self, message: str, count: int) -> list[str]:
-        answers = self.link.ask(message).split(";")
-        if len(answers) != count:
-            self.link.doubt()
-            raise Corrupt(f"{answers} are not {count} answers to {message}")
-        return answers
-
     def _look_after_doubt(self) -> None:
         """A controller that was switched off in between comes back with its output off: it is no longer armed."""
         if self._armed_mode is not None:
             mode, self._armed_mode = self._armed_mode, None
-            on, now = (_number(text) for text in self._answers("TEON?;TMOD?", 2))
+            on, now = (_number(text) for text in self.link.answers("TEON?;TMOD?", 2))
             if on == 1 and now == mode:
                 self._armed_mode = mode
 

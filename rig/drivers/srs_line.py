@@ -19,8 +19,8 @@ from rig.core.errors import Corrupt, Refused
 from rig.drivers.scpi import ScpiLink
 from rig.ports.transport import Transport
 
-LONGEST_LINE = 64
-ANSWER_S = 0.3
+LONGEST_LINE = 64  # bytes of its input buffer
+ANSWER_S = 0.3  # until an answer begins: it takes commands one by one, some 10 ms each
 LOGGED_S = 0.02  # until an error can be asked for
 COMMAND_ERRORS = {
     1: "illegal command",
@@ -61,11 +61,6 @@ class SrsLink(ScpiLink):
             after_resynchronisation=after_resynchronisation,
         )
         self._questions = 1
-
-    def shout(self, message: str) -> None:
-        """Send a line at once, whatever the instrument is doing; nobody waits for it."""
-        self.doubt()
-        self.transport.send(self._end + message.encode("ascii") + self._end)
 
     def command(self, message: str) -> None:
         """Send what has no answer, and see whether it was taken: Refused with the error."""

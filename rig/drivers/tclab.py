@@ -34,9 +34,9 @@ from rig.drivers.tclab_link import TcLabLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-TRIALS, OFF_ATTEMPTS = 3, 3
+TRIALS, OFF_ATTEMPTS = 3, 3  # one answer may be hurt, and its repetition by the same disturbance
 VERSION = re.compile(r"TCLab Firmware (?:Version )?(\d+)\.(\d+)\.?(\S*)\s*(.*)", re.IGNORECASE)
-OLDEST = (1, 4)
+OLDEST = (1, 4)  # of firmware: those before take whole percents only
 NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input

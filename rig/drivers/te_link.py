@@ -32,7 +32,7 @@ from dataclasses import dataclass
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut
 from rig.ports.transport import Transport
 
-RESYNCHRONISATIONS = 3
+RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three the line is dead
 REQUESTS = 3  # trials of a request that the instrument could not read
 LARGEST_TOKEN = 9999
 SHOUTS, SHOUT_S = 4, 0.015  # how often, and how far apart at least

@@ -26,83 +26,27 @@ At 9600 Bd an exchange takes 45 ms, a temperature three of them, a setpoint thre
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from math import isfinite, nan
 from typing import ClassVar
 
 from rig.core.errors import Corrupt, Disconnected, Refused, TimedOut
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
+from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.setpoint_only import SetpointOnly
-from rig.drivers.te_link import Dialect, Request, TeLink
+from rig.drivers.te_link import Request, TeLink
+from rig.drivers.te_models import MODEL_CODE, MODELS, model_of, status_of
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers needs 2.5 s
 TRIALS = 3
-MODEL_CODE = 9613
-ALARMS = ("high", "low", "computer", "over-current", "input 1 open", "input 2 open", "driver supply low")
-REMEDIES = {
-    "high": "wait until the plate is below the high alarm",
-    "low": "wait until the plate is above the low alarm",
-    "over-current": "check the element and its cables for a short",
-    "input 1 open": "check the thermometer and its cable",
-    "driver supply low": "check the supply's voltage",
-}
-MAKES_TROUBLE = 0b1011111  # an open second input does not
 CONTROL_SENSOR: Request = (b"01", None)
+GAIN_UNITS = 100  # of a repeat per minute, and of a minute
 SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """A controller: its name, line, frames, units of a degree, codes (empty: not known)."""
-
-    name: str
-    line: LineSettings
-    dialect: Dialect
-    per_degC: int
-    power_write: bytes
-    power_read: bytes
-    alarms: bytes
-    units: bytes = b""
-    settings: tuple[tuple[bytes, bytes, int], ...] = ()  # write, read, value, at configuration
-    limits: tuple[tuple[bytes, bytes], ...] = ()  # write and read of low and high alarm
-    alarm_type: tuple[bytes, bytes] = (b"", b"")
-    reset_latches: bytes = b""
-    drain_s: float = 0.3
-
-
-MODELS = {
-    "tc-36-25": Model(
-        "TC-36-25 RS232",
-        LineSettings(baudrate=9600),
-        Dialect(8, True, fence_write=b"25", quiet=(b"34", 0)),
-        100,
-        b"2d",
-        b"46",
-        b"05",
-        units=b"4b",
-        settings=((b"34", b"4c", 0), (b"29", b"42", 0), (b"2b", b"44", 1), (b"2e", b"47", 1)),
-        limits=((b"24", b"58"), (b"23", b"57")),
-        alarm_type=(b"28", b"41"),
-        reset_latches=b"33",
-    ),
-    "tc-48-20": Model(
-        "TC-48-20",
-        LineSettings(baudrate=115200),
-        Dialect(4, False, fence_read=b"00", fence_value=MODEL_CODE),
-        10,
-        b"30",
-        b"64",
-        b"03",
-        drain_s=2.5,
-    ),
-}
 
 
 class TeTechnologyController(SetpointOnly):
@@ -111,6 +55,8 @@ class TeTechnologyController(SetpointOnly):
     model: "tc-36-25" or "tc-48-20". address: 0, or that of an RS-485 model. gap_s: from a reply to the next request
     (the manual advises a delay; not verified how long). drain_s: how long the line has to be silent after doubt.
     units: "degC" or "degF" where the model cannot be asked. alarm_type: None leaves the alarms as they are.
+    bandwidth_K, integral_per_min, derivative_min: of its own regulation (1d, 1e, 1f), as `peltier tune` prints them;
+    None leaves them as they are.
     """
 
     LINE: ClassVar[LineSettings] = MODELS["tc-36-25"].line
@@ -129,6 +75,9 @@ class TeTechnologyController(SetpointOnly):
         units: str | None = None,
         alarm_type: int | None = 2,
         power_read_code: str | None = None,
+        bandwidth_K: float | None = None,
+        integral_per_min: float | None = None,
+        derivative_min: float | None = None,
         first_token: int | None = None,
     ) -> None:
         if not 0 <= address <= 255:
@@ -144,7 +93,7 @@ class TeTechnologyController(SetpointOnly):
             raise ValueError(f"alarm_type {alarm_type}: 0 to 9 is expected")
         if power_read_code is not None and not re.fullmatch("[0-9a-z]{2}", power_read_code):
             raise ValueError(f"power_read_code {power_read_code!r}: two digits of a command are expected")
-        self._model = table = _model(model)
+        self._model = table = model_of(model)
         self.NAME = f"a {table.name}"
         self.transport = transport
         self.link = TeLink(
@@ -162,13 +111,14 @@ class TeTechnologyController(SetpointOnly):
         self._given_units = units is not None
         self._alarm_type = alarm_type
         self._power_read = table.power_read if power_read_code is None else power_read_code.encode("ascii")
+        self._own_gains = bandwidth_K, integral_per_min, derivative_min
         self._armed = False
         self._looked_after = 0
 
     @classmethod
     def line_for(cls, **options: object) -> LineSettings:
         """Line settings of the model that the options name. ValueError where there is none."""
-        return _model(options.get("model", "tc-36-25")).line
+        return model_of(options.get("model", "tc-36-25")).line
 
     @asked_again
     def identify(self) -> Identity:
@@ -202,11 +152,21 @@ class TeTechnologyController(SetpointOnly):
         for write, read, value in model.settings:
             self._set(write, read, value)
         self._learn_units()
+        self._set_own_gains()
         if model.limits and self._alarm_type is not None:
             for (write, read), limit_degC in zip(model.limits, temperature_limits_degC, strict=True):
                 self._set(write, read, self._fixed(limit_degC))
             self._set(*model.alarm_type, self._alarm_type)
         self.temperature_limits_degC = (low_degC, high_degC)
+
+    def _set_own_gains(self) -> None:
+        """Proportional band in its own degrees, repeats per minute, minutes: those that were given."""
+        band_K, integral, derivative = self._own_gains
+        if band_K is not None:
+            self._set(b"1d", b"51", round(band_K * (1.8 if self._fahrenheit else 1.0) * self._model.per_degC))
+        for write, read, gain in ((b"1e", b"52", integral), (b"1f", b"53", derivative)):
+            if gain is not None:
+                self._set(write, read, round(gain * GAIN_UNITS))
 
     def own_limits(self) -> OwnLimits:
         """Low and high alarm (58, 57), where the model is known to have them."""
@@ -227,17 +187,7 @@ class TeTechnologyController(SetpointOnly):
             raise Refused(None, f"temperature {now.value} degC is not within {low_degC} to {high_degC} degC")
         self._set(b"1c", b"50", self._fixed(now.value))
         self._set(self._model.power_write, self._power_read, 1)
-        found: list[Status] = []
-
-        def runs_or_never_will() -> bool:
-            found[:] = [self.status()]
-            return found[0].is_error or found[0].output_is_on
-
-        waited_for(self.transport.clock, runs_or_never_will, STARTED_S)
-        status = found[0]
-        if status.is_error or not status.output_is_on:
-            remedy = f" ({status.remedy})" if status.remedy else ""
-            raise Refused(status.code or None, f"the output does not come on: {status.text}{remedy}")
+        comes_on(self.transport.clock, self.status)
         self._armed = True
 
     def set_setpoint_degC(self, setpoint_degC: float) -> None:
@@ -281,18 +231,7 @@ class TeTechnologyController(SetpointOnly):
     def status(self) -> Status:
         """Alarms (05, on the TC-48-20 03) and whether power is on (46)."""
         alarms, on = self._exchange((self._model.alarms, None), (self._power_read, None))
-        names = [name for bit, name in enumerate(ALARMS) if alarms >> bit & 1]
-        text = ("on" if on == 1 else "off") + "".join(f", alarm: {name}" for name in names)
-        code = alarms & MAKES_TROUBLE
-        if not code:
-            return Status(text, False, on == 1)
-        troubles = [name for name in names if code & 1 << ALARMS.index(name)]
-        what_to_do = [REMEDIES[name] for name in troubles if name in REMEDIES]
-        clears = "`peltier check CONFIG --clear` resets what latched"
-        if not self._model.reset_latches:
-            clears = "what latched is cleared by switching its supply off and on"
-        meaning = f"alarm: {', '.join(troubles)}"
-        return Status(text, True, on == 1, code, meaning, "; ".join([*what_to_do, clears]))
+        return status_of(self._model, alarms, on == 1)
 
     def clear_error(self) -> None:
         """Reset the latches (33). Refused where an alarm stays, or where no code for it is known (TC-48-20)."""
@@ -353,7 +292,7 @@ class TeTechnologyController(SetpointOnly):
         if self._fahrenheit is not None:
             return
         if not self._model.units:
-            raise Refused(None, f"a {self._model.name} does not tell its working units: the option `units` is needed")
+            raise Refused(None, f"a {self._model.name} does not report its working units: the option `units` is needed")
         (units,) = self.link.sequence((self._model.units, None))
         if units not in (0, 1):
             raise Refused(None, f"working units read {units}")
@@ -378,9 +317,3 @@ class TeTechnologyController(SetpointOnly):
     def _degC(self, fixed: int) -> float:
         value = fixed / self._model.per_degC
         return (value - 32.0) / 1.8 if self._fahrenheit else value
-
-
-def _model(name: object) -> Model:
-    if not isinstance(name, str) or name not in MODELS:
-        raise ValueError(f"model {name!r}: one of {', '.join(sorted(MODELS))} is expected")
-    return MODELS[name]

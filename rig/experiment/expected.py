@@ -67,7 +67,7 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     """Of `rig.experiment.session`: a calibration where there is no model, then each law."""
     e = configuration.experiment
     plate = model.plate if model is not None else None
-    if e.kind != "track_resistance":
+    if e.kind not in ("track_resistance", "track_output"):
         approach = [("approach", e.settle_s)] if e.law != "instrument_pid" and e.kind != "current_profile" else []
         return [("polarity", POLARITY_S), *approach, ("profile", target.duration_s)]
     low, high = calibration_range(configuration)
@@ -75,7 +75,8 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     way_s = 0.5 * (high - low) / rate
     first = [("polarity", POLARITY_S)] if model is not None else expected_calibration(configuration)
     laws = [e.law, *[name for name in e.compare if name != e.law]]
-    each = [("condition", way_s), ("approach", way_s + e.settle_s), ("settle", e.settle_s)]
+    each = [("condition", way_s), ("approach", way_s + e.settle_s)] if e.memory == "condition" else []
+    each = [*each, ("settle", e.settle_s)]
     runs = len(laws) + e.repeat - 1
     return [*first, *[phase for _ in range(runs) for phase in (*each, ("track", target.duration_s))]]
 

@@ -14,7 +14,7 @@ import numpy as np
 from compensator.control.law_step import LawName
 from compensator.hysteresis.film import FilmModel
 from compensator.thermal.plate import PlateModel
-from rig.files.film_output import RISING_RESISTANCE
+from rig.control.law_units import LawUnits
 from rig.files.target import Target
 from rig.safety.first_plate import KnownPlate
 from sim.effects.effect import Switched
@@ -46,10 +46,10 @@ def plate_observer(effects: Sequence[Switched], plate: PlateModel, period_s: flo
     return chain_observer(chosen, plate, None, period_s)
 
 
-def own_target(target: Target, film: FilmModel | None, effects: Sequence[Switched]) -> Target:
-    """The wanted course of the film's own resistance, for a target that the ohmmeter shall show."""
-    if target.quantity == "resistance" and film is not None and film.output == RISING_RESISTANCE:
-        return replace(target, values=-target.values)
+def own_target(target: Target, film: FilmModel | None, effects: Sequence[Switched], units: LawUnits) -> Target:
+    """The wanted course of the film's own output in the law's units, for a target that the meter shall show."""
+    if units.factor != 1.0:
+        return replace(target, values=units.law(target.values))
     table = own_output_table(links_of(effects), film) if target.quantity == "resistance" else None
     if table is None:
         return target

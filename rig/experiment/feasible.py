@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
+from compensator.inverse.branch_plan import branch_plan
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
-from rig.control.resistance import ohm
-from rig.core.faults import fault
+from rig.control.law_units import LawUnits
+from rig.core.faults import Faults, fault
 from rig.drivers.heater_drive import OF_FULL_DRIVE
 from rig.files.configuration import Configuration
 from rig.files.target import Target
 
-UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open
+UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two decades, whatever the output
+USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
 
 
@@ -38,28 +41,80 @@ def check_plate(
             )
 
 
-def check_target(target: Target, film: FilmModel, configuration: Configuration, hot_degC: float, where: str) -> Array:
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Temperatures (degC) of a film at times of its target (s), shapes (points,). planned: not those nearest to each
+    other, which would leave a later part of the target out of reach."""
+
+    times_s: Array
+    temperatures_degC: Array
+    planned: bool = False
+
+
+def check_target(
+    target: Target,
+    film: FilmModel,
+    plate: PlateModel | None,
+    configuration: Configuration,
+    hot_degC: float,
+    where: str,
+    units: LawUnits,
+) -> Course:
     """Temperatures at the target's points, down from hot_degC as the experiment comes. Raises Faults.
 
-    A point that the film cannot have there, from where the points before have left it, is a fault with its time.
+    target, film: in the law's units. A point that the film cannot have there, from where the points before have left
+    it, is a fault with its time. Of several temperatures the nearest are taken, unless they lead to where a later point
+    has none: then those of a plan of the whole target (`compensator.inverse.branch_plan`).
     """
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     memory = film.initial_memory(hot_degC, "cooled")
-    course = np.unique(np.concatenate((target.times_s, np.linspace(0.0, target.duration_s, 400))))
-    temperatures = []
-    for time in course:
-        value = float(target.at(time))
-        solution = inverse.solve(value, memory)
+    times = np.unique(np.concatenate((target.times_s, np.linspace(0.0, target.duration_s, 400))))
+    wanted = target.at(times)
+    nearest = _nearest(wanted, inverse, memory)
+    found = nearest
+    if nearest.size < times.size and inverse.least_slope < 0.0:
+        plan = branch_plan(inverse, times, wanted, memory, *_slowest_rates(plate, configuration))
+        found = max(nearest, plan.temperatures_degC, key=np.size)
+    if found.size < times.size:
+        raise _unreachable(float(times[found.size]), float(wanted[found.size]), inverse, memory, found, where, units)
+    return Course(times, found, planned=found is not nearest)
+
+
+def _nearest(wanted: Array, inverse: Inverse, memory: Memory) -> Array:
+    """Temperatures of the wanted outputs, each the nearest, up to the first that has none."""
+    temperatures: list[float] = []
+    for value in wanted:
+        solution = inverse.solve(float(value), memory)
         if not solution.reachable:
-            low, high = solution.interval or (math.nan, math.nan)
-            least, most = sorted((ohm(high, film.output), ohm(low, film.output)))
-            limits = "{:g} to {:g} degC".format(*configuration.limits.temperature_degC)
-            text = f"{ohm(value, film.output):.6g} ohm is outside the film's range within limits.temperature_degC "
-            text += f"({limits}), coming from {memory.input_degC:.1f} degC; expected {least:.6g} to {most:.6g} ohm"
-            raise fault(where, f"at {time:g} s", text)
+            break
         memory = solution.memory
         temperatures.append(solution.temperature_degC)
     return np.array(temperatures)
+
+
+def _unreachable(
+    time_s: float, value: float, inverse: Inverse, memory: Memory, before_degC: Array, where: str, units: LawUnits
+) -> Faults:
+    """What to say of the first value that is out of reach, after these temperatures."""
+    _, memory = inverse.model.simulate(before_degC, memory)
+    solution = inverse.solve(value, memory)
+    low, high = solution.interval or (math.nan, math.nan)
+    least, most = sorted((low, high), key=units.shown)
+    text = f"{units.in_words(value)} is outside the film's range within limits.temperature_degC "
+    text += f"({inverse.low_degC:g} to {inverse.high_degC:g} degC), coming from {memory.input_degC:.1f} degC; "
+    text += f"expected {units.shown(least):.6g} to {units.in_words(most)}"
+    return fault(where, f"at {time_s:g} s", text)
+
+
+def _slowest_rates(plate: PlateModel | None, configuration: Configuration) -> tuple[float, float]:
+    """(cooling, heating) in K/s that the plate has anywhere within its limits; of an unknown plate `USUAL_K_PER_S`."""
+    if plate is None:
+        return USUAL_K_PER_S, USUAL_K_PER_S
+    limit = configuration.limits.current_A
+    rates = [plate.rate_range_K_per_s(degC, limit) for degC in configuration.limits.temperature_degC]
+    return max(min(-cool for cool, _ in rates), LEAST_RATE_K_PER_S), max(
+        min(heat for _, heat in rates), LEAST_RATE_K_PER_S
+    )
 
 
 def order_warning(film: FilmModel, where: object) -> str | None:
@@ -73,14 +128,19 @@ def order_warning(film: FilmModel, where: object) -> str | None:
     )
 
 
-def memory_warning(film: FilmModel, hot_degC: float, where: object) -> str | None:
-    """A line where the hot end does not saturate the film: its memory stays unknown after the conditioning."""
+def memory_warning(film: FilmModel, hot_degC: float, where: object, units: LawUnits) -> str | None:
+    """A line where the hot end does not saturate the film: its memory stays unknown after the conditioning.
+
+    film: in the law's units.
+    """
     cooled, heated = film.initial_memory(hot_degC, "cooled"), film.initial_memory(hot_degC, "heated")
     apart = float(film.weights @ np.abs(cooled.plays - heated.plays))
     if apart < UNKNOWN_DEC:
         return None
+    in_ohm = units.quantity == "resistance"
+    told = f"{apart:.2g} decades" if in_ohm else f"{apart / abs(units.factor):.2g} {units.unit}"
     return (
-        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, {apart:.2g} decades still depend on what "
+        f"{where}: film: at {hot_degC:g} degC, where the film is conditioned, {told} still depend on what "
         "was before; expected calibration.temperature_degC to reach above the transition"
     )
 

@@ -19,7 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from compensator.thermal.plate import PlateModel
-from rig.control.loop import AT_THE_TICK, Decision, Loop, ReadAt
+from rig.control.decision import AT_THE_TICK, Decision, ReadAt
+from rig.control.loop import Loop
 from rig.core.outcome import Tripped
 from rig.core.reading import Reading
 from rig.drivers.heater_drive import cools
@@ -28,7 +29,7 @@ from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.first_plate import KnownPlate, first_plate
 from rig.safety.interlock import Limits
 
-REST_S = 1.5
+REST_S = 1.5  # of readings at rest, from which noise and drift are told: fifteen at ten a second
 FEWEST = 5  # readings at rest
 CLEARLY_K, STEPS, SIGMAS = 0.4, 3.0, 6.0
 CURVED_PER_S = 0.015  # a drift's own change of rate, over the drift: a plate's time constant is a minute or more
@@ -36,7 +37,7 @@ CHARGE_A_S, CHARGE_S = 10.0, 5.0  # put in unseen: 15 K into 10 J/K; for small m
 DOUBLED_S = 10.0  # a pulse that has decided nothing by then goes on with twice the current
 RATE_S, QUIET_SHARE, LONGEST_QUIET_S = 2.0, 0.3, 60.0  # quiet where it goes that way at a share of its fastest
 NEAR_LIMIT_K = 5.0
-TRIALS = 3
+TRIALS = 3  # a pulse may have met a plate that somebody else's heat moved
 LATER_S, LATER_SHARE = 1.0, 0.5  # than the model says, for the pulse's own lag to be believed instead
 
 

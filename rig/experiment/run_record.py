@@ -67,7 +67,7 @@ def recorded(
     folder = make_folder(path, start, file.text, columns_of(bench))
     bench.guard.records(str(folder.part.absolute()))
     loop = Loop(bench, limits_of(file), folder, progress, on_tick)
-    output = OutputOff(bench.controller, signals, bench.guard)
+    output = OutputOff(bench.controller, file.content.bench.controller, bench.guard, signals)
     try:
         with output:
             yield loop, folder

@@ -15,7 +15,6 @@ from typing import Any, cast
 from compensator.control.design import Design
 from compensator.control.law_step import LawName
 from compensator.identification.heat_balance import Kind
-from rig.analysis.predicted import needs_test_current
 from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
 from rig.bench.assembly import Bench, open_bench
 from rig.control.loop import Loop, Progress, Tick
@@ -23,32 +22,23 @@ from rig.control.policies import CurrentProfile, Follow, Setpoints
 from rig.core.faults import fault
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
-from rig.experiment.calibration import Calibration, calibration_range, identify_calibration, record_calibration
+from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
 from rig.experiment.expected import Onlooker, Phases, expected_run
-from rig.experiment.extended_model import known_plate, own_target, plate_observer
-from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
+from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repeated import LEARNED, USED, Learning, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
+from rig.experiment.wanted import TRACKING, check_feasible, wanted
 from rig.files.configuration import ConfigurationFile
-from rig.files.film_output import RISING_RESISTANCE, in_decades
-from rig.files.model_file import Model, read_model, write_model
+from rig.files.model_file import Model, write_model
 from rig.files.record_file import write_columns
 from rig.files.run_folder import PREDICTED, RunFolder, default_folder, part_of, prepared_folder
-from rig.files.target import COLUMNS as COLUMN_OF
-from rig.files.target import Target, read_target, target_in_words
+from rig.files.target import Target, column_of_target
 from rig.guard.line import UNGUARDED, Guard
 from rig.safety.plate_watch import watchable_rate_K_per_s
 from rig.safety.signals import SignalStop
-
-QUANTITY = {
-    "track_resistance": "resistance",
-    "temperature_profile": "temperature",
-    "current_profile": "current",
-    "hold": "temperature",
-}
 
 
 @dataclass(frozen=True)
@@ -80,17 +70,6 @@ class Result:
     designs: dict[str, Design] = field(default_factory=dict)
     model: Model | None = None
     target: Target | None = None
-
-
-def target_of(file: ConfigurationFile) -> Target:
-    """The wanted course. Raises Faults."""
-    e = file.content.experiment
-    quantity = QUANTITY[e.kind]
-    if e.target is None:
-        raise fault(file.path, "experiment.target", f"missing; kind {e.kind!r} needs a CSV file or a profile in words")
-    if isinstance(e.target, str):
-        return read_target(file.beside(e.target), quantity)
-    return target_in_words(e.target, quantity, f"{file.path}: experiment.target")
 
 
 def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[tuple[Loop, RunFolder]]:
@@ -162,78 +141,16 @@ def run_on(session: Session, path: Path, target: Target, model: Model | None) ->
     """The experiment on a bench that is open; target and model are those of `wanted`. Raises as `run`."""
     result = Result(path, model=model, target=target)
     meter = session.bench.meter
-    if session.file.content.experiment.kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
-        raise fault(
-            session.file.path, "bench.meter", f"reads {meter.output}; expected an ohmmeter to track a resistance"
-        )
+    kind = session.file.content.experiment.kind
+    if kind == "track_resistance" and meter and meter.output != LOG_RESISTANCE:
+        text = f"reads {meter.output}; expected an ohmmeter to track a resistance, or kind = 'track_output'"
+        raise fault(session.file.path, "bench.meter", text)
     _tell_dead_man(session)
-    if session.file.content.experiment.kind == "track_resistance":
+    if kind in TRACKING:
         _track_all(session, path, result)
     else:
         _profile(session, path, result)
     return result
-
-
-def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target, Model | None]:
-    """Target and model of the configured experiment, checked before any port is opened. Raises Faults."""
-    e = file.content.experiment
-    target = target_of(file)
-    for line in target.said:
-        say(line)
-    model = None
-    if e.model is not None:
-        needs = ("film", "plate") if e.kind == "track_resistance" else ("plate",)
-        model = read_model(file.beside(e.model), needs=cast(Any, needs))
-    if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
-        expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
-        raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
-    if (e.repeat > 1 or e.learned is not None) and e.kind != "track_resistance":
-        text = f"kind {e.kind!r}; expected 'track_resistance': a resistance is what repetitions learn"
-        raise fault(file.path, "experiment.repeat", text)
-    if e.learned is not None:
-        read_correction(file.beside(e.learned) / LEARNED)
-    if model is not None:
-        _check_feasible(file, target, model, say)
-    return target, model
-
-
-def _check_feasible(file: ConfigurationFile, target: Target, model: Model, say: Callable[[str], None]) -> None:
-    """Refuse what film or plate cannot do, before anything is switched on. Raises Faults."""
-    c, where = file.content, f"{file.path}: experiment.target"
-    hot = calibration_range(c)[1]
-    temperatures = target.values
-    told = check_cooling(model.plate, target, c, where) if model.plate is not None else None
-    if told is not None:
-        say(told)
-    if c.experiment.kind == "current_profile":
-        return
-    if c.experiment.kind == "track_resistance":
-        assert model.film is not None
-        _check_output(model, c.experiment.model)
-        for warning in (
-            order_warning(model.film, c.experiment.model),
-            memory_warning(model.film, hot, c.experiment.model),
-        ):
-            if warning is not None:
-                say(warning)
-        own = own_target(target, model.film, model.switched())
-        temperatures = check_target(own, model.film, c, hot, where)
-        if model.plate is not None and c.experiment.law != "instrument_pid":
-            check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
-    if model.plate is not None and c.experiment.law != "instrument_pid":
-        check_plate(model.plate, [float(temperatures.min()), float(temperatures.max())], c, where, "its range")
-
-
-def _check_output(model: Model, where: object) -> None:
-    """Refuse a film that no resistance can be tracked with. Raises Faults."""
-    assert model.film is not None
-    output = model.film.output
-    if not in_decades(output):
-        raise fault(where, "film.output", f"{output!r}; expected a resistance to track one")
-    on_readings = [e for e in model.switched() if e.effect.link == "ohmmeter" or needs_test_current((e,))]
-    if output == RISING_RESISTANCE and on_readings:
-        text = "has no meaning for a film whose resistance rises (film.output 'log10_ohm')"
-        raise fault(where, "effects", f"{on_readings[0].name}: {text}")
 
 
 def _track_all(session: Session, path: Path, result: Result) -> None:
@@ -246,7 +163,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     if model is None:
         result.calibration = _calibrated(session, inner / "calibration")
         model = result.model = result.calibration.model
-        _check_feasible(file, target, model, say)
+        check_feasible(file, target, model, say)
     assert model.film is not None
     assert model.plate is not None
     if e.law != "instrument_pid":
@@ -321,7 +238,7 @@ def _one_law(
     if correction is not None:
         write_correction(folder.part / USED, correction)
     if result.repeated:
-        folder.result(repeated_rms_dec=[one.rms_dec for one in result.repeated])
+        folder.result(repeated_rms_dec=[one.rms for one in result.repeated])
     result.scores.append(score)
     result.designs[name] = plan.design
     session.say(f"{name}: {score.in_words()}")
@@ -379,7 +296,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:
     """Target and model beside the rows, so that the folder stands alone."""
     values = 10.0**-target.values if target.quantity == "resistance" else target.values
-    write_columns(folder.part / "target.csv", {"time_s": target.times_s, COLUMN_OF[target.quantity]: values})
+    write_columns(folder.part / "target.csv", {"time_s": target.times_s, column_of_target(target.quantity): values})
     if model is not None:
         write_model(folder.part / "model.toml", model, "the model that the law used")
 

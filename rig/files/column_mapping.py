@@ -7,8 +7,8 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from rig.core.columns import OF_A_RECORD
 from rig.core.faults import fault
-from rig.files.column_meaning import KNOWN
 from rig.files.field_times import LAYOUTS
 from rig.files.units import UNITS, asked_unit
 
@@ -39,9 +39,9 @@ class ColumnMapping:
         ours = ours.strip()
         if not equals or not ours or not rest.strip():
             raise fault("--column", repr(text), "expected OURS=THEIRS[@UNIT], as in temperature_degC=T_K@K")
-        if ours not in KNOWN:
+        if ours not in OF_A_RECORD:
             if "@" in rest:
-                known = ", ".join(KNOWN)
+                known = ", ".join(OF_A_RECORD)
                 raise fault("--column", repr(text), f"{ours!r} is none of {known}, so it has no unit to convert")
             return cls(ours, rest, ending_of(ours))
         ending = ending_of(ours)

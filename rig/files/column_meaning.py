@@ -11,21 +11,8 @@ import re
 import unicodedata
 from dataclasses import dataclass, replace
 
+from rig.core.columns import OF_A_RECORD
 from rig.files.units import CONDUCTANCES, spelled, straightened
-
-KNOWN = (
-    "time_s",
-    "temperature_degC",
-    "resistance_ohm",
-    "current_A",
-    "meter_current_A",
-    "resistance_time_s",
-    "current_time_s",
-    "setpoint_degC",
-    "target_ohm",
-    "ambient_degC",
-    "sink_degC",
-)
 
 _QUANTITIES = {
     "time": "time zeit temps tiempo tempo elapsed timestamp datetime date datum uhrzeit clock heure t 時間 时间 時刻",
@@ -82,7 +69,7 @@ NOTHING = Meaning(None)
 def meaning_of(name: str, below: str = "") -> Meaning:
     """What a name says, with the unit that stands below it, where there is a line of units."""
     name = straightened(name.strip().strip("\"'")[:200])[:200]
-    if not name or name in KNOWN:
+    if not name or name in OF_A_RECORD:
         return Meaning(name) if name else NOTHING
     if re.search(r"(?i)\b(log_?10|lg|log|ln)\b\s*_?\s*[(|]?\s*(R\b|resistance|Ω|ohm)", name):
         return _logarithm(name)

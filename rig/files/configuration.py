@@ -6,50 +6,27 @@ Every key has its unit in its name and its default here; `peltier init` writes c
 from __future__ import annotations
 
 import difflib
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, SecretStr, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from rig.core.faults import Faults
+from rig.files.bounded_numbers import NotNegative, Period, Positive, Range, Span, Wait
 from rig.files.epics_table import EpicsTable
-from rig.files.model_file import MemorylessTable, PlateTable
-from rig.files.reachable_name import ReachableName
 from rig.files.secret_keys import without_secrets
+from rig.files.serve_table import ServeTable
+from rig.files.simulation_table import SimulationTable
 from rig.files.sweep_table import SweepTable
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
 
-# Beyond these bounds a number is a slip of the pen: no rig has such currents, temperatures, noise or patience, and
-# nothing that is computed from them is a number. They are wide, so that whoever has a reason is not in their way.
-LARGEST = 1e6
-DAY_S = 86400.0
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(ge=1e-12, le=LARGEST)]
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 SMALLEST_PULSE = 0.01  # of the current limit: such a pulse takes four minutes to put in what moves a plate
-Wait = Annotated[float, Field(ge=0.0, le=DAY_S)]  # s: for something that is over within a day
-Period = Annotated[float, Field(ge=1e-3, le=3600.0)]  # s: no line carries a thousand exchanges a second
-Span = Annotated[float, Field(ge=1e-3, le=DAY_S)]  # s: of a watch or a forecast that has to end
-Days = Annotated[float, Field(gt=0.0, le=100_000.0)]
-Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
-def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
-    if not pair[0] < pair[1]:
-        raise ValueError("expected [low, high] with low < high")
-    if not -273.15 <= pair[0] <= pair[1] <= LARGEST:
-        raise ValueError(f"expected degC, -273.15 to {LARGEST:g}")
-    return pair
-
-
-Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
-
-
-class ControllerTable(Table):
-    """[bench.controller]: driver by name, port as pyserial opens it.
+class InstrumentTable(Table):
+    """An instrument: driver by name, port as pyserial opens it.
 
     options are the driver's own, such as an address or a model; baud changes the line's rate from the driver's.
     serial_number: the instrument's own; nothing runs where another one answers.
@@ -60,21 +37,21 @@ class ControllerTable(Table):
     baud: int | None = Field(default=None, gt=0, le=100_000_000)
     options: dict[str, bool | int | float | str] = {}
     serial_number: str | None = None
+
+
+class ControllerTable(InstrumentTable):
+    """[bench.controller]: dead_man_s, after which without a word from us the controller switches itself off."""
+
     dead_man_s: Span = 5.0
 
 
-class MeterTable(Table):
-    """[bench.meter]: four_wire, integration time in power-line cycles (nplc); options are the driver's own.
+class MeterTable(InstrumentTable):
+    """[bench.meter]: four_wire, integration time in power-line cycles (nplc).
 
     With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
     "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
     """
 
-    driver: str
-    port: str
-    baud: int | None = Field(default=None, gt=0, le=100_000_000)
-    options: dict[str, bool | int | float | str] = {}
-    serial_number: str | None = None
     four_wire: bool = True
     nplc: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
     quantity: Literal["resistance", "voltage"] = "resistance"
@@ -131,14 +108,20 @@ class LimitsTable(Table):
     polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
+Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
+
+
 class ExperimentTable(Table):
-    """[experiment]: what to do. target: a CSV file, or a profile in words.
+    """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
+    meter's voltage stands for.
 
     repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
-    missed. learned: the folder of a run whose learned.csv the first one begins with.
+    missed. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
+    at first: "condition" drives it to the hot end, so that all is; "estimate" begins where it is and lets the readings
+    tell; "assume" begins where it is with the model's `initial`.
     """
 
-    kind: Literal["track_resistance", "temperature_profile", "current_profile", "hold"] = "track_resistance"
+    kind: Kind = "track_resistance"
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
     target: str | list[str] | None = None
     model: str | None = None
@@ -148,6 +131,7 @@ class ExperimentTable(Table):
     settle_s: Wait = 10.0
     repeat: Annotated[int, Field(ge=1, le=100)] = 1
     learned: str | None = None
+    memory: Literal["condition", "estimate", "assume"] = "condition"
 
 
 class ControlTable(Table):
@@ -155,13 +139,24 @@ class ControlTable(Table):
 
     ms: largest sensitivity asked. dead_time_s: of the bench, one period where it is not given. band_dec: a difference
     for which the resistance does not turn round, at the least; what noise makes of it is estimated in the run.
+    most_share: of what the ohmmeter is off the model, that one reading may change the law's correction by; 0.35 is what
+    the margins of the whole law allow at a period of 0.1 s (`peltier tune` says it of any other).
+    preview_s: how far a law looks ahead, as long as the plate takes across the film's loop where it is not given.
+    rate_share: of the plate's fastest rates, for ramps of temperature; a resistance has all of them where it is not
+    given.
     """
 
     ms: Annotated[float, Field(gt=1.05, le=2.5)] = 1.4
     dead_time_s: Annotated[float, Field(ge=0.0, le=3600.0)] | None = None
-    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] = 4.0
+    preview_s: Annotated[float, Field(ge=1e-3, le=3600.0)] | None = None
     band_dec: NotNegative = 0.0
     rate_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
+    most_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.35
+
+    @property
+    def resistance_rate_share(self) -> float:
+        """The same for a resistance: its reference begins anew each period, and needs no reserve."""
+        return self.rate_share if "rate_share" in self.model_fields_set else 1.0
 
 
 class CalibrationTable(Table):
@@ -174,110 +169,6 @@ class CalibrationTable(Table):
     dwell_s: Wait = 4.0
     minor_loops: int = Field(default=14, ge=2, le=200)
     seed: int = Field(default=0, ge=0)
-
-
-class RelayFilmTable(Table):
-    """[simulation.film] kind = "preisach": a bell-shaped density of relays, see sim.world.films.preisach."""
-
-    kind: Literal["preisach"] = "preisach"
-    relays: Count = 4000
-    mean_degC: Number = 61.0
-    spread_K: Positive = 3.2
-    halfwidth_K: Positive = 2.8
-    halfwidth_sigma: Positive = 0.4
-    decades: Positive = 2.0
-    memoryless: MemorylessTable = MemorylessTable(function="tanh", amplitude=0.35, a=0.03, b=-1.65, offset=-5.0)
-    seed: int = Field(default=1, ge=0)
-
-
-class ModelFilmTable(Table):
-    """[simulation.film] kind = "model": the film of a model file is the truth."""
-
-    kind: Literal["model"]
-    model: str
-
-
-class HeatSinkTable(Table):
-    """[simulation.heat_sink_warmup]: see sim.effects.heat_sink_warmup; without it the far side keeps the ambient."""
-
-    sink_capacity_ratio: Positive
-    sink_conductance_ratio_per_s: NotNegative
-
-
-class DetectorTable(Table):
-    """[simulation.detector]: what a voltmeter sees of the film's output, see sim.world.detector."""
-
-    volts_per_unit: Number
-    offset_V: Number = 0.0
-    noise_V: NotNegative = 0.0
-
-
-class SimulationTable(Table):
-    """[simulation]: what is true of the simulated rig; the controller does not see it.
-
-    effects: tables with a name of the catalogue and its parameters, each by default the middle of the sizes met;
-    effect_files: Python files beside this one with effects of one's own, see docs/own_effect.md.
-    meter_current_A: the ohmmeter's, where `simulate` has no instruments (a current_profile without that column).
-    """
-
-    plate: PlateTable = PlateTable(
-        seebeck_over_capacity_per_A_s=1.6e-3,
-        resistance_over_capacity_K_per_A2_s=0.06,
-        conductance_over_capacity_per_s=0.018,
-        ambient_degC=25.0,
-    )
-    heat_sink_warmup: HeatSinkTable | None = None
-    effects: list[dict[str, float | str]] = []
-    effect_files: list[str] = []
-    meter_current_A: NotNegative | None = None
-    film: RelayFilmTable | ModelFilmTable = Field(default=RelayFilmTable(), discriminator="kind")
-    detector: DetectorTable | None = None
-    first_degC: Number = 25.0
-    thermometer_noise_K: NotNegative = 0.005
-    ohmmeter_noise_dec: NotNegative = 0.001
-    seed: int = Field(default=0, ge=0)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _default_kind(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("film"), dict):
-            return {**data, "film": {"kind": "preisach", **data["film"]}}
-        return data
-
-
-def _web_address(secret: SecretStr) -> SecretStr:
-    if not re.fullmatch(r"https?://[!-~]+", secret.get_secret_value()):
-        raise ValueError("expected an address that begins with http:// or https://")
-    return secret
-
-
-class ServeTable(Table):
-    """[serve]: the bench daemon, see docs/daemon.md.
-
-    folder: run folders and history.sqlite; configurations: those that may be started; both beside this file, by
-    default runs/ where the daemon was started, and this file's folder. token: asked for wherever it is set, on the
-    loopback too, where a proxy's visitors come from; addresses beyond the loopback need one. metrics_token: opens
-    /metrics and nothing else. hosts: further names or origins ("https://bench.lab.example") by which browsers reach it.
-    port 0: any that is free. stop_port: of the listener that takes nothing but STOP; by default the one after `port`.
-    diagnose: "nightly" has `peltier trend` look at the runs from diagnose_hour on, while nothing runs.
-    """
-
-    name: str = Field(default="bench", pattern=r"^[A-Za-z0-9_-]{1,40}$")
-    address: str = "127.0.0.1"
-    port: int = Field(default=8765, ge=0, le=65535)
-    stop_port: int | None = Field(default=None, ge=0, le=65535)
-    token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    metrics_token: Annotated[SecretStr, Field(min_length=16)] | None = None
-    hosts: list[ReachableName] = []
-    folder: str | None = None
-    configurations: str = "."
-    idle_period_s: Annotated[float, Field(ge=0.1, le=60.0)] = 1.0
-    raw_days: Days = 30.0
-    minute_days: Days = 400.0
-    hour_days: Days = 4000.0
-    webhook: Annotated[SecretStr, AfterValidator(_web_address)] | None = None
-    diagnose: Literal["never", "nightly"] = "never"
-    diagnose_hour: Annotated[int, Field(ge=0, le=18)] = 3
 
 
 class Configuration(Table):
@@ -301,8 +192,12 @@ class Configuration(Table):
             raise ValueError(f"bench: ports {', '.join(ports)}: expected all of them sim://, or none")
         if self.bench.time == "virtual" and not all(simulated):
             raise ValueError("bench.time: 'virtual' goes only with sim:// ports; expected 'real'")
-        if self.experiment.kind == "track_resistance" and self.bench.meter is None:
-            raise ValueError("bench.meter: missing; expected a meter for kind 'track_resistance'")
+        kind, meter = self.experiment.kind, self.bench.meter
+        if kind in ("track_resistance", "track_output") and meter is None:
+            raise ValueError(f"bench.meter: missing; expected a meter for kind {kind!r}")
+        if kind == "track_output" and meter is not None and meter.output is None:
+            text = "expected 'voltage', with output and formula, for kind 'track_output'"
+            raise ValueError(f"bench.meter.quantity: {meter.quantity!r}; {text}")
         return self
 
     @property

@@ -16,7 +16,7 @@ from rig.files.record import Record
 from rig.files.taking import Choice, Taking
 from rig.files.units import SHARES, UNITS
 
-MOST_NUMBER_FAULTS = 5
+MOST_NUMBER_FAULTS = 5  # a column: five lines show what is wrong with it as well as a thousand
 
 
 def converted(taking: Taking) -> Record:

@@ -1,6 +1,6 @@
 """Effects as files and the command line name them: [[effects]] tables, NAME:param=value, and files of a user's own.
 
-A parameter that is left out, where that is allowed, takes the geometric middle of the sizes met.
+A parameter that is left out, where that is allowed, takes the geometric middle of its usual sizes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _added: dict[tuple[Path, int], Effect] = {}
 
 
 def middle(parameter: Parameter) -> float:
-    """The geometric middle of the sizes met; of choices, the nearest."""
+    """The geometric middle of the usual sizes; of choices, the nearest."""
     value = math.sqrt(parameter.smallest * parameter.largest)
     if parameter.choices:
         return min(parameter.choices, key=lambda choice: abs(math.log(choice / value)))
@@ -52,16 +52,20 @@ def add_effect_files(paths: Iterable[Path]) -> None:
 
 def assumed_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:
     """--assume NAME[:param=value,...]: the parameters that are known, by effect and name. Raises Faults."""
+    return assumed([effect_in_words(text, "--assume") for text in texts], "--assume")
+
+
+def assumed(tables: Iterable[Mapping[str, Any]], where: str) -> dict[str, dict[str, float]]:
+    """The same of tables with a name and what is known. Raises Faults."""
     found: dict[str, dict[str, float]] = {}
     lines, known = [], catalogue()
-    for text in texts:
-        table = effect_in_words(text, "--assume")
+    for table in tables:
         name = table["name"]
         if name not in known:
-            lines.append(f"--assume: {_unknown(name, known)}")
+            lines.append(f"{where}: {_unknown(name, known)}")
             continue
         _, faults = _values(known[name], table, complete=False)
-        lines += [f"--assume: {name}: {fault}" for fault in faults]
+        lines += [f"{where}: {name}: {fault}" for fault in faults]
         found[name] = {key: value for key, value in table.items() if key != "name"}
     if lines:
         raise Faults(lines)
@@ -128,7 +132,7 @@ def _values(effect: Effect, table: Mapping[str, Any], complete: bool) -> tuple[d
         number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
         if not number or value == 0.0 or (value < 0.0 and not p.signed):
             sign = "not 0" if p.signed else "> 0"
-            met = f"{p.smallest:g} to {p.largest:g}{', either sign,' if p.signed else ''} are met"
+            met = f"usual: {p.smallest:g} to {p.largest:g}{', either sign' if p.signed else ''}"
             faults.append(f"{name}: {value!r}: expected a finite number {sign}; {met}")
         else:
             values[name] = float(value)

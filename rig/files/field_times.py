@@ -16,8 +16,8 @@ from datetime import date, datetime
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from rig.core.clock import DAY_S
 
-DAY_S = 86400.0
 ORDERS = ("ymd", "dmy", "mdy")
 LAYOUTS = (*ORDERS, "hh:mm", "mm:ss")
 LONGEST = 60  # characters of a time

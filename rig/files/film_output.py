@@ -10,6 +10,7 @@ A film model's output rises with temperature, so that each quantity has a name f
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container
 
 FALLING_RESISTANCE, RISING_RESISTANCE = "minus_log10_ohm", "log10_ohm"
@@ -48,3 +49,17 @@ def sign_of(output: str) -> float:
 def unit_of(output: str) -> str:
     """The unit of a film's output, for people and for keys: decades of a resistance, else what the name ends in."""
     return "dec" if in_decades(output) else output.removeprefix(MINUS).partition("_")[2] or "1"
+
+
+def ohm(output: float, name: str = FALLING_RESISTANCE) -> float:
+    """R in ohm of an output of that name. A model may say more decades than a number has, far outside what it was
+    fitted to: infinite then, where Python's own power would raise in the middle of a run."""
+    try:
+        return float(10.0 ** (sign_of(name) * output))
+    except OverflowError:
+        return math.inf
+
+
+def shown_output(output: float, name: str) -> float:
+    """The quantity in its own unit: ohms, or that of the record's column."""
+    return ohm(output, name) if in_decades(name) else sign_of(name) * output

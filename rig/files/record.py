@@ -17,7 +17,7 @@ __all__ = ["Record", "unit_of"]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Columns by name, each of the shape (rows,); `drive` tells that current_A is a share of full drive.
+    """Columns by name, each of the shape (rows,); drive: the unit of a current_A that is a share of full drive.
 
     said: what was taken for what, and what was left, a line each; empty where the names are ours.
     """

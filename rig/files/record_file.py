@@ -3,7 +3,7 @@
     read_record         text in any usual encoding and separator, .xlsx, .mat -> Record
     write_columns       columns -> CSV
 
-A record of ours has the names of `rig.files.column_meaning.KNOWN`, in any order; more columns are kept. Of a record
+A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Of a record
 from elsewhere names and units are taken where they are plain; where not, the refusal says what --column to type
 (docs/records.md).
 """
@@ -21,7 +21,6 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
 from rig.files.column_mapping import ColumnMapping
-from rig.files.column_meaning import KNOWN
 from rig.files.decoded import decoded
 from rig.files.record import Record, unit_of
 from rig.files.table import Table
@@ -30,7 +29,7 @@ from rig.files.text_table import text_table
 from rig.files.units import UNITS
 from rig.files.written import naming
 
-__all__ = ["KNOWN", "UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
+__all__ = ["UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
 
 
 def read_record(
@@ -42,8 +41,8 @@ def read_record(
 ) -> Record:
     """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase.
 
-    needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file does not tell which sign
-    stands before its decimals. flags: whether whoever calls takes --column, so that refusals may tell it.
+    needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file leaves open which sign
+    stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type.
     """
     return record_of(_table(path, decimal), mappings, needs, flags)
 

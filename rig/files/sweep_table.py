@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from rig.files.bounded_numbers import LARGEST
 from rig.files.toml_file import Table
 
 What = Literal["experiment", "identification", "diagnosis"]
 MOST = 1_000_000  # of cases: beyond it a table is none
-LARGEST = 1e6
 
 
 class SweepTable(Table):

@@ -8,24 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from rig.core.columns import GUESSED, OF_A_RECORD
 from rig.files.column_mapping import ColumnMapping, ending_of, typed
-from rig.files.column_meaning import KNOWN, Meaning, meaning_of
+from rig.files.column_meaning import Meaning, meaning_of
 from rig.files.field_numbers import Numbers, blank_like, read_numbers, tidied, within_range
 from rig.files.field_times import clock_alone, date_alone, time_like
 from rig.files.table import Column, Table
 from rig.files.units import UNITS
 
-GUESSED = (
-    "time_s",
-    "temperature_degC",
-    "resistance_ohm",
-    "current_A",
-    "meter_current_A",
-    "setpoint_degC",
-    "target_ohm",
-    "ambient_degC",
-    "sink_degC",
-)
+# between 2001 and 2128: numbers that are moments and no times of a run
 SINCE_1970 = {"s": (1e9, 5e9), "ms": (1e12, 5e12), "us": (1e15, 5e15), "ns": (1e18, 5e18)}
 MOST_DUTY = 1.05  # a duty of 256 in 255 is written too
 LEAST_PLATE_A = 0.02  # a plate's current reaches more; an ohmmeter's test current does not
@@ -119,7 +110,7 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
         if k is None:
             there = taking.there()
             taking.faults.append(taking.at_names(f"no column {mapping.theirs!r} for {mapping.ours}; there are {there}"))
-        elif mapping.ours not in KNOWN:
+        elif mapping.ours not in OF_A_RECORD:
             taking.renamed[k] = mapping.ours
         else:
             unit, note = mapping.unit, ""
@@ -133,7 +124,7 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
 def take_own(taking: Taking) -> None:
     """Our own names, and a name that stands twice where it matters."""
     free = taking.free()
-    for name in KNOWN:
+    for name in OF_A_RECORD:
         there = [k for k in free if taking.names[k].strip() == name]
         if len(there) > 1:
             taking.faults.append(taking.at_names(f"column {name!r} appears twice"))

@@ -1,5 +1,8 @@
 """The wanted course of an experiment: a CSV file (time_s with target_ohm, setpoint_degC or current_A), or words.
 
+Of another quantity that a meter reads, such as curvature_per_m, the column is target_curvature_per_m, and the unit of
+values and changes is that of its name: "ramp to 800 per_m at 5 per_m/s".
+
     "start 80 kohm"                      where it begins; "start 40 degC", "start 0 A"
     "hold 20 s"                          stay
     "ramp to 5 kohm at 0.1 dec/s"        or "in 30 s"; degC with K/s, A with A/s
@@ -24,7 +27,8 @@ from pathlib import Path
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.core.faults import Faults
+from rig.core.faults import Faults, fault
+from rig.files.film_output import unit_of
 from rig.files.record_file import read_record
 from rig.files.units import UNITS, spelled, straightened
 
@@ -38,19 +42,24 @@ CHANGES = {  # what a value changes by, in the target's own unit
     "temperature": {"K": 1.0, "kelvin": 1.0, "degC": 1.0, "°C": 1.0, "mK": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},
 }
+# seconds of each word for a unit of time
 PER_S = {"s": 1.0, "sec": 1.0, "second": 1.0, "min": 60.0, "minute": 60.0, "h": 3600.0, "hr": 3600.0, "hour": 3600.0}
-SINE_STEPS = 64
-MOST_SINE_STEPS = 1_000_000
+SINE_STEPS = 64  # a period: straight lines between them are within 0.12 % of the amplitude
+MOST_SINE_STEPS = 1_000_000  # 16 MB of a target; a sine with more periods is a slip of the pen
 LONGEST_S = 1e8  # three years: beyond it somebody mistyped
 NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 UNIT = r"\s*([^\s\d.,+\-][^\s]*)?"
 MEASURE = NUMBER + UNIT
-LONGEST_SENTENCE = 500
+LONGEST_SENTENCE = 500  # characters: a profile in words, not a text
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Times (s, from 0) and values: -log10(R / 1 ohm) for a resistance, else degC or A; linear in between."""
+    """Times (s, from 0) and values, linear in between.
+
+    quantity: "resistance" (values are -log10(R / 1 ohm)), "temperature" (degC), "current" (A), or the column of another
+    quantity that a meter reads, in the unit of its name.
+    """
 
     quantity: str
     times_s: Array
@@ -66,10 +75,27 @@ class Target:
         return np.asarray(np.interp(time_s, self.times_s, self.values), dtype=np.float64)
 
 
+def column_of_target(quantity: str) -> str:
+    """The column of a wanted quantity."""
+    return COLUMNS.get(quantity, f"target_{quantity}")
+
+
+def example_of(quantity: str) -> str:
+    """A first sentence."""
+    return EXAMPLES.get(quantity, f"start 800 {unit_of(quantity)}")
+
+
+def change_of(quantity: str) -> str:
+    """The unit of a change."""
+    return next(iter(CHANGES[quantity])) if quantity in CHANGES else unit_of(quantity)
+
+
 def read_target(path: Path, quantity: str) -> Target:
     """A target from a CSV file. Raises Faults."""
-    column = COLUMNS[quantity]
-    record = read_record(path, needs=(column,), flags=False)
+    column = column_of_target(quantity)
+    record = read_record(path, needs=(column,) if quantity in COLUMNS else (), flags=False)
+    if not record.has(column):
+        raise fault(path, column, f"missing; there are {', '.join(record.columns)}")
     values = record[column]
     faults = [
         f"{path}: row {k + 1}: {column}: expected a finite number" for k in np.flatnonzero(~np.isfinite(values))[:5]
@@ -106,7 +132,7 @@ def target_in_words(words: list[str], quantity: str, where: str) -> Target:
         except ValueError as error:
             raise Faults([f"{where}[{k}]: {sentence[:80]!r}: {error}"]) from None
     if not words or math.isnan(values[0]):
-        faults.append(f"{where}: expected a first sentence such as {EXAMPLES[quantity]!r}")
+        faults.append(f"{where}: expected a first sentence such as {example_of(quantity)!r}")
     elif times[-1] <= 0.0:
         faults.append(f"{where}: lasts 0 s: expected a hold, a ramp or a sine")
     elif times[-1] > LONGEST_S:
@@ -122,7 +148,7 @@ Step = Callable[[list[float], list[float]], None]  # what a sentence adds to the
 def _read(sentence: str, quantity: str) -> Step:
     """What a sentence says, without a look at the others. Raises ValueError, with what is expected."""
     if len(sentence) > LONGEST_SENTENCE:
-        raise ValueError(f"{len(sentence)} characters: expected a sentence such as {EXAMPLES[quantity]!r}")
+        raise ValueError(f"{len(sentence)} characters: expected a sentence such as {example_of(quantity)!r}")
     if re.search(r"\d,\d", sentence):
         raise ValueError("expected numbers with a decimal point")
     sentence = " ".join(straightened(sentence).split())
@@ -149,7 +175,7 @@ def _read(sentence: str, quantity: str) -> Step:
 
 def _what_would_be_read(sentence: str, quantity: str) -> str:
     """For a sentence that is none: how one with its first word is written, or how all of them are."""
-    value, change = EXAMPLES[quantity].removeprefix("start "), next(iter(CHANGES[quantity]))
+    value, change = example_of(quantity).removeprefix("start "), change_of(quantity)
     forms = {
         "start": [f"start {value}"],
         "hold": ["hold 20 s"],
@@ -176,7 +202,7 @@ def _start(quantity: str, value: float, times: list[float], values: list[float])
 def _begun(quantity: str, values: list[float]) -> float:
     """The value where the course stands."""
     if math.isnan(values[-1]):
-        raise ValueError(f"comes before a first sentence such as {EXAMPLES[quantity]!r}")
+        raise ValueError(f"comes before a first sentence such as {example_of(quantity)!r}")
     return values[-1]
 
 
@@ -217,6 +243,10 @@ def _finite(number: str) -> float:
 
 
 def _value(number: str, unit: str | None, quantity: str) -> float:
+    if quantity not in ENDINGS:
+        if unit and unit != unit_of(quantity):
+            raise ValueError(f"unit {unit!r}: expected {unit_of(quantity)}, as in {quantity}")
+        return _finite(number)
     ending, name = ENDINGS[quantity], ENDINGS[quantity]
     if unit:
         found = spelled(unit)
@@ -234,9 +264,10 @@ def _value(number: str, unit: str | None, quantity: str) -> float:
 
 
 def _change(number: str, unit: str | None, quantity: str) -> float:
-    factor = CHANGES[quantity].get(unit or "", CHANGES[quantity].get((unit or "").lower()))
+    known = CHANGES.get(quantity, {unit_of(quantity): 1.0})
+    factor = known.get(unit or "", known.get((unit or "").lower()))
     if factor is None:
-        raise ValueError(f"unit {unit or 'missing'!r}: expected {', '.join(CHANGES[quantity])}")
+        raise ValueError(f"unit {unit or 'missing'!r}: expected {', '.join(known)}")
     value = _finite(number) * factor
     if value <= 0.0:
         raise ValueError(f"{number}: expected > 0")
@@ -248,7 +279,7 @@ def _rate(number: str, text: str, quantity: str) -> float:
     match = re.fullmatch(r"(\S+?)(?:\s*/\s*|\s+per\s+)(\S+)", text.strip())
     per_s = PER_S.get(match[2].lower()) if match is not None else None
     if match is None or per_s is None:
-        example = next(iter(CHANGES[quantity]))
+        example = change_of(quantity)
         raise ValueError(f"rate {text[:40]!r}: expected {example}/s, {example}/min or {example}/h")
     return _change(number, match[1], quantity) / per_s
 

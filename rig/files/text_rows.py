@@ -22,7 +22,7 @@ from rig.files.text_form import SAMPLE, Form, divided_line
 from rig.files.text_head import Head
 
 COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")
-MOST_FAULTS = 20
+MOST_FAULTS = 20  # a file: more lines are read by nobody
 BLOCK_ROWS = 500  # read at a time: few enough lists that Python's collector does not go through them again and again
 Fields = list[str] | Array
 

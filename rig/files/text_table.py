@@ -13,7 +13,7 @@ from rig.files.text_form import Form, divided_line, first_row, form_of, sample_o
 from rig.files.text_head import HEADER_LINES, head_of, names_and_units
 from rig.files.text_rows import MOST_FAULTS, Fields, columns_of
 
-MOST_COLUMNS = 2000
+MOST_COLUMNS = 2000  # a logger's hundreds of channels and to spare; more is a picture or another separator
 
 
 def text_table(text: str, path: Path, decimal: str = "") -> Table:

@@ -20,9 +20,9 @@ from rig.ports.open import STILL_TRYING, is_still_trying
 from rig.safety.signals import CAUGHT
 from rig.safety.switching_off import MARGIN_S
 
-KEEP_TRYING_S = 60.0
-BETWEEN_TRIALS_S = 1.0
-PR_SET_NAME = 15
+KEEP_TRYING_S = 60.0  # a dozen times the usual dead man's: by then whoever was called has pulled the plug
+BETWEEN_TRIALS_S = 1.0  # a port that was gone needs about that to be there again
+PR_SET_NAME = 15  # of linux/prctl.h
 
 
 def keep_trying(held: Held, seconds: float = KEEP_TRYING_S) -> None:

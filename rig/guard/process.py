@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rig.core.outcome import NotConfirmedOff
 from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
 from rig.guard.left_behind import Left, write_end
@@ -36,7 +37,7 @@ from rig.safety.after_off import Courses, courses_of
 from rig.safety.signals import CAUGHT
 from rig.safety.switching_off import Verdict
 
-NOT_CONFIRMED = 11
+# longer than anything that a run computes with the output on; controllers' own dead men are sooner
 SILENCE_S = 30.0
 PATIENCE_S = 3.0  # for an adapter that comes back
 FRESH_S = 3.0  # what a temperature would do is told twice a second; later the plate is elsewhere
@@ -239,7 +240,7 @@ class _Watch:
         controller, meter = self._held.get("controller"), self._held.get("meter")
         if controller is None:
             return status
-        if self._given_up or status == NOT_CONFIRMED:  # it has said so: nobody says otherwise any more
+        if self._given_up or status == NotConfirmedOff.exit_status:  # it has said so: nobody says otherwise any more
             if not self._given_up:
                 switch_off(controller, self._patience_s)
             return self._not_confirmed(controller)
@@ -257,7 +258,7 @@ class _Watch:
             look = temperature_after(controller, courses, verdict.said_s, self._patience_s)
             if look.agrees is False:
                 return self._not_confirmed(controller, look.text)
-            _tell(said := "the temperature agrees" if look.agrees else "the temperature has not told either way")
+            _tell(said := "the temperature agrees" if look.agrees else "the temperature did not show either")
             text = f"{text}; {said}"
         write_end(self._left, text, confirmed=True)
         return status
@@ -283,7 +284,7 @@ class _Watch:
             write_end(self._left, text, confirmed=False)
         if self._busy:
             keep_trying(controller)
-        return NOT_CONFIRMED
+        return NotConfirmedOff.exit_status
 
 
 def _tell(text: str) -> None:

@@ -21,8 +21,8 @@ from rig.safety.after_off import AfterOff, Courses, looked_at
 from rig.safety.switching_off import Verdict, look_after_silence, off_confirmed
 from rig.safety.switching_off import switch_off as switch_off_and_look
 
-WRITE_TIMEOUT_S = 1.0
-BETWEEN_TRIALS_S = 0.02
+WRITE_TIMEOUT_S = 1.0  # a frame is a few bytes: a port that takes none for that long is gone
+BETWEEN_TRIALS_S = 0.02  # of opening a port that its last owner is still letting go of
 
 
 @dataclass(frozen=True)

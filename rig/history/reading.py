@@ -12,10 +12,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from rig.history.tables import BUCKETS_S, QUANTITIES, connect_to_read
+from rig.core.columns import KEPT
+from rig.history.tables import BUCKETS_S, connect_to_read
 
-MOST_POINTS = 5000
-SHOWN = tuple(name for name in QUANTITIES if name != "meter_current_A")
+MOST_POINTS = 5000  # of a course: more than a screen has pixels side by side
+SHOWN = tuple(name for name in KEPT if name != "meter_current_A")
 MOST_RAW = 200_000  # rows that are averaged for one answer; beyond, the roll-ups answer
 FEW_RAW = 20_000  # the same where the roll-ups are as fine as the picture
 LONGEST_STEP_S = 5.0  # between rows of the film's plane that a line may join

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig.core.clock import DAY_S
+from rig.core.columns import KEPT
 from rig.history.damage import opened
-from rig.history.tables import BUCKETS_S, QUANTITIES, RAW_COLUMNS, ROLLED, VERSION_LATCHED, version
+from rig.history.tables import BUCKETS_S, RAW_COLUMNS, ROLLED, VERSION_LATCHED, version
 
-DAY_S = 86400.0
 DELETED_AT_ONCE = 5000  # rows: a deletion must not hold up the next row for long
 KEPT_JOBS = 2000
 AGED = "aged_s"
@@ -118,7 +119,7 @@ class Store:
             (done if done <= last else 0,),
         ).fetchall()
         names = ["start_s", "count", *ROLLED, "written_s"]
-        parts = ", ".join(f"avg({q}), min({q}), max({q})" for q in QUANTITIES)
+        parts = ", ".join(f"avg({q}), min({q}), max({q})" for q in KEPT)
         whole_s = -math.inf if aged_s is None else aged_s - self._retention.raw_days * DAY_S
         self._connection.executemany(
             f"INSERT INTO {table} ({', '.join(names)}) SELECT :start, count(*), {parts}, :aged FROM raw "

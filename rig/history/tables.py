@@ -14,20 +14,12 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
-QUANTITIES = (
-    "temperature_degC",
-    "resistance_ohm",
-    "current_A",
-    "meter_current_A",
-    "setpoint_degC",
-    "reference_degC",
-    "target_ohm",
-    "predicted_ohm",
-)
+from rig.core.columns import KEPT
+
 WORDS = ("quality", "phase", "job")
-RAW_COLUMNS = ("time_s", *QUANTITIES, *WORDS)
-BUCKETS_S = {"minute": 60, "hour": 3600}
-ROLLED = tuple(f"{name}_{of}" for name in QUANTITIES for of in ("mean", "low", "high"))
+RAW_COLUMNS = ("time_s", *KEPT, *WORDS)
+BUCKETS_S = {"minute": 60, "hour": 3600}  # s of a roll-up's bucket
+ROLLED = tuple(f"{name}_{of}" for name in KEPT for of in ("mean", "low", "high"))
 COLUMNS = {  # without written_s, which an older program's tables lack
     "raw": ("id", *RAW_COLUMNS),
     **dict.fromkeys(BUCKETS_S, ("start_s", "count", *ROLLED)),
@@ -42,7 +34,7 @@ BUSY_S = 5.0
 
 def create(connection: sqlite3.Connection) -> None:
     """Make the tables where they are missing. Raises sqlite3.Error."""
-    quantities = ", ".join(f"{name} REAL" for name in QUANTITIES)
+    quantities = ", ".join(f"{name} REAL" for name in KEPT)
     words = ", ".join(f"{name} TEXT" for name in WORDS)
     rolled = ", ".join(f"{name} REAL" for name in ROLLED)
     connection.execute(

@@ -20,7 +20,7 @@ from typing import Any
 from rig.history.aging import AgedClock
 from rig.history.store import Store
 
-TRY_AGAIN_S = 1.0
+TRY_AGAIN_S = 1.0  # a full disk is not emptied faster
 PART_OF_TIME = 10.0  # a try that takes long, as the check of a large file does, comes that many times its length later
 WAITING = 5000  # rows; beyond, who brings them waits
 RETAIN_EVERY_S = 60.0

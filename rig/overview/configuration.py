@@ -24,7 +24,7 @@ from rig.files.toml_file import Table, checked
 from rig.files.toml_text import parsed_toml, read_text
 from rig.web.names import LOOPBACK
 
-MOST_BENCHES = 200
+MOST_BENCHES = 200  # on one page: beyond that nobody looks at all of them
 
 
 def _page_address(text: str) -> str:

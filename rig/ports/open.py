@@ -14,7 +14,7 @@ import rig.ports.registry  # noqa: F401 - tells pyserial of sim://
 from rig.core.errors import Disconnected, PortHeld
 from rig.ports.transport import GONE
 
-WRITE_TIMEOUT_S = 1.0
+WRITE_TIMEOUT_S = 1.0  # a message is a few bytes: a port that takes none for that long is gone
 STILL_TRYING = "still-off-trial"  # name of a process that goes on after an output was not confirmed off (15 characters)
 LOCKED = {errno.EAGAIN, errno.EWOULDBLOCK, errno.EBUSY}
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
 
-OPEN_TIMEOUT_MS = 2000
+OPEN_TIMEOUT_MS = 2000  # as VISA counts; an instrument on the bus locks within milliseconds
 EVER_MS = 3_600_000.0  # for a port without a time-out
 ABORTS = re.compile(rb"[\x03\x18]")
 TIMED_OUT, NO_SUCH_OPERATION = "VI_ERROR_TMO", "VI_ERROR_NSUP_OPER"

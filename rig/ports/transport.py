@@ -26,7 +26,7 @@ except ImportError:  # Windows
 
 GONE = (OSError, _TermiosError, TypeError)  # a SerialException is an OSError; termios.error is not
 LONGEST_LINE = 4096
-SHORTEST_WAIT_S = 1e-6
+SHORTEST_WAIT_S = 1e-6  # select takes no less
 
 
 class Port(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,13 +11,15 @@ from typing import Any, cast
 
 import numpy as np
 
-from rig.control.loop import Loop, Policy, read_at
+from rig.analysis.score import tracked
+from rig.control.decision import Policy, read_at
+from rig.control.loop import Loop
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.repeated import USED, read_correction
-from rig.experiment.session import QUANTITY
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
+from rig.experiment.wanted import TRACKING, quantity_of
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.json_text import parsed_json
 from rig.files.model_file import plate_table, read_model
@@ -56,8 +59,19 @@ class RecordedLoop:
 
     def __post_init__(self) -> None:
         self._row = 0
+        what = tracked(self)
+        self.outputs = self.column(what.measured)
+        if what.in_ohm:
+            good = np.isfinite(self.outputs) & (self.outputs > 0.0)
+            known = zip(self.outputs, good, strict=True)
+            self.outputs = np.array([-math.log10(ohm) if ok else math.nan for ohm, ok in known])
         self.folder = self
         self.limits = SimpleNamespace(stale_s=math.inf)
+
+    @property
+    def columns(self) -> Iterable[str]:
+        """Their names."""
+        return self.record.columns
 
     def column(self, name: str) -> Any:
         """A column of the record, as of a run folder. Raises Faults where it is missing."""
@@ -78,8 +92,7 @@ class RecordedLoop:
         time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
         for row in rows:
             tick = self._tick(int(row), float(time[row] - begin), period_s)
-            degC, ohm = float(self.record["temperature_degC"][row]), float(self.record["resistance_ohm"][row])
-            output = -math.log10(ohm) if math.isfinite(ohm) and ohm > 0.0 else math.nan
+            degC, output = float(self.record["temperature_degC"][row]), float(self.outputs[row])
             output_s = float(self.record["resistance_time_s"][row]) if dated else math.nan
             acts_after_s = float(self.record["acts_after_s"][row]) if timed else 0.0
             test_A = float(self.record["meter_current_A"][row])
@@ -134,11 +147,11 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     e = file.content.experiment
     model = read_model(folder / "model.toml", needs=("plate",))
     assert model.plate is not None
-    target = read_target(folder / "target.csv", QUANTITY[e.kind])
+    target = read_target(folder / "target.csv", quantity_of(file.content))
     loop = RecordedLoop(_record(folder / "record.csv"), _phases(folder / "events.jsonl"))
     stand_in = cast(Loop, loop)
     fastest = watchable_rate_K_per_s(known_plate(model.plate, model.switched()))
-    if e.kind == "track_resistance":
+    if e.kind in TRACKING:
         if model.film is None:
             raise fault(folder / "model.toml", "film", "missing")
         plan = plan_tracking(file.content, target, model, _law(folder / "run.json"), fastest)
@@ -170,7 +183,7 @@ def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
 
 def _record(path: Path) -> Record:
     """The run's rows. Raises Faults where a column is missing that the law saw or set."""
-    needs = ("temperature_degC", "resistance_ohm", "meter_current_A", "current_A", "setpoint_degC")
+    needs = ("temperature_degC", "meter_current_A", "current_A", "setpoint_degC")
     record = read_record(path, needs=needs, flags=False)
     if "phase" not in record.text_columns:
         raise fault(path, "phase", "missing; expected the column of a run's record")

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.score import PROFILE, TRACK, error_dec, largest, rms
+from rig.analysis.score import largest, profile_error, rms, tracked, tracking_error
 from rig.bench.simulation import simulated_world
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Tripped
 from rig.experiment.expected import Onlooker
-from rig.experiment.session import run, target_of
+from rig.experiment.session import run
+from rig.experiment.wanted import target_of
 from rig.files.configuration import ConfigurationFile, configuration_of
 from rig.files.effect_tables import add_effect_files, effect_in_words, switched_effects
 from rig.files.record_file import read_record
@@ -27,7 +30,7 @@ from sim.effects.effect import Switched
 from sim.world.open_loop import simulate_record
 from sim.world.plant import stamp_s
 
-TEST_CURRENT_A = 1e-4
+TEST_CURRENT_A = 1e-4  # what ohmmeters send through 10 kohm
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +45,28 @@ class Simulated:
     def rows(self) -> int:
         return len(self.columns["time_s"])
 
+    def column(self, name: str) -> Any:
+        """A column; nan in every row where the record does not have it."""
+        found = self.columns.get(name)
+        return np.array(found) if found is not None else np.full(self.rows, np.nan)
+
+
+def simulated_rig() -> dict[str, Any]:
+    """The tables of a simulated rig, to be changed and given to `simulate` or `open_bench`.
+
+    tables = rig.simulated_rig()
+    tables["simulation"]["seed"] = 7
+    """
+    return tomllib.loads(resources.files("rig.templates").joinpath("simulated.toml").read_text(encoding="utf-8"))
+
 
 def read_simulation(path: Path, effects: list[str], effect_files: list[Path], seed: int | None) -> ConfigurationFile:
     """A configuration with simulated ports on virtual time, and with further effects in words. Raises Faults."""
+    return simulated_configuration(path, read_toml(path), read_effects(effects, effect_files), seed)
+
+
+def read_effects(effects: Iterable[str], effect_files: Iterable[Path]) -> list[dict[str, Any]]:
+    """Effects in words as their tables; files: with effects of one's own, made known first. Raises Faults."""
     add_effect_files(effect_files)
     tables, lines = [], []
     for text in effects:
@@ -57,13 +79,13 @@ def read_simulation(path: Path, effects: list[str], effect_files: list[Path], se
         lines += [line.replace("[0]", "", 1) for line in switched_effects([table], "--effect", complete=False)[1]]
     if lines:
         raise Faults(lines)
-    return simulated_configuration(path, read_toml(path), tables, seed)
+    return tables
 
 
 def simulated_configuration(
-    path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None
+    path: Path, raw: dict[str, Any], effects: list[dict[str, Any]], seed: int | None, text: str | None = None
 ) -> ConfigurationFile:
-    """The same from what TOML made of a file at `path`. Raises Faults."""
+    """The same from what TOML made of a file at `path`; text: the file's, None: it is read. Raises Faults."""
     bench = table_in(raw, "bench")
     bench.pop("time", None)
     for role in ("controller", "meter"):
@@ -78,7 +100,7 @@ def simulated_configuration(
         if seed < 0:
             raise fault("--seed", repr(seed), "expected a number >= 0")
         simulation["seed"] = seed
-    return configuration_of(path, read_text(path), raw)
+    return configuration_of(path, read_text(path) if text is None else text, raw)
 
 
 def table_in(table: dict[str, Any], name: str) -> dict[str, Any]:
@@ -158,13 +180,7 @@ def _closed_loop(file: ConfigurationFile, say: Callable[[str], None], onlooker: 
 
 def target_error(simulated: Simulated) -> dict[str, float]:
     """RMS and largest error over the whole target (`rig.analysis.score`): rms_dec, or rms_K."""
-    columns = simulated.columns
-    phase = np.array(columns.get("phase", [""] * simulated.rows))
-    inside = (phase == TRACK) | (phase == PROFILE)
-    for shown, wanted, unit in (("resistance_ohm", "target_ohm", "dec"), ("temperature_degC", "setpoint_degC", "K")):
-        if wanted in columns and shown in columns:
-            a, b = np.asarray(columns[shown], float)[inside], np.asarray(columns[wanted], float)[inside]
-            error = error_dec(a, b) if unit == "dec" else a - b
-            if np.any(np.isfinite(error)):
-                return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
+    for unit, error in ((tracked(simulated).unit, tracking_error(simulated)[1]), ("K", profile_error(simulated)[1])):
+        if np.any(np.isfinite(error)):
+            return {f"rms_{unit}": rms(error), f"max_{unit}": largest(error)}
     return {}

@@ -145,9 +145,11 @@ def _made_of(what: What, record: Record) -> Values:
             from rig.analysis.diagnosed import diagnosed
 
             return of_diagnosis(diagnosed(record)[0].document())
-        from rig.report.identified_records import AskedFit, identified
+        from rig.analysis.identified import AskedFit, identified
+        from rig.report.identified_records import in_words
 
-        return of_identification(identified([record], AskedFit(), [], None, lambda text: None))
+        found = identified([record], AskedFit(), lambda text: None)
+        return of_identification(in_words(found, lambda text: None))
     except Faults as faults:
         return {"status": "failed", "text": in_a_line(faults)}
 

@@ -1,4 +1,4 @@
-"""The report of a calibration: the loops, the model over them, the check on rows that no fit has seen."""
+"""The report of a calibration: the loops, the model over them, the check on held-out rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One record diagnosed, with what is told of it and the files of its report, as values: it may be done anywhere."""
+"""One record diagnosed, with what is reported of it and the files of its report, as values: it may be done anywhere."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ RANK = (
 @dataclass(frozen=True)
 class Asked:
     """How to diagnose. base: of the film; output: as in a model file; plate: its kind, None: what the drive allows.
-    effect_files: with effects of one's own, which another process has to be told of; assume: NAME[:param=value,...] of
+    effect_files: with effects of one's own, which another process has to load too; assume: NAME[:param=value,...] of
     effects that are there; budget_s: how long each record may take."""
 
     base: str | None = None

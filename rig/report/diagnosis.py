@@ -25,7 +25,7 @@ from rig.report.page import bullets, paragraph, section, table, tiles, write_pag
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
-RUNNERS_UP = 6
+RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
@@ -77,7 +77,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     """The table of effects."""
     if not diagnosis.findings:
         return paragraph("None is named.")
-    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "not told from"]
+    head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "confounded with"]
     rows = []
     for f in diagnosis.findings:
         values = ";\n".join(parameter(name, value, ci) for name, (value, ci) in f.parameters.items())
@@ -102,8 +102,8 @@ def _not_named(diagnosis: Diagnosis) -> list[str]:
     if not diagnosis.candidates:
         return []
     note = (
-        "These tell rows that no fit has seen better than what is named. Chosen as the best of several, they may do a "
-        "little worse on another record: --holdout tells."
+        "These predict held-out rows better than what is named. Chosen as the best of several, they may do a "
+        "little worse on another record: --holdout shows it."
     )
     return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
 
@@ -113,7 +113,7 @@ def _limits(diagnosis: Diagnosis) -> list[str]:
     rows = [list(row) for row in limit_rows(diagnosis)]
     if not rows:
         return []
-    head = ["effect", "size that this record allows (95 %)", "sizes met"]
+    head = ["effect", "size that this record allows (95 %)", "usual sizes"]
     note = "A larger one would have shown beside everything else that is fitted; of a leakage or a sink, a smaller one."
     return [section("What is not named, and how large it may be", table(head, rows), paragraph(note, "note"))]
 
@@ -193,6 +193,6 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
     note = (
         "Sets of effects that were fitted to the end in place of those named. One with more effects may fit slightly "
         "better; an effect is named only where it brings more than what clean records show. Sets that fit far better "
-        'are under "Found, and not named", where they tell held-out rows better, too.'
+        'are under "Found, and not named", where they predict held-out rows better, too.'
     )
     return [*parts, paragraph(note, "note")] if parts else [paragraph("No other set of effects was worth a fit.")]

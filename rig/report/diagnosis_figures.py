@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
 BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
-MOST_DOTS = 4000
+MOST_DOTS = 4000  # more hide each other, and make the page slow
 MILLI = 0.3  # below it a figure is in thousandths
 
 
@@ -33,6 +33,12 @@ def grid(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure
 
 def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
     """Held-out error before, after, and the noise, a panel for each channel."""
+    caption = "Root mean square error of a simulation over the whole record, on held-out rows, beside the noise."
+    return figure(saved(drawn_gain(diagnosis), folder, "gain"), caption)
+
+
+def drawn_gain(diagnosis: Diagnosis) -> Figure:
+    """The same, not yet in a file."""
     channels = judged_channels(diagnosis)
     fig, axes = grid(1, len(channels), 1.7)
     for axis, (what, unit, channel) in zip(axes[0], channels, strict=True):
@@ -46,10 +52,7 @@ def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
         axis.set_title(f"{what}: error on held-out rows / {prefix}{unit}", fontsize=10, loc="left")
         axis.grid(visible=False, axis="y")
         axis.tick_params(axis="y", length=0)
-    caption = (
-        "Root mean square error of a simulation over the whole record, on rows that no fit has seen, beside the noise."
-    )
-    return figure(saved(fig, folder, "gain"), caption)
+    return fig
 
 
 def _scale(size: float) -> tuple[float, str]:
@@ -134,6 +137,12 @@ def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after
 
 def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
     """Resistance, or what else was read, over temperature, measured and as the extended model shows it."""
+    caption = "The loop as measured, and as base and extended model show it."
+    return figure(saved(drawn_loop(diagnosis), folder, "loop"), caption)
+
+
+def drawn_loop(diagnosis: Diagnosis) -> Figure:
+    """The same, not yet in a file."""
     record, names = diagnosis.record, diagnosis.judged.fitted
     assert record.output is not None
     fig, axes = grid(1, 2, 3.6)
@@ -153,7 +162,7 @@ def loop_figure(folder: Path, diagnosis: Diagnosis) -> str:
     axes[0, 0].set_ylabel("resistance / ohm" if record.quantity.is_resistance else record.quantity.column)
     if not names:
         axes[0, 1].remove()
-    return figure(saved(fig, folder, "loop"), "The loop as measured, and as base and extended model show it.")
+    return fig
 
 
 def _loop(axis: Axes, temperature: Array, measured: Array, model: Array) -> None:

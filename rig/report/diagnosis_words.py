@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
-LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be told there
-SHORTFALL = "does not carry over to rows that no fit has seen; the record says too little of the film or the plate"
+LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
+SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
 
 
 def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
@@ -47,11 +47,11 @@ def parameters(finding: Finding) -> str:
 
 
 def named(finding: Finding) -> str:
-    """The effect with its values, and what it cannot be told from."""
+    """The effect with its values, and what it cannot be distinguished from."""
     values = ", ".join(f"{name} {value:.3g}" for name, (value, _) in finding.parameters.items())
     text = f"{finding.name} ({values})"
     if finding.indistinguishable_from:
-        text += f", which this record cannot tell from {listed(finding.indistinguishable_from)}"
+        text += f", which this record cannot distinguish from {listed(finding.indistinguishable_from)}"
     return text
 
 
@@ -90,7 +90,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         these = "them" if len(names) > 1 else "it"
         return f"Explained: {listed(names)}; with {these} nothing is left beyond the noise."
     if diagnosis.verdict == "too_short":
-        return f"Too short: what is left may be the film between two rows ({'; '.join(left)}); none is blamed."
+        what = f" ({'; '.join(left)})" if left else ""
+        return f"Too short: what is left may be the film between two rows{what}; none is blamed."
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
@@ -139,7 +140,7 @@ def assumed_lines(diagnosis: Diagnosis) -> list[str]:
 
 
 def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
-    """(effect, the sizes that the record still allows, those that one meets) of each effect that is not named."""
+    """(effect, the sizes that the record still allows, the usual sizes) of each effect that is not named."""
     rows = []
     for limit in diagnosis.limits:
         bound = "any" if limit.limit is None else f"{'above' if limit.from_below else 'below'} {rough(limit.limit)}"

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.score import COUNTED, largest, profile_error, rms, tracking_error
-from rig.report.error_course import decades_figure, kelvin_figure
+from rig.analysis.score import COUNTED, largest, profile_error, rms, shown_error, tracked, tracking_error
+from rig.report.error_course import kelvin_figure, tracking_figure
 from rig.report.page import events_table, facts, paragraph, section, tiles, write_page
 from rig.report.profile import courses, kelvin
 from rig.report.run_rows import LAW, PHASE, RunRows
 from rig.report.tracking import further, law_of
 
-LAST_EVENTS = 12
+LAST_EVENTS = 12  # what led to the end, on half a screen
 LONGEST = 160  # characters of an event
 
 
@@ -35,17 +35,18 @@ def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) ->
     events = _events(run.part / "events.jsonl")
     if events:
         parts.append(section("What happened last", events_table(["time / s", "what", "more"], events)))
-    title = what.removeprefix(LAW) if not what.startswith(LAW) else "tracking a wanted resistance"
+    title = what.removeprefix(LAW) if not what.startswith(LAW) else f"tracking a wanted {tracked(run).name}"
     write_page(out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *further(out, inner)])
 
 
 def _errors(run: RunRows, out: Path) -> tuple[list[tuple[str, str]], list[str]]:
     """Numbers and figures of the error, as far as a target was followed."""
-    _, decades = tracking_error(run)
+    _, off = tracking_error(run)
+    unit = tracked(run).unit
     _, kelvins = profile_error(run)
-    if np.any(np.isfinite(decades)):
-        numbers = [(f"{rms(decades):.4f} dec", "RMS error until then"), (f"{largest(decades):.3f} dec", "the largest")]
-        return numbers, [decades_figure(out, {law_of(run): run})]
+    if np.any(np.isfinite(off)):
+        whole, most = shown_error(rms(off), unit, 4), shown_error(largest(off), unit, 3)
+        return [(whole, "RMS error until then"), (most, "the largest")], [tracking_figure(out, {law_of(run): run})]
     if np.any(np.isfinite(kelvins)):
         numbers = [(kelvin(rms(kelvins)), "RMS error until then"), (kelvin(largest(kelvins)), "the largest")]
         return numbers, [kelvin_figure(out, run)]

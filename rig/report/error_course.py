@@ -1,4 +1,4 @@
-"""The error over time, in every report of a run: of a resistance in decades, of a temperature in K."""
+"""The error over time, in every report of a run: of a resistance in decades, of all else in its unit."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from compensator.hysteresis.functions import Array
-from rig.analysis.score import profile_error, tracking_error
+from rig.analysis.score import profile_error, tracked, tracking_error
 from rig.report.figures import COLOURS, new_figure, saved, thinned
 from rig.report.page import figure
 from rig.report.run_rows import RunRows
 
-BAND_DEC = 0.05
+BAND_DEC = 0.05  # 12 % of the resistance: what the eye takes for nothing beside a transition of decades
 
 
-def decades_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
+def tracking_figure(out: Path, runs: Mapping[str, RunRows]) -> str:
     """A panel for each law, by its name."""
+    what = tracked(next(iter(runs.values())))
     fig, axes = new_figure(len(runs), 1.6 + 1.5 * len(runs))
     for axis, (law, run) in zip(axes, runs.items(), strict=True):
-        axis.axhspan(-BAND_DEC, BAND_DEC, color="#eef2f8", zorder=0)
+        if what.in_ohm:
+            axis.axhspan(-BAND_DEC, BAND_DEC, color="#eef2f8", zorder=0)
         time, error = tracking_error(run)
         _course(axis, time, error, COLOURS.get(law, COLOURS["measured"]))
-        axis.set_ylabel(f"{law}\nerror / dec")
+        axis.set_ylabel(f"{law}\nerror / {what.unit}")
     axes[-1].set_xlabel("time of the target / s")
     scales = " Each law has its own scale." if len(runs) > 1 else ""
-    text = f"Error over time: log10 of measured over wanted resistance.{scales} Shaded: +-{BAND_DEC:g} decades."
+    text = f"Error over time: measured less wanted {what.name}.{scales}"
+    if what.in_ohm:
+        text = f"Error over time: log10 of measured over wanted resistance.{scales} Shaded: +-{BAND_DEC:g} decades."
     return figure(saved(fig, out, "errors"), text)
 
 

@@ -27,7 +27,7 @@ COLOURS = {
     "current": "#6a8d3f",
     "model": "#c8553d",
 }
-MOST_POINTS = 2500
+MOST_POINTS = 2500  # twice the pixels of a figure's width
 SETTINGS: dict[str, Any] = {
     "font.size": 10.0,
     "axes.spines.top": False,

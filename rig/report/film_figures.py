@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
 
 from compensator.characterization.forc import Forc
 from compensator.characterization.transition import SENSES, Transition, slope_curve
@@ -36,6 +37,12 @@ def label_of(output: str) -> str:
 
 def loop_figure(folder: Path, degC: Array, measured: Array, model: Array, output: str, suffix: str = "") -> str:
     """Output over temperature, measured and modelled; arrays of shape (rows,)."""
+    fig = drawn_loop(degC, measured, model, output)
+    return figure(saved(fig, folder, f"loop{suffix}"), "The record, and the model over it.")
+
+
+def drawn_loop(degC: Array, measured: Array, model: Array, output: str) -> Figure:
+    """The same, not yet in a file."""
     fig, axes = new_figure(1, 4.6)
     t, one, other = thinned(degC, shown_output(measured, output), shown_output(model, output))
     axes[0].plot(t, one, ".", markersize=3, color=COLOURS["measured"], label="measured")
@@ -45,7 +52,7 @@ def loop_figure(folder: Path, degC: Array, measured: Array, model: Array, output
     if in_decades(output):
         log_scale(axes[0])
     axes[0].legend(loc="best")
-    return figure(saved(fig, folder, f"loop{suffix}"), "The record, and the model over it.")
+    return fig
 
 
 def residual_figure(folder: Path, time_s: Array, degC: Array, error: Array, unit: str, suffix: str = "") -> str:

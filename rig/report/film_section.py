@@ -1,4 +1,4 @@
-"""The part of a report that tells a film's transition: the table, the derivative, the FORC diagram."""
+"""The part of a report on a film's transition: the table, the derivative, the FORC diagram."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import numpy as np
 from rig.report.figures import COLOURS, new_figure, svg_text
 
 ERRORS = (("rms_dec", "RMS error, decades"), ("rms_K", "RMS error, K"), ("film_rmse_dec", "RMSE of the film, decades"))
-MOST_PANELS = 6
+MOST_PANELS = 6  # that a page shows side by side
 Row = dict[str, Any]
 
 

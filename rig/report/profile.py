@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.analysis.score import COUNTED, largest, profile_error, rms
-from rig.control.loop import COLUMNS
+from rig.core.columns import OF_A_RUN
 from rig.report.error_course import kelvin_figure
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, section, tiles, write_page
@@ -39,7 +39,7 @@ def kelvin(error_K: float) -> str:
 def courses(run: RunRows, out: Path) -> str:
     """Temperature, drive and, where it was read, the film over the whole run, wanted beside measured."""
     time, temperature, current = (run.column(n) for n in ("time_s", "temperature_degC", "current_A"))
-    own = [name for name in run.columns if name not in COLUMNS]
+    own = [name for name in run.columns if name not in OF_A_RUN and not name.startswith(("target_", "predicted_"))]
     film = ["resistance_ohm", *own][-1]  # or another quantity that the meter's voltage stands for
     readings, wanted = run.column(film), run.column("setpoint_degC")
     measured = bool(np.any(np.isfinite(readings)))
@@ -56,13 +56,14 @@ def courses(run: RunRows, out: Path) -> str:
     axes[1].step(t, shown, where="post", color=COLOURS["current"], linewidth=0.9)
     axes[1].set_ylabel(f"{drive} / {drive_unit}")
     if measured:
-        t, shown, reference = thinned(time, readings, run.column("target_ohm"))
+        wanted = run.column("target_ohm" if film == "resistance_ohm" else f"target_{film}")
+        t, shown, reference = thinned(time, readings, wanted)
         axes[2].plot(t, shown, color=COLOURS["measured"], label="measured")
         if film == "resistance_ohm":
             log_scale(axes[2])
-            if np.any(np.isfinite(reference)):
-                style = (0, (4, 2))
-                axes[2].plot(t, reference, color=COLOURS["target"], linestyle=style, linewidth=1.0, label="wanted")
+        if np.any(np.isfinite(reference)):
+            style = (0, (4, 2))
+            axes[2].plot(t, reference, color=COLOURS["target"], linestyle=style, linewidth=1.0, label="wanted")
         axes[2].set_ylabel(f"{quantity} / {unit}")
     axes[-1].set_xlabel("time / s")
     caption = f"Temperature, {drive}" + (f" and {quantity}." if measured else ".")

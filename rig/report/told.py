@@ -1,4 +1,4 @@
-"""What is told of a record, as values: computed anywhere, written where it is wanted."""
+"""What is reported of a record, as values: computed anywhere, written where it is wanted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a tracking run: did the resistance follow, how, and how much better than the plain laws."""
+"""The report of a tracking run: did the film's output follow, how, and how much better than the plain laws."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.analysis.score import COUNTED, TRACK, Score, score
-from rig.report.error_course import decades_figure
+from rig.analysis.score import COUNTED, TRACK, Score, Tracked, score, shown_error, tracked
+from rig.report.error_course import tracking_figure
 from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
 from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page
 from rig.report.run_rows import CALIBRATION, LAW, RunRows, drive_label, limit_A
 
-COURSES = ("time_s", "temperature_degC", "resistance_ohm", "target_ohm", "current_A", "reference_degC")
-
 
 def write_tracking_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) -> None:
     """report.html of one law's run in `out`; inner: its calibration and the laws to compare with, by name."""
-    own = law_of(run)
+    own, what = law_of(run), tracked(run)
     runs = {own: run, **{name: other for name, other in inner.items() if name != CALIBRATION}}
     found = {name: score(one, name, limit_A(one)) for name, one in runs.items()}
     scores = {name: one for name, one in found.items() if one is not None}
@@ -30,22 +28,27 @@ def write_tracking_report(run: RunRows, out: Path, inner: Mapping[str, RunRows])
     parts = [
         facts(run),
         tiles(_numbers(run, mine, design, calibration)),
-        section("Wanted and measured resistance", _courses(run, out)),
-        section("The error", decades_figure(out, {name: runs[name] for name in scores})),
-        section("The loop", _loop(run, out, own)),
+        section(f"Wanted and measured {what.name}", _courses(run, what, out)),
+        section("The error", tracking_figure(out, {name: runs[name] for name in scores})),
+        section("The loop", _loop(run, what, out, own)),
     ]
     if len(scores) > 1:
         parts.append(section("The laws on the same target", _laws(runs, scores, own)))
     parts += further(out, inner)
     parts.append(section("What the numbers mean", *_meanings(run, own, design, calibration)))
     lead = (
-        f"The law '{own}' kept the film within {mine.rms_dec:.4f} decades RMS of the wanted resistance {COUNTED} "
-        f"(95 % of it within {mine.p95_dec:.3f}; at worst {mine.max_dec:.3f}, at {mine.max_at_s:.1f} s)."
+        f"The law '{own}' kept the film within {_error(mine.rms, mine, 4)} RMS of the wanted {what.name} {COUNTED} "
+        f"(95 % of it within {_error(mine.p95, mine, 3)}; at worst {_error(mine.max, mine, 3)}, "
+        f"at {mine.max_at_s:.1f} s)."
     )
-    others = {name: one.rms_dec / mine.rms_dec for name, one in scores.items() if name != own}
+    others = {name: one.rms / mine.rms for name, one in scores.items() if name != own}
     if others:
         lead += " " + " and ".join(f"{times:.1f} times better than '{name}'" for name, times in others.items()) + "."
-    write_page(out / "report.html", f"{run.path.name}: tracking a wanted resistance", lead, parts)
+    write_page(out / "report.html", f"{run.path.name}: tracking a wanted {what.name}", lead, parts)
+
+
+def _error(error: float, of: Score, digits: int) -> str:
+    return shown_error(error, of.unit, digits).replace(" dec", " decades")
 
 
 def law_of(run: RunRows) -> str:
@@ -66,14 +69,15 @@ def _numbers(
     run: RunRows, mine: Score, design: Mapping[str, Any], calibration: Mapping[str, Any] | None
 ) -> list[tuple[str, str]]:
     numbers = [
-        (f"{mine.rms_dec:.4f} dec", f"RMS error {COUNTED}"),
-        (f"{mine.max_dec:.3f} dec", f"the largest error of it, at {mine.max_at_s:.1f} s"),
+        (shown_error(mine.rms, mine.unit, 4), f"RMS error {COUNTED}"),
+        (shown_error(mine.max, mine.unit, 3), f"the largest error of it, at {mine.max_at_s:.1f} s"),
     ]
     if math.isfinite(mine.current_at_limit):
         share = 100 * mine.current_at_limit
         numbers.append((f"{share:.0f} %", f"of the time the {drive_label(run)[0]} was at its limit"))
     if mine.law in ("full", "pid"):
-        loop, margins = ("temperature loop" if mine.law == "full" else "log R loop"), design["margins"]
+        output = "log R" if mine.unit == "dec" else "output"
+        loop, margins = ("temperature loop" if mine.law == "full" else f"{output} loop"), design["margins"]
         numbers += [
             (f"{margins['ms']:.2f}", f"maximum sensitivity Ms of the {loop}"),
             (f"{margins['phase_margin_deg']:.0f}\N{DEGREE SIGN}", "phase margin"),
@@ -84,28 +88,34 @@ def _numbers(
     return numbers
 
 
-def _track(run: RunRows) -> dict[str, Any]:
+def _track(run: RunRows, what: Tracked) -> dict[str, Any]:
     inside = run.column("phase") == TRACK
-    columns = {name: run.column(name)[inside] for name in COURSES}
+    names = ("time_s", "temperature_degC", what.measured, what.wanted, "current_A", "reference_degC")
+    columns = {name: run.column(name)[inside] for name in names}
     columns["time_s"] = columns["time_s"] - columns["time_s"][0]
     return columns
 
 
-def _courses(run: RunRows, out: Path) -> str:
-    track = _track(run)
+def _label(what: Tracked) -> str:
+    return f"{what.name} / {'ohm' if what.in_ohm else what.unit}"
+
+
+def _courses(run: RunRows, what: Tracked, out: Path) -> str:
+    track = _track(run, what)
     fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0])
     time, measured, target, temperature, reference, current = thinned(
         track["time_s"],
-        track["resistance_ohm"],
-        track["target_ohm"],
+        track[what.measured],
+        track[what.wanted],
         track["temperature_degC"],
         track["reference_degC"],
         track["current_A"],
     )
     axes[0].plot(time, measured, color=COLOURS["measured"], label="measured", linewidth=1.8)
     axes[0].plot(time, target, color=COLOURS["target"], label="wanted", linestyle=(0, (4, 2)), linewidth=1.1)
-    axes[0].set_ylabel("resistance / ohm")
-    log_scale(axes[0])
+    axes[0].set_ylabel(_label(what))
+    if what.in_ohm:
+        log_scale(axes[0])
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     if np.any(np.isfinite(reference)):
         axes[1].plot(time, reference, color=COLOURS["target"], linestyle=(0, (4, 2)), linewidth=1.0, label="reference")
@@ -119,32 +129,35 @@ def _courses(run: RunRows, out: Path) -> str:
     axes[2].set_xlabel("time of the target / s")
     return figure(
         saved(fig, out, "courses"),
-        f"Wanted and measured resistance, the plate's temperature, and the {name} (positive heats).",
+        f"Wanted and measured {what.name}, the plate's temperature, and the {name} (positive heats).",
     )
 
 
-def _loop(run: RunRows, out: Path, own: str) -> str:
-    track = _track(run)
+def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
+    track = _track(run, what)
     inside = run.column("phase") != TRACK
     fig, axes = new_figure(1, 4.6)
-    before_t, before_r = thinned(run.column("temperature_degC")[inside], run.column("resistance_ohm")[inside])
-    temperature, measured = thinned(track["temperature_degC"], track["resistance_ohm"])
+    before_t, before_r = thinned(run.column("temperature_degC")[inside], run.column(what.measured)[inside])
+    temperature, measured = thinned(track["temperature_degC"], track[what.measured])
     axes[0].plot(before_t, before_r, color="#b9c0cc", linewidth=1.0, label="conditioning and approach")
     axes[0].plot(temperature, measured, color=COLOURS.get(own, "#1f5fbf"), linewidth=1.1, label="tracking")
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
-    axes[0].set_ylabel("resistance / ohm")
-    log_scale(axes[0])
-    axes[0].legend(loc="upper right")
+    axes[0].set_ylabel(_label(what))
+    if what.in_ohm:
+        log_scale(axes[0])
+    axes[0].legend(loc="best")
     return figure(
         saved(fig, out, "loop"),
-        "Resistance over temperature: every turning point of the target is a minor loop that the inverse had to cross.",
+        f"{what.name.capitalize()} over temperature: every turning point of the target is a minor loop that the "
+        "inverse had to cross.",
     )
 
 
 def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) -> str:
+    unit = scores[own].unit
     names = {
         "full": "full: inverse, plate inverse, feedback",
-        "pid": "pid: on log R alone",
+        "pid": "pid: on log R alone" if unit == "dec" else "pid: on the output alone",
         "feedforward": "feedforward: inverses, no feedback",
         "instrument_pid": "instrument_pid: the controller's own",
     }
@@ -152,35 +165,37 @@ def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) ->
     rows = [
         [
             names.get(law, law),
-            f"{one.rms_dec:.4f}",
-            f"{one.p95_dec:.4f}",
-            f"{one.max_dec:.3f}",
+            shown_error(one.rms, unit, 4).split()[0],
+            shown_error(one.p95, unit, 4).split()[0],
+            shown_error(one.max, unit, 3).split()[0],
             f"{margins[law]['ms']:.2f}" if law in margins else "\N{EN DASH}",
-            f"{one.rms_dec / scores[own].rms_dec:.1f} \N{MULTIPLICATION SIGN}",
+            f"{one.rms / scores[own].rms:.1f} \N{MULTIPLICATION SIGN}",
         ]
         for law, one in scores.items()
     ]
-    head = ["law", "RMS / dec", "95 % within / dec", "largest / dec", "Ms", "RMS over that of " + own]
+    head = ["law", f"RMS / {unit}", f"95 % within / {unit}", f"largest / {unit}", "Ms", "RMS over that of " + own]
     return table(head, rows, best=0)
 
 
 def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
+    in_ohm = tracked(run).in_ohm
+    what = "log10 of measured over wanted resistance" if in_ohm else f"measured less wanted {tracked(run).name}"
     texts = [
-        f"Errors are log10 of measured over wanted resistance, counted {COUNTED}; conditioning, the way to the first "
+        f"Errors are {what}, counted {COUNTED}; conditioning, the way to the first "
         "value and the time to settle on it come before. All laws began from the same temperature on the same branch "
         "of the loop.",
     ]
     if own in ("feedforward", "instrument_pid"):
         loops = {"feedforward": "No loop is closed", "instrument_pid": "The loop is closed by the controller's own PID"}
-        texts.append(f"{loops[own]} under this law, so that there are no margins to tell.")
+        texts.append(f"{loops[own]} under this law, so that there are no margins to report.")
         return [paragraph(text, "note") for text in texts]
     ms, unit = f"{design['margins']['ms']:.2f}", drive_label(run)[1].replace("of full", "full")
     texts.append(
         f"The temperature PID was designed for a largest sensitivity of {ms} with a dead time of "
         f"{design['dead_time_s']:g} s at a period of {design['period_s']:g} s."
         if own != "pid"
-        else f"The PID on log R was designed for a largest sensitivity of {ms} at the film's "
-        f"steepest slope, {design['process_gain']:.3g} decades per {unit} and second."
+        else f"The PID on {'log R' if in_ohm else 'the output'} was designed for a largest sensitivity of {ms} at the "
+        f"film's steepest slope" + (f", {design['process_gain']:.3g} decades per {unit} and second." if in_ohm else ".")
     )
     if calibration is not None:
         doubts = "; ".join(calibration.get("identifiability", [])[:2])

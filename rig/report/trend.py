@@ -13,7 +13,7 @@ from rig.analysis.trend import Series
 from rig.report.figures import COLOURS, new_figure, svg_text
 from rig.report.page import figure, paragraph, section, table, write_page
 
-MOST_PANELS = 10
+MOST_PANELS = 10  # one above the other, each still tall enough to be read
 SEEN_OFTEN = 0.2  # of the runs: an effect that was named more seldom gets a line of the table and no panel
 
 

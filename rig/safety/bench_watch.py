@@ -27,7 +27,7 @@ from rig.safety.interlock import Limits, Watch, check_current, check_readings
 from rig.safety.plate_watch import PlateWatch
 from rig.safety.runaway import RunawayWatch
 
-STATUS_EVERY_S = 1.0
+STATUS_EVERY_S = 1.0  # an exchange takes some milliseconds of a tick
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import Final
 from rig.safety.after_off import Courses
 from rig.safety.plate_watch import PlateWatch
 
-EVERY_S: Final = 0.25
+EVERY_S: Final = 0.25  # of a course: within that any plate's is straight
 LOOK_S, LATEST_S = 12.0, 8.0  # 1 A moves a plate of 30 J/K by 3 K in 8 s; LATEST_S: more, where a current may end late
 APART_K, STEPS = 2.5, 3.0  # that the courses have to be, at least, before the reading can choose
 LOSSES_PER_S: Final = (0.003, 0.08)  # 60 J/K with 0.2 W/K, to 10 J/K with 0.8 W/K

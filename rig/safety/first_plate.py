@@ -22,8 +22,9 @@ from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.heat_balance import Kind
 from compensator.thermal.plate import PlateModel
 
+# tried: some 1.4 apart where lags are long, which moves the reckoned course by less than its doubt
 LAGS_S: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0)
-DELAYS_S: Final = (0.0, 0.2, 0.5, 1.0, 2.0, 3.5, 5.0)
+DELAYS_S: Final = (0.0, 0.2, 0.5, 1.0, 2.0, 3.5, 5.0)  # tried: of drivers and lines
 LOSSES_PER_S: Final = (0.003, 0.01, 0.03, 0.08)  # G / C of 60 J/K with 0.2 W/K to 10 J/K with 0.8 W/K
 USUAL_LOSS_W_PER_K, USUAL_SEEBECK_V_PER_K = 0.5, 0.045  # the middle of 0.3 to 0.8 and of 0.03 to 0.06
 JOULE_SHARE = 0.4  # r I_max over s 300 K: a current limit is set to some 40 % of the current of largest cooling
@@ -47,8 +48,10 @@ class Doubt:
     settle_s: tuple[float, float]
 
 
+# measured over simulated runs with each effect of the catalogue (docs/decisions.md, 22)
 OF_A_PULSE: Final = Doubt(0.15, 0.4, 0.5, 0.3, 25.0, (15.0, 40.0))
-OF_PULSES: Final = Doubt(0.08, 0.2, 0.5, 0.3, 30.0, (20.0, 50.0))
+OF_PULSES: Final = Doubt(0.08, 0.2, 0.5, 0.3, 30.0, (20.0, 50.0))  # the same, of a calibration's pulses of both signs
+# the same, of a model that was identified or calibrated
 OF_A_MODEL: Final = Doubt(0.04, 0.07, 0.5, 0.3, 50.0, (35.0, 80.0))
 
 

@@ -15,11 +15,12 @@ import numpy as np
 
 from rig.core.outcome import Tripped
 
-LOOK_EVERY_S = 0.5
+LOOK_EVERY_S = 0.5  # a plate moves by less than its noise in between
 STRONG = 0.5  # of the current that is useful
 WEAK = 0.25
+# beyond any room's temperature; beyond noise and a pulse's overshoot; beyond noise
 HOT_DEGC, COLD_DEGC, AGAINST_K, ANSWER_K = 35.0, 15.0, 1.0, 0.5
-FAR_K, NEARER_K = 5.0, 0.3
+FAR_K, NEARER_K = 5.0, 0.3  # from a setpoint, and the least that it comes nearer by within the window
 ONE_STEP_S = 5.0  # from weak to strong within that: a current that has come on
 
 

@@ -44,7 +44,12 @@ class SignalStop:
         """Signals raise again; one that came meanwhile raises now."""
         self._shielded = False
         if self.received is not None:
-            raise Stopped(self.received)
+            raise self.outcome(self.received)
+
+    @staticmethod
+    def outcome(number: int) -> BaseException:
+        """What a signal becomes."""
+        return Stopped(number)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self.received = number if self.received is None else self.received
@@ -55,8 +60,26 @@ class SignalStop:
             again.daemon = True
             again.start()
             return
+        raise self._ended(self.received)
+
+    def _ended(self, number: int) -> BaseException:
+        """Once: from then on the output is being switched off."""
         self._shielded = True
-        raise Stopped(self.received)
+        return self.outcome(number)
+
+
+class NotebookStop(SignalStop):
+    """The same for a block of the user's own code: what is raised passes every `except Exception`, and is raised each
+    time, because that code may catch it and go on."""
+
+    @staticmethod
+    def outcome(number: int) -> BaseException:
+        """KeyboardInterrupt for INT, else SystemExit with the status 128 + number."""
+        return KeyboardInterrupt() if number == signal.SIGINT else SystemExit(128 + number)
+
+    def _ended(self, number: int) -> BaseException:
+        self.received = None
+        return self.outcome(number)
 
 
 def _compiling(frame: FrameType | None) -> bool:

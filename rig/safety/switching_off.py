@@ -112,4 +112,4 @@ def _look(controller: TemperatureController) -> tuple[bool, str]:
     current = controller.read_current()
     if current.is_number:
         return abs(current.value) <= NO_OUTPUT_A, f"{current.value:.3g} A flow"
-    return not controller.commands_current, "it does not tell its current"
+    return not controller.commands_current, "it does not report its current"

@@ -11,6 +11,7 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
+from rig.core.clock import DAY_S
 from rig.history import reading
 from rig.web.bench_link import BenchGone, BenchLink
 from rig.web.history_desk import Busy, HistoryDesk, TooLong
@@ -20,7 +21,6 @@ from rig.web.protection import Sessions
 from rig.web.replies import Refusal, asked, client, encoded, failed, given, said, stopped
 from rig.web.viewing import session_begun, streamed
 
-DAY_S = 86400.0
 HEALTHY_S = 10.0  # the oldest that a completed control cycle may be, beside five of its periods
 PLANE_S = 45.0  # the first question about a film compiles its model
 OF_A_JOB = ("configuration", "text", "name", "kind", "hold_degC", "hold_s")

@@ -15,11 +15,11 @@ from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 from typing import Any
 
-ANSWER_S = 15.0
+ANSWER_S = 15.0  # a STOP that waits for a dead man's silence is the bench's longest
 WAITING = 60  # events for one viewer
 ROWS_A_SECOND = 10
-STATE_EVERY_S = 5.0
-LONGEST_LINE = 4_000_000
+STATE_EVERY_S = 5.0  # a viewer hears something as often, however quiet the bench
+LONGEST_LINE = 4_000_000  # bytes of an answer: twice the longest question
 MOST_QUESTIONS = 16  # at a time; a STOP does not wait for its turn
 
 

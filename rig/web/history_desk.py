@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-AT_ONCE = 2
+AT_ONCE = 2  # questions: each takes a thread and a read of the disk
 MOST_WAITING = 60  # with pictures of a month some 60 ms each, the last one is answered in time
 DEADLINE_S = 8.0  # in line and in work; the page waits for 30 s
 

@@ -10,12 +10,12 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from rig.control.resistance import ohm
+from rig.files.film_output import ohm
 from rig.history.reading import loop_points, temperatures
 
-HOUR_S = 3600.0
-POINTS = 1500
-CURVE_POINTS = 121
+HOUR_S = 3600.0  # of points shown: some turns of the film
+POINTS = 1500  # more hide each other on a figure of 600 pixels
+CURVE_POINTS = 121  # over the limits' range, some 0.8 K apart, drawn with straight lines
 TURN_K = 0.1  # a move back by less is noise
 MOST_ROWS = 500_000  # that are caught up with in one question
 

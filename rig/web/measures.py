@@ -14,8 +14,8 @@ GAUGES = {
     "temperature_degC": ("peltier_temperature_celsius", "Thermometer's reading."),
     "resistance_ohm": ("peltier_resistance_ohms", "Ohmmeter's reading."),
     "current_A": ("peltier_current_amperes", "Current commanded; positive heats. Of a heater its drive, 0 to 1."),
-    "setpoint_degC": ("peltier_setpoint_celsius", "Temperature asked for."),
-    "target_ohm": ("peltier_target_ohms", "Resistance asked for."),
+    "setpoint_degC": ("peltier_setpoint_celsius", "Wanted temperature."),
+    "target_ohm": ("peltier_target_ohms", "Wanted resistance."),
 }
 
 

@@ -27,8 +27,8 @@ LARGEST_BODY = 1_000_000  # bytes
 METRICS = "/metrics"
 COOKIE = "peltier_session"
 SAFE = {"GET", "HEAD"}
-FORBIDDEN = 403
-MOST_SESSIONS = 1000
+FORBIDDEN = 403  # HTTP's status
+MOST_SESSIONS = 1000  # of browsers; the oldest goes, and its browser asks for the token again
 HEADERS = [
     (b"x-content-type-options", b"nosniff"),
     (b"x-frame-options", b"SAMEORIGIN"),

@@ -12,8 +12,8 @@ from starlette.responses import Response
 from rig.files.json_text import parsed_json
 from rig.web.bench_link import BenchGone, BenchLink
 
-SERVER_FAULT = 500
-LONGEST_NAME = 80
+SERVER_FAULT = 500  # HTTP's status, where the bench process gives none
+LONGEST_NAME = 80  # characters of a press or an address, which go into the log
 
 
 class Refusal(Exception):

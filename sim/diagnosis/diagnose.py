@@ -35,7 +35,6 @@ from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.sparse_loop import sparse_loop
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -222,7 +221,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
     unexplained = _unexplained(chain, judged, unseen, channels)
     film, sparse = None, None
     if chain.facts is not None:
-        sparse = sparse_loop(record, chain.facts.sigma_dec)
+        sparse = chain.facts.sparse
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
@@ -307,13 +306,13 @@ def _unexplained(
             unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
     if all(channel is None or unexplained[name] is not None for name, channel in channels.items()):
         return unexplained
-    everywhere = unseen.rmse_everywhere(names)
+    everywhere, noise = unseen.rmse_everywhere(names), unseen.noise(names, with_path=True)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue
-        times = everywhere[name] / found.noise
+        times = everywhere[name] / noise[name]
         if times > UNSEEN:
-            unexplained[name] = f"rows that no fit has seen are predicted {times:.2g} times worse than the noise"
+            unexplained[name] = f"held-out rows are predicted {times:.2g} times worse than the noise"
     return unexplained
 
 

@@ -32,9 +32,9 @@ FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # s
 NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
 NOT_OF_THE_CLASS = 1.15  # times the diagnosis' own error from which mixed envelopes are tried
 MIXED_WORTH = 0.95
-SEARCH_ROWS, MOST_ROWS = 1500, 6000
-DESCENT = 10
-TURNS = 2
+SEARCH_ROWS, MOST_ROWS = 1500, 6000  # to search with, and to fit with: thinned evenly from longer records
+DESCENT = 10  # evaluations: the search begins at the diagnosis' own film
+TURNS = 2  # of a problem that is linear only about a solution
 
 
 @dataclass(frozen=True, eq=False)

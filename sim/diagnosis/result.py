@@ -20,7 +20,7 @@ from sim.diagnosis.validate.gain import Gain
 
 @dataclass(frozen=True)
 class Finding:
-    """One named effect: parameters by name with their 95 % intervals, evidence, what it cannot be told from, gain by
+    """One named effect: parameters by name with their 95 % intervals, evidence, its confounders, gain by
     channel."""
 
     name: str
@@ -143,9 +143,9 @@ def _values(parameters: Mapping[str, tuple[float, tuple[float, float] | None]]) 
 
 
 def verdict_of(findings: list[Finding], unexplained: dict[str, str | None], sparse: bool = False) -> str:
-    """clean, explained, partly_unexplained or unexplained; too_short where nothing is named and the film's channel
-    alone is left, of a record too sparse to tell a film's flank."""
-    if sparse and not findings and unexplained["temperature_K"] is None and any(unexplained.values()):
+    """clean, explained, partly_unexplained or unexplained; too_short where nothing is named and nothing left but in the
+    film's channel, of a record too sparse to tell a film's flank: nothing was looked for there."""
+    if sparse and not findings and unexplained["temperature_K"] is None:
         return "too_short"
     left = any(text is not None for text in unexplained.values())
     if findings:

@@ -30,7 +30,7 @@ LINKS: tuple[Link, ...] = ("driver", "plate", "thermometer", "film", "ohmmeter")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: its name ends in the unit. smallest, largest: sizes met, > 0 (`signed`: of either sign).
+    """One parameter: its name ends in the unit. smallest, largest: the usual sizes, > 0 (`signed`: of either sign).
 
     choices: the values that it can have, where it is not any number between them.
     """
@@ -94,7 +94,7 @@ class Reading:
     """read(par, values) -> what is shown; degC for a thermometer, ohm for an ohmmeter.
 
     linear: log10 of what is shown is that of the value plus a linear function of the last parameter.
-    rounding: readings lie on a lattice.
+    rounding: readings are quantized.
     """
 
     read: Callable[[Array, Array], Array]
@@ -117,7 +117,7 @@ class Effect:
     """One entry of the catalogue. order: of effects on the same link, the smaller one first along the chain.
 
     inverse: whether a larger first parameter means less of the effect.
-    changes: what is different, in words for a report. remedy: what a bench does about it, or how to tell it apart.
+    changes: what is different, in words for a report. remedy: what a bench does about it, or how to separate it.
     """
 
     name: str

@@ -12,7 +12,7 @@ from __future__ import annotations
 from sim.effects.effect import Effect, HeatFlow, Parameter
 from sim.effects.heat_term import heat_term
 
-KELVIN = 273.15
+KELVIN = 273.15  # 0 degC in K
 
 
 @heat_term

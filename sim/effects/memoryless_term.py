@@ -9,4 +9,4 @@ It belongs to the base model; it is an effect only where the base was restricted
 from __future__ import annotations
 
 NAME = "memoryless_term"
-CENTRE_DEGC, SCALE_K = 60.0, 20.0
+CENTRE_DEGC, SCALE_K = 60.0, 20.0  # of x: -1 to 1 over the transition, so that the coefficients are of one size

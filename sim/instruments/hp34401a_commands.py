@@ -31,7 +31,7 @@ FUNCTIONS = {
     "DIOD": "DIODe",
 }
 INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
-NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)
+NPLCS = (0.02, 0.2, 1.0, 10.0, 100.0)  # those that it has
 FREQUENCIES = ("FREQ", "PER")
 NUMBERS: tuple[tuple[str, str, str, float, float, float], ...] = (
     (":TRIGger:COUNt", "TRIG:COUN", "%+.8E", 1, 1, 50000),

@@ -19,7 +19,7 @@ from sim.instruments.keithley2400_commands import FUNCTIONS, default_settings, d
 from sim.instruments.ohmmeter import Ohmmeter, Range
 from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, ScpiError
 
-RANGES = (
+RANGES = (  # full scale (ohm) and test current (A): manual, table of resistance ranges
     Range(20.0, 100e-3),
     Range(200.0, 10e-3),
     Range(2e3, 1e-3),
@@ -33,7 +33,7 @@ OVERFLOW_TEXT, NAN_TEXT = "+9.900000E+37", "+9.910000E+37"
 ELEMENTS = ("VOLT", "CURR", "RES", "TIME", "STAT")
 OUTPUT_IS_OFF = (803, "Not permitted with OUTPUT off")
 STALE = (-230, "Data corrupt or stale")
-OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096
+OVERFLOWED, IN_COMPLIANCE, OUTPUT_ON = 1, 8, 4096  # bits of a reading's status word
 
 
 class Keithley2400(Ohmmeter):

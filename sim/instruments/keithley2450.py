@@ -21,8 +21,8 @@ from sim.instruments.ohmmeter import Ohmmeter, Range
 from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, ScpiError
 
 OUTPUT_IS_OFF = (-221, "Settings conflict")
-OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37
-AUTOMATIC_DIGITS = 7
+OVERFLOW, NOT_A_NUMBER = 9.9e37, 9.91e37  # SCPI's numbers for both
+AUTOMATIC_DIGITS = 7  # shown with :FORMat:ASCii:PRECision 0
 
 
 class Keithley2450(Ohmmeter):

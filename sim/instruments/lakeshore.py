@@ -15,17 +15,16 @@ from math import inf, isnan, nan
 from typing import ClassVar
 
 from sim.instruments.instrument import Plant
-from sim.instruments.lakeshore_commands import define_commands
+from sim.instruments.lakeshore_commands import KELVIN, define_commands
 from sim.instruments.regulator import Regulator
 from sim.instruments.scpi_instrument import ScpiInstrument
 
-KELVIN = 273.15
-TICK_S = 0.1
-OFF, CLOSED_LOOP, ZONE, OPEN_LOOP = 0, 1, 2, 3
+TICK_S = 0.1  # of its control loop (not verified, see above)
+OFF, CLOSED_LOOP, ZONE, OPEN_LOOP = 0, 1, 2, 3  # of OUTMODE
 POWER = {0: 0.0, 1: 0.01, 2: 0.1, 3: 1.0}  # of full power, by range
 INPUTS = {"335": "AB", "336": "ABCD"}
-KELVIN_UNITS = 1
-COMMAND_ERROR, EXECUTION_ERROR, POWER_ON = 32, 16, 128
+KELVIN_UNITS = 1  # of INTYPE
+COMMAND_ERROR, EXECUTION_ERROR, POWER_ON = 32, 16, 128  # bits of the event status register
 INVALID = 1  # of a reading's status
 
 

@@ -13,7 +13,7 @@ from sim.instruments.scpi import DATA_OUT_OF_RANGE, MISSING_PARAMETER, CommandTr
 if TYPE_CHECKING:
     from sim.instruments.lakeshore import LakeShore, Output
 
-KELVIN = 273.15
+KELVIN = 273.15  # 0 degC in K
 IGNORED = ("EMUL", "MODE", "LOCK", "BRIGT", "LEDS", "DISPLAY", "FILTER", "INCRV", "*CLS", "*SRE", "*OPC")
 Parameters = tuple[str, ...]
 

@@ -9,7 +9,7 @@ time and its own length on the wire. Not specified by the maker, and assumed her
 * the watchdog (2060) sets 2010 and 50000 to 0, so that renewed traffic does not turn the output on again;
   every valid frame for this device feeds it; it raises no device error, unless `watchdog_error` says which;
 * an error (104 = 3) latches until a reset (`RS`); limits and sensor are judged on conversions of the own 10
-  Hz tick, and trip after `TRIP_AFTER` of them in a row, so that one outlier does not;
+  Hz tick, and trip after several of them in a row, so that one outlier does not (`meerstetter_strikes`);
 * while it restarts, the device is silent;
 * without a voltage measurement the load is a constant resistance, which turns voltage limits into current
   limits.
@@ -17,25 +17,24 @@ time and its own length on the wire. Not specified by the maker, and assumed her
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from math import copysign, isfinite, isnan, nan
+from math import copysign, isnan, nan
 
 from sim.instruments import mecom
 from sim.instruments.instrument import Plant
+from sim.instruments.mecom_line import MeComLine
 from sim.instruments.meerstetter_parameters import Parameter, table
+from sim.instruments.meerstetter_strikes import Strikes
 from sim.instruments.regulator import Regulator
-from sim.instruments.serial_line import SerialLine
 
-INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)
-TICK_S = 0.1
-TRIP_AFTER = 3
-EMERGENCY_STOP, SENSOR_OPEN, BELOW_LIMIT, ABOVE_LIMIT, CHANGED_TOO_FAST = 11, 134, 137, 138, 139
+INIT, READY, RUN, ERROR, BOOTLOADER, RESETTING = range(6)  # of parameter 104
+TICK_S = 0.1  # of its control loop (not specified, see above)
+EMERGENCY_STOP = 11  # device error
 MOVES_OUTPUT = frozenset({2000, 2010, 2020, 2021, 2030, 2031, 3034, 50000, 50001, 50002})
 READ, SET = b"?VR", b"VS"
 
 
-class MeerstetterTec(SerialLine):
+class MeerstetterTec(MeComLine):
     """One-channel TEC controller of the 1089 to 1161 family.
 
     address: 1..254. response_s: from the request's last character to the reply's first. baudrate: of the
@@ -62,7 +61,7 @@ class MeerstetterTec(SerialLine):
         watchdog_error: int = 0,
         start_s: float = 0.0,
     ) -> None:
-        super().__init__(plant)
+        super().__init__(plant, baudrate=baudrate, response_s=response_s, start_s=start_s)
         self._parameters = table(device_type)
         self._values: dict[int, float] = {number: p.default for number, p in self._parameters.items()}
         self._values.update({100: device_type, 101: 120, 102: serial_number, 103: 610, 2051: address})
@@ -70,34 +69,15 @@ class MeerstetterTec(SerialLine):
         self._flash = dict(self._values)
         self.flash_writes = 0
         self._firmware = firmware_text.ljust(20)[:20].encode("ascii")
-        self._byte_s = 10.0 / baudrate
-        self._response_s = response_s
         self._heating_sign = heating_sign
         self._load_ohm = load_ohm
         self._stable_within_K, self._stable_for_s = stable_within_K, stable_for_s
         self._watchdog_error = watchdog_error
         self.hardware_enable = False
-        self._measured: dict[int, Callable[[], float]] = {
-            104: lambda: self.status,
-            109: lambda: 2 if self._values[108] else int(self._unsaved),
-            1000: plant.read_temperature_degC,
-            1001: plant.sink_temperature_degC,
-            1010: lambda: self._target_degC,
-            1011: lambda: self._nominal_degC,
-            1020: lambda: self.output_A,
-            1021: lambda: self.output_A * load_ohm,
-            1032: lambda: self._regulator.output_percent,
-            1063: lambda: 35.0,
-            1200: self._stability,
-            52200: lambda: self._values[52200] if self._now_s - self._external_s <= 5.0 else nan,
-        }
+        self._measured = self._measured_parameters(plant)
         self._descriptions = {READ: self._value_text, b"?VM": self._metadata_text, b"?VL": self._limits_text}
         self._reads: dict[bytes, Callable[[], bytes]] = {}
         self._sets: dict[bytes, Parameter] = {}
-        # the line
-        self._requests: deque[tuple[tuple[bytes, bytes, bytes], float]] = deque()
-        self._receiving_until_s = self._sending_until_s = start_s
-        # the device
         self._now_s = start_s
         self.status_until_reset: int | None = None
         self.output_A = 0.0
@@ -106,7 +86,7 @@ class MeerstetterTec(SerialLine):
         self._external_s = start_s - 10.0
         self._last_degC = nan
         self._stable_since_s = start_s
-        self._strikes = {SENSOR_OPEN: 0, BELOW_LIMIT: 0, ABOVE_LIMIT: 0, CHANGED_TOO_FAST: 0}
+        self._strikes = Strikes()
         self._unsaved = False
         self._fed_s = start_s
         self._look_s = nan
@@ -114,40 +94,37 @@ class MeerstetterTec(SerialLine):
         self._ticks, self._start_s = 0, start_s
         plant.schedule(start_s + TICK_S, self._tick)
 
-    # ---- the line -------------------------------------------------------------------------------
-
-    def receive(self, data: bytes, time_s: float) -> None:
-        """See `Instrument.receive`."""
-        lines = (self._partial + data).split(b"\r")
-        self._partial = lines.pop()[-256:]
-        arrival_s = max(time_s, self._receiving_until_s) + len(data) * self._byte_s
-        self._receiving_until_s = arrival_s
-        for line in lines:
-            request = mecom.request(line)
-            if request is None:
-                continue
-            length = 20 if request[1][:1] == b"?" else 12
-            begin_s = max(arrival_s + self._response_s + self._values[2052] * 1e-6, self._sending_until_s)
-            self._sending_until_s = due_s = begin_s + length * self._byte_s
-            self._requests.append((request, due_s))
-            self._plant.schedule(arrival_s, self._act)
-
-    def _next_reply_s(self) -> float | None:
-        return self._requests[0][1] if self._requests else None
+    def _measured_parameters(self, plant: Plant) -> dict[int, Callable[[], float]]:
+        """What a parameter that is measured reads now, by its number."""
+        return {
+            104: lambda: self.status,
+            109: lambda: 2 if self._values[108] else int(self._unsaved),
+            1000: plant.read_temperature_degC,
+            1001: plant.sink_temperature_degC,
+            1010: lambda: self._target_degC,
+            1011: lambda: self._nominal_degC,
+            1020: lambda: self.output_A,
+            1021: lambda: self.output_A * self._load_ohm,
+            1032: lambda: self._regulator.output_percent,
+            1063: lambda: 35.0,
+            1200: self._stability,
+            52200: lambda: self._values[52200] if self._now_s - self._external_s <= 5.0 else nan,
+        }
 
     # ---- commands -------------------------------------------------------------------------------
 
-    def _act(self, time_s: float) -> None:
-        (head, payload, crc), due_s = self._requests.popleft()
+    def _later_s(self) -> float:
+        return self._values[2052] * 1e-6
+
+    def _reply_to(self, head: bytes, payload: bytes, crc: bytes, time_s: float) -> bytes:
         address = head[:2]
         if address not in (b"00", b"FF", self._own_address) or self._restarting:
-            return
+            return b""
         self._now_s = self._fed_s = time_s
         if isnan(self._look_s) and self._values[2060] > 0.0:
             self._watch()
         reply = self._answer(head, payload, crc)
-        if address != b"FF":
-            self._replies.append((due_s, reply))
+        return b"" if address == b"FF" else reply
 
     def _answer(self, head: bytes, payload: bytes, crc: bytes) -> bytes:
         read = self._reads.get(payload)
@@ -279,7 +256,9 @@ class MeerstetterTec(SerialLine):
         self._plant.schedule(self._start_s + (self._ticks + 1) * TICK_S, self._tick)
         temperature_degC = self._plant.read_temperature_degC()
         if self.status_until_reset is None:
-            self._judge(temperature_degC)
+            error = self._strikes.judged(temperature_degC, self._last_degC, self._values, TICK_S)
+            if error is not None:
+                self.trip(error)
         self._last_degC = temperature_degC
         if not self._regulating() or isnan(temperature_degC):
             return
@@ -304,24 +283,6 @@ class MeerstetterTec(SerialLine):
         return 2 if self._now_s - self._stable_since_s >= self._stable_for_s else 1
 
     # ---- protection -----------------------------------------------------------------------------
-
-    def _judge(self, temperature_degC: float) -> None:
-        values, strikes = self._values, self._strikes
-        if values[4010] <= temperature_degC <= values[4011]:
-            strikes[SENSOR_OPEN] = strikes[BELOW_LIMIT] = strikes[ABOVE_LIMIT] = 0
-        else:
-            for number, wrong in (
-                (SENSOR_OPEN, not isfinite(temperature_degC)),
-                (BELOW_LIMIT, temperature_degC < values[4010]),
-                (ABOVE_LIMIT, temperature_degC > values[4011]),
-            ):
-                strikes[number] = strikes[number] + 1 if wrong else 0
-        fast = abs(temperature_degC - self._last_degC) > values[4012] * TICK_S
-        strikes[CHANGED_TOO_FAST] = strikes[CHANGED_TOO_FAST] + 1 if fast else 0
-        for number, count in strikes.items():
-            if count >= TRIP_AFTER:
-                self.trip(number)
-                return
 
     def trip(self, number: int) -> None:
         """Device error `number`: status 3 and output off until a reset."""
@@ -382,7 +343,7 @@ class MeerstetterTec(SerialLine):
             self._values[number] = parameter.default if parameter.volatile else self._flash[number]
         for number in (100, 101, 102, 103):
             self._values[number] = self._flash[number]
-        self._strikes = dict.fromkeys(self._strikes, 0)
+        self._strikes = Strikes()
         self._own_address = b"%02X" % int(self._values[2051])
         self._target_degC = self._values[3000]
         self._move_output()

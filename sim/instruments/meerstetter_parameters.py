@@ -20,8 +20,8 @@ LARGEST_CURRENT_A: Mapping[int, float] = {
     1123: 16.0,
     1161: 16.0,
 }
-LARGEST_VOLTAGE_V: Mapping[int, float] = {1091: 21.0}
-WIDE = 2**31 - 1
+LARGEST_VOLTAGE_V: Mapping[int, float] = {1091: 21.0}  # by device type
+WIDE = 2**31 - 1  # the largest INT32
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from sim.instruments.instrument import Plant
 from sim.instruments.scpi import Call, CommandTree, ScpiError
 from sim.instruments.serial_line import SerialLine
 
-LONGEST_MESSAGE = 2048
+LONGEST_MESSAGE = 2048  # characters that its buffer holds; more are lost
 
 
 class ScpiInstrument(SerialLine):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 # command errors, LCME (p. 4-38)
 ILLEGAL, UNDEFINED, ILLEGAL_QUERY, ILLEGAL_SET, MISSING, EXTRA, NULL, BUFFER_OVERFLOW, BAD_FLOAT = range(1, 10)
-BAD_INTEGER, BAD_TOKEN, BAD_TOKEN_VALUE, BAD_HEXADECIMAL, UNKNOWN_TOKEN = range(10, 15)
+BAD_INTEGER, BAD_TOKEN, BAD_TOKEN_VALUE, BAD_HEXADECIMAL, UNKNOWN_TOKEN = range(10, 15)  # the same
 OUT_OF_RANGE, MODE_IS_LOCKED = 1, 2  # execution errors, LEXE: numbers not verified
 
 SWITCH = ("OFF", "ON")
@@ -45,6 +45,7 @@ NUMBERS: dict[str, tuple[float, float, float]] = {
     "TRMN": (0.1, 0.0, 1000.0),
     "TRMX": (300.0, 0.0, 1000.0),
 }
+# default, least and largest of each
 INTEGERS: dict[str, tuple[int, int, int]] = {"*ESE": (0, 0, 255), "*SRE": (0, 0, 255), "TUNE": (0, 0, 5)}
 UNIT = re.compile(r"(\*[A-Z]{3}|[A-Z]{4})(\?)?(.*)")
 

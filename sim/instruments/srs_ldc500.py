@@ -23,8 +23,8 @@ from sim.instruments.regulator import Regulator
 from sim.instruments.serial_line import SerialLine
 from sim.instruments.srs_commands import BUFFER_OVERFLOW, CommandError, ExecutionError, answers, default_values
 
-TICK_S = 0.1
-LONGEST_INPUT, LONGEST_OUTPUT = 64, 256
+TICK_S = 0.1  # of its control loop (not specified, see above)
+LONGEST_INPUT, LONGEST_OUTPUT = 64, 256  # bytes of its buffers
 TERMINATORS = (b"", b"\r", b"\n", b"\r\n", b"\n\r")
 INPUT_ERROR, QUERY_ERROR, EXECUTION_ERROR, COMMAND_ERROR = 2, 4, 16, 32  # bits of the event status register
 CURRENT_MODE, TEMPERATURE_MODE = 0, 1

@@ -16,6 +16,7 @@ from math import isnan
 from sim.instruments.instrument import Plant
 from sim.instruments.serial_line import SerialLine
 
+# of the board's converter: 3.3 V in 1024 steps, a TMP36 at 10 mV/K with 0.5 V at 0 degC
 DEGC_PER_STEP, LOWEST_DEGC, LARGEST_STEP = 0.3223, -50.0, 1023
 FULL_PWM = 200  # of 255, the firmware's power limit of heater 1: full drive
 LONGEST_LINE = 64

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from sim.instruments.te_frames import TC_36_25, TC_48_20, Framing
 
-WIDE = 2**31 - 1
+WIDE = 2**31 - 1  # the largest that eight hexadecimal digits hold, with a sign
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,12 +24,12 @@ from sim.instruments.regulator import Regulator
 from sim.instruments.serial_line import SerialLine
 from sim.instruments.te_codes import MODELS
 
-TICK_S = 0.1
+TICK_S = 0.1  # of its control loop and its alarms (assumed, see above)
 FULL_POWER = 511  # of the power's scale, 100 %
 DEADBAND, PID, COMPUTER = 0, 1, 2
-HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32
-MODEL_CODE = 9613
-AMPS_PER_COUNT = 2.5
+HIGH, LOW, OPEN_1, OPEN_2 = 1, 2, 16, 32  # bits of the alarms
+MODEL_CODE = 9613  # what a TC-48-20 answers to code 00
+AMPS_PER_COUNT = 2.5  # of the current count, by the manual
 
 
 class TeTechnology(SerialLine):

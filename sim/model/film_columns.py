@@ -17,7 +17,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.operator_outputs import envelope_values, operator_outputs
 from sim.model.film_nodes import FilmNodes
 
-KNOTS = 7
+KNOTS = 7  # of a smooth D over the record's range, which bends less often
 SIMPLE = 3  # degree of what D has of simple form
 GRID = 400
 

@@ -24,8 +24,8 @@ from compensator.hysteresis.functions import Array, memoryless_value
 from sim.effects.effect import Filter, Switched
 from sim.model.links import Links, followed, shown_output, warmed
 
-CLOSE_K = 1e-9
-PASSES = 30
+CLOSE_K = 1e-9  # a thousandth of what the chain is compared to
+PASSES = 30  # secant steps gain a digit or more each; where they do not, a bracket is sure to
 STEEPEST = 100.0  # of g: kelvin of heating lost per kelvin
 BISECTIONS = 60
 

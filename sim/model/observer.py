@@ -140,6 +140,13 @@ class Observer:
         )
         return replace(state, warming_K=self.warming_K(state, own, test_current_A))
 
+    def remembering(self, state: ObserverState, memory: Any) -> ObserverState:
+        """The film has this memory, at its own temperature."""
+        film = state.chain.film
+        if film is None:
+            return state
+        return replace(state, chain=replace(state.chain, film=replace(film, memory=memory)))
+
     def ahead(self, state: ObserverState, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0) -> ObserverState:
         """The state when a command of now acts, nothing else being sent and nothing read."""
         if self.delay_s <= 0.0:

@@ -24,7 +24,7 @@ from compensator.hysteresis.functions import KELVIN, Array
 from sim.effects.effect import HeatFlow, Switched
 from sim.effects.heat_term import ARGUMENTS, SIGNATURE, heat_term
 
-LONGEST_STEP_S = 0.5
+LONGEST_STEP_S = 0.5  # see above: an error below 1e-8 K
 
 
 @intrinsic

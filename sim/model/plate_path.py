@@ -145,7 +145,7 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
     if nodes.time_s.size == nodes.rows.size:
         return np.empty(0)
     step = np.diff(temperature)
-    turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
+    turn = np.flatnonzero(np.sign(step[1:]) * np.sign(step[:-1]) < 0.0) + 1  # steps of a trial may be without an end
     between = np.ones(nodes.time_s.size, dtype=np.bool_)
     between[nodes.rows] = False
     return nodes.time_s[turn[between[turn]]]

@@ -74,7 +74,7 @@ def test_the_model_s_error_is_learned_along_the_course(error_dec: float, least: 
         course += 0.001
         truth = error_dec * math.sin(course / 0.05)
         reading = truth + NOISE_DEC * chance.standard_normal()
-        found, state = corrected_disturbance(state, found, reading, 4.0 + reading, 0.001, PERIOD_S)
+        found, state = corrected_disturbance(state, found, reading, 4.0 + reading, 0.001, PERIOD_S, 1.0)
         off.append(found - truth)
     assert math.sqrt(state.output.variance) == pytest.approx(NOISE_DEC, rel=0.15)
     assert least <= math.sqrt(state.model_error2) <= most
@@ -86,7 +86,7 @@ def test_a_film_that_stands_still_is_known_better_and_better() -> None:
     doubts = []
     for _ in range(600):
         reading = 0.01 + NOISE_DEC * chance.standard_normal()
-        found, state = corrected_disturbance(state, found, reading, reading, 0.0, PERIOD_S)
+        found, state = corrected_disturbance(state, found, reading, reading, 0.0, PERIOD_S, 1.0)
         doubts.append(state.doubt)
     assert doubts[-1] < doubts[100] < doubts[10]
     assert found == pytest.approx(0.01, abs=4.0 * math.sqrt(doubts[-1]))

@@ -7,13 +7,13 @@ import pytest
 import scipy.optimize
 
 from compensator.identification.covariance import block_sandwich
-from compensator.identification.gram import gram, triangle
 from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import dictionary, half_loop_width, solve_mixed
 from compensator.identification.model_selection import make_problem
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import radius_floor
 from compensator.identification.rows import FilmRecord, Start, build_path, prepare
+from compensator.identification.triangle import triangle
 from compensator.identification.variable_projection import denser, equal_structure, merged
 from tests.compensator.identification_films import decaying_profile, film_of_the_class, relay_film
 
@@ -90,7 +90,7 @@ def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
 def test_reduced_nonnegative_least_squares() -> None:
     rng = np.random.default_rng(1)
     m, y = np.cumsum(rng.normal(size=(300, 12)), axis=0), rng.normal(size=300)
-    r = triangle(gram(np.column_stack((m, y))))
+    r = triangle(np.column_stack((m, y)))
     x, square = solve_triangle(r, 2)
     signed = np.column_stack((m, -m[:, :2]))
     reference, norm = scipy.optimize.nnls(signed, y)
@@ -98,7 +98,7 @@ def test_reduced_nonnegative_least_squares() -> None:
     assert np.allclose(x, reference[:12], atol=1e-6)
     assert square == pytest.approx(norm**2, rel=1e-9)
     doubled = np.column_stack((m, m[:, 3], y))
-    assert solve_triangle(triangle(gram(doubled)), 0)[1] <= scipy.optimize.nnls(m, y)[1] ** 2 * (1 + 1e-6)
+    assert solve_triangle(triangle(doubled), 0)[1] <= scipy.optimize.nnls(m, y)[1] ** 2 * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("name", FORMS)

@@ -15,6 +15,7 @@ import pytest
 from rig.core.clock import RealClock
 from rig.daemon import latching
 from rig.daemon.answers import Answers, Refusal
+from rig.daemon.bench_state import no_job_because, warnings
 from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.latch import CLEAR, TRIPPED, Kept, Latch
 from rig.daemon.latch_file import LATCH, read, write
@@ -177,12 +178,12 @@ def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
     found: list[tuple[str, str, str]] = []
 
     def slowly(path: Path, kept: Kept) -> None:
-        found.append((kept.state, word(desk), "held" if desk.no_job_because() else "free"))
+        found.append((kept.state, word(desk), "held" if no_job_because(desk) else "free"))
         write(path, kept)
 
     with life(file) as desk:
         desk.confirmed = True
-        assert not desk.no_job_because()
+        assert not no_job_because(desk)
         monkeypatch.setattr(latching, "write", slowly)
         tell = desk.announcer.tell
         told: list[tuple[str, str]] = []
@@ -196,7 +197,7 @@ def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
         desk.trip("temperature_limit", "too hot")
         desk.reset("looked at it")
         desk.confirmed = True
-        assert not desk.no_job_because()
+        assert not no_job_because(desk)
     assert found == [("tripped", "idle", "held"), ("clear", "tripped", "held")]
     assert told[0] == ("trip", "tripped")
 
@@ -218,7 +219,7 @@ def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
         monkeypatch.setattr(latching, "write", broken)
         desk.trip("temperature_limit", "too hot")
         assert word(desk) == "tripped"
-        assert any("the latch cannot be written" in line and "Input/output" in line for line in desk.warnings())
+        assert any("the latch cannot be written" in line and "Input/output" in line for line in warnings(desk))
         with pytest.raises(Refusal) as refusal:
             Answers(desk).answer({"do": "reset", "reason": "looked at it"})
         assert refusal.value.status == 503
@@ -227,7 +228,7 @@ def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
         monkeypatch.setattr(latching, "write", write)
         until(lambda: desk.latching.on_disk, "the latch on disk")
         assert (read(desk.folder / LATCH) or Kept("", "", "", 0.0)).text == "too hot"
-        assert not any("the latch" in line for line in desk.warnings())
+        assert not any("the latch" in line for line in warnings(desk))
 
 
 def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
@@ -245,7 +246,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_trip(
         monkeypatch.setattr(latching, "write", hanging)
         desk.stop("a test")
         assert word(desk) == "stopped"
-        assert any("has not answered yet" in line for line in desk.no_job_because())
+        assert any("has not answered yet" in line for line in no_job_because(desk))
         with pytest.raises(NotCleared, match="has not answered yet"):
             desk.reset("looked at it")
         goes_on.set()

@@ -38,6 +38,7 @@ KINDS = (
     "smallest",
     "negative",
     "unlike",
+    "real_noise",
 )
 
 

@@ -13,7 +13,7 @@ from transcripts import TE_36_25, TE_48_20, TE_BAD_SUM
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, OutOfStep, TimedOut
 from rig.drivers.te_link import Dialect, TeLink
-from rig.drivers.te_technology import MODELS
+from rig.drivers.te_models import MODELS
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument

@@ -85,7 +85,7 @@ def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
     assert set(best) == {"names", "parameters", "rmse_holdout", "why_not_named"}
     assert "heat_sink_warmup" in best["names"]
     assert best["rmse_holdout"]["temperature_K"] < 0.7 * said["channels"]["temperature_K"]["rmse_extended"]
-    assert "rows that no fit has seen" in best["why_not_named"]
+    assert "held-out rows" in best["why_not_named"]
     assert "not named: " in out
     assert "Found, and not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 

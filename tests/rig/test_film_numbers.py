@@ -102,7 +102,7 @@ def test_reports_of_identify_and_predict(peltier: Peltier, tmp_path: Path) -> No
             assert f'id="{name}-' in page
     page = (tmp_path / "i" / "report.html").read_text()
     assert "transition temperature on heating" in page
-    assert "FORC diagram: not told" in page
+    assert "FORC diagram: not drawn" in page
     assert json.loads((tmp_path / "i" / "identification.json").read_text())["transition"][0]["record"].endswith("r.csv")
     assert json.loads((tmp_path / "p" / "prediction.json").read_text())["rmse_dec"] < 0.006
 

@@ -129,6 +129,8 @@ def test_what_is_no_run_folder_ends_in_a_line(peltier: Peltier, tmp_path: Path, 
 
 def test_a_run_without_a_single_reading_has_no_score() -> None:
     class Blind:
+        columns = ("resistance_ohm", "target_ohm")
+
         def column(self, name: str) -> Any:
             return np.array(["track"] * 3) if name == "phase" else np.full(3, np.nan)
 

@@ -86,7 +86,7 @@ def test_effects_of_configuration_film_and_command_line(tmp_path: Path, peltier:
         ("film_lg", "did you mean 'film_lag'?"),
         ("film_lag:tau=3", "no parameter 'tau'; did you mean 'tau_s'?"),
         ("film_lag:tau_s=x", "expected NAME:param=value,... with numbers"),
-        ("film_lag:tau_s=-1", "film_lag: tau_s: -1.0: expected a finite number > 0; 0.2 to 10 are met"),
+        ("film_lag:tau_s=-1", "film_lag: tau_s: -1.0: expected a finite number > 0; usual: 0.2 to 10"),
         ("memoryless_term:a=1", "belongs to the film"),
     ],
 )

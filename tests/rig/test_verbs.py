@@ -34,7 +34,8 @@ def test_init_writes_configurations_that_load(peltier: Peltier, tmp_path: Path) 
 
 
 def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:
-    status, out, _ = peltier("tune", write_bench(tmp_path), "--json", tmp_path / "t.json")
+    bounded = write_bench(tmp_path, more="\n[control]\nmost_share = 0.35\n")
+    status, out, _ = peltier("tune", bounded, "--json", tmp_path / "t.json")
     assert status == 0
     for word in ("gain margin", "phase margin", "Ms 1."):
         assert word in out
@@ -43,6 +44,61 @@ def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:
     slower = write_bench(tmp_path, more="\n[control]\nms = 1.2\ndead_time_s = 0.5\n")
     peltier("tune", slower, "--json", tmp_path / "s.json")
     assert json.loads((tmp_path / "s.json").read_text())["full"]["gains"]["kp"] < result["full"]["gains"]["kp"] / 2
+
+
+def test_tune_tells_the_margins_of_the_whole_law(peltier: Peltier, tmp_path: Path) -> None:
+    report = tmp_path / "report"
+    bounded = write_bench(tmp_path, more="\n[control]\nmost_share = 0.35\n")
+    status, out, err = peltier("tune", bounded, "--json", tmp_path / "t.json", "--report", report)
+    assert (status, err) == (0, "")
+    result = json.loads((tmp_path / "t.json").read_text())
+    whole = result["full"]["whole_law"]
+    rows = {row["ratio"]: row for row in whole["slope_ratios"]}
+    assert max(rows[ratio]["ms"] for ratio in (0.6, 0.8, 1.0, 1.2, 1.5)) < 1.62
+    assert rows[2.2]["ms"] < 2.02
+    assert rows[2.2]["ms"] > rows[1.2]["ms"] - 0.01
+    assert whole["rings_from_slope_ratio"] > 2.2
+    assert result["refused"] == []
+    assert "a film" in out
+    page = (report / "report.html").read_text()
+    assert "The margins hold." in page
+    assert page.count("<svg") == 1
+    assert (report / "figures" / "margins.svg").is_file()
+    assert json.loads((report / "tuning.json").read_text())["full"]["whole_law"] == whole
+    options = result["instrument_pid_gains"]["options"]
+    assert f"kp_percent_per_K = {options['kp_percent_per_K']:g}" in out
+
+
+def test_tune_refuses_gains_and_says_which_to_lower(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path, more="\n[control]\nmost_share = 0.9\n")
+    status, _, err = peltier("tune", path, "--json", tmp_path / "t.json")
+    assert status == 1
+    assert "slope ratio 2.2" in err
+    assert "lower control.most_share from 0.90 to 0." in err
+    share = float(err.rsplit(" to ", 1)[1])
+    path = write_bench(tmp_path, more=f"\n[control]\nmost_share = {share}\n")
+    assert peltier("tune", path)[0] == 0
+    late = "ms = 2.4\ndead_time_s = 0.25\n"  # a delay that no stamp tells
+    path = write_bench(tmp_path, more=f"\n[control]\nmost_share = {share}\n{late}")
+    status, _, err = peltier("tune", path)
+    assert status == 1
+    less = float(err.rsplit(" to ", 1)[1])
+    assert less < 0.6 * share
+    assert peltier("tune", write_bench(tmp_path, more=f"\n[control]\nmost_share = {less}\n{late}"))[0] == 0
+
+
+def test_tune_for_a_controller_that_takes_setpoints(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(
+        path.read_text().replace('kind = "track_resistance"', 'kind = "track_resistance"\nlaw = "instrument_pid"')
+        + "\n[control]\nmost_share = 0.2\n"
+    )
+    status, out, _ = peltier("tune", path, "--json", tmp_path / "t.json")
+    assert status == 0
+    result = json.loads((tmp_path / "t.json").read_text())
+    assert result["instrument_pid"]["whole_law"]["slope_ratios"][-1]["ms"] < 2.05
+    assert result["instrument_pid_gains"]["margins"]["ms"] < 1.41
+    assert "parameter 3010 = " in out
 
 
 def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from rig.analysis.predicted import predicted
 from rig.files.effect_tables import middle
 from rig.files.model_file import Model
 from rig.files.record import Record as RecordFile
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.fitted_chain import FittedChain
@@ -112,14 +113,14 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     record = _record(time, current)
     every = np.ones(time.size, dtype=np.bool_)
     first = [e for e in effects if e.effect.link in ("driver", "plate", "thermometer")]
-    channel = TemperatureChannel(record, every, 0.01, spacing=spacing)
+    channel = TemperatureChannel(record, every, NoiseModel.white(0.01), spacing=spacing)
     p = channel.start("peltier", np.array([1.6e-3, 0.06, 0.018, 25.0]), first)
     begun = PlateParameters(p.kind, p.effects, p.x, np.array([FIRST_DEGC]))
     path, degC = channel.simulate(begun, begun.x, begun.first_degC)
     a = TemperatureFit(begun, path, degC, 0.0, 0.01, 0.0, np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
     basis, coefficients = the_fits_film()
-    film = ResistanceChannel(record, path, every, 1e-3, basis, relays=False, spacing=spacing)
+    film = ResistanceChannel(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
     x = np.concatenate((SHAPE, values_inside(last), np.zeros(film.filters_behind(last))))
     q = FilmParameters(tuple(last), x, FilmStart("cooled", FIRST_DEGC))
     filters = sum(e.effect.link == "ohmmeter" or e.name == "creep" for e in last)

@@ -26,7 +26,7 @@ def test_the_noise_at_a_threshold_is_no_error_of_a_range(seed: int, share_below:
     search = Chain(record, np.ones(record.rows, dtype=np.bool_), catalogue()).last(frozenset())
     channel, clean = search.channel, search.fit(frozenset())
     for size in (-1.0, 2.0):  # times the noise
-        error = 10.0 ** (size * channel.sigma_dec) - 1.0
+        error = 10.0 ** (size * channel.noise.level) - 1.0
         begin = channel.extended(clean.parameters, [switched(catalogue()["meter_range_error"], [THRESHOLD_OHM, error])])
         found = channel.descend(begin, 15)
         assert found.score - clean.score < 5.0

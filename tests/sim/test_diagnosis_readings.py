@@ -8,7 +8,7 @@ import pytest
 from sim.diagnosis.data.likelihood import expected_reading
 from sim.diagnosis.data.record import held_out_rows, read_columns
 from sim.diagnosis.data.residual_outliers import strays
-from sim.diagnosis.validate.sparse_loop import sparse_loop
+from sim.diagnosis.data.sparse_loop import sparse_loop
 
 
 def test_outliers_stand_out_of_a_residual_that_drifts() -> None:

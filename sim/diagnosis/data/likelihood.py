@@ -17,7 +17,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from compensator.hysteresis.functions import Array
 
-FAR = 8.0
+FAR = 8.0  # standard deviations beyond a step's edge: there the tail's differences have no digits left
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import checked_columns
 from compensator.identification.outliers import lone_outliers
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
@@ -28,7 +29,7 @@ FEWEST_FOR_NOISE = 20  # readings; fewer do not tell an instrument's noise
 FEWEST = 40  # readings of a channel below which nothing can be said about it
 BLOCKS = 60  # contiguous blocks of rows, every fourth of them held out
 HELD_OUT = 4
-FIRST_SHARE = 0.1
+FIRST_SHARE = 0.1  # of the rows, never held out: in them first temperatures and memory show
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
 ALONE, LONE = "apart from its neighbours", "apart from its neighbours beside a fit"
 OUTLYING = (ALONE, LONE)
@@ -222,16 +223,8 @@ def read_columns(
     if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
         current = None
     left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in strays]
-    output, output_used = None, np.zeros(time.size, dtype=np.bool_)
-    readings = quantity.of(data)
-    if readings is not None:
-        good = np.isfinite(readings)
-        if np.sum(good) >= fewest:
-            output = readings
-            out = lone_outliers(output, good)
-            good[out] = False
-            output_used = good
-            left_out += [LeftOut(int(row), quantity.column, ALONE) for row in out]
+    output, output_used, out = _output(quantity.of(data), time.size, fewest)
+    left_out += [LeftOut(int(row), quantity.column, ALONE) for row in out]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
     told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
@@ -262,6 +255,16 @@ def read_columns(
     )
 
 
+def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | None, Mask, Rows]:
+    """The film's output, which of its readings count, and which are lone outliers; none where they are too few."""
+    good = np.zeros(rows, dtype=np.bool_) if readings is None else np.isfinite(readings)
+    if readings is None or np.sum(good) < fewest:
+        return None, np.zeros(rows, dtype=np.bool_), np.empty(0, dtype=np.int64)
+    out = lone_outliers(readings, good)
+    good[out] = False
+    return readings, good, out
+
+
 def _commanded_s(data: Mapping[str, Array], time: Array) -> Array:
     """When each row's current began to act: with the row, or before the next one where the record says so."""
     acts = data.get("current_time_s", np.full(time.size, np.nan))
@@ -275,17 +278,7 @@ def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:
     lines = [f"{name}: missing; expected a column" for name in ("time_s", "temperature_degC") if name not in columns]
     if lines:
         raise ValueError("\n".join(lines))
-    data = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items() if _numeric(values)}
-    time = data["time_s"]
-    if not np.all(np.isfinite(time)):
-        raise ValueError("time_s: not finite in some rows; expected seconds in each")
-    if time.size >= 2 and np.any(np.diff(time) <= 0.0):
-        k = int(np.flatnonzero(np.diff(time) <= 0.0)[0]) + 1
-        raise ValueError(f"time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}; expected increasing seconds")
-    for name, values in data.items():
-        if values.shape != time.shape:
-            raise ValueError(f"{name}: {values.size} values for {time.size} rows")
-    return data
+    return checked_columns({name: values for name, values in columns.items() if _numeric(values)})
 
 
 def told_of(record: Record) -> Told:

@@ -20,9 +20,9 @@ FAR = 8.0  # robust standard deviations, besides twice what the medians around d
 FEWEST = 30
 
 
-def strays(readings: Array, shown: Array, used: Mask, least: float) -> Rows:
+def strays(readings: Array, shown: Array, used: Mask, least: Array | float) -> Rows:
     """Rows of lone readings among the used ones. readings, shown: as they are and as a fit has them, (rows,); least:
-    the noise at least, in their unit."""
+    the noise at least, in their unit, or that of each row, (rows,)."""
     residual = readings - shown
     rows = np.flatnonzero(used & np.isfinite(residual))
     if rows.size < FEWEST:
@@ -32,7 +32,7 @@ def strays(readings: Array, shown: Array, used: Mask, least: float) -> Rows:
     reach = maximum_filter1d(middle, AROUND, mode="nearest") - minimum_filter1d(middle, AROUND, mode="nearest")
     away = np.abs(r - middle)
     around = median_filter(away, NEARBY, mode="nearest")  # an instrument's noise is not the same everywhere
-    noise = np.maximum(1.4826 * np.maximum(around, np.median(away)), least)
+    noise = np.maximum(1.4826 * np.maximum(around, np.median(away)), np.broadcast_to(least, readings.shape)[rows])
     chord = median_filter(np.abs(y - 0.5 * (np.roll(y, 1) + np.roll(y, -1))), BESIDE, mode="nearest")
     apart = maximum_filter1d(chord, BESIDE, mode="nearest")  # how far neighbours are off one another about here
     return np.asarray(rows[away > FAR * noise + 2.0 * (reach + apart)], dtype=np.int64)

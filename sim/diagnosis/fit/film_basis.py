@@ -12,7 +12,7 @@ from sim.diagnosis.fit.preisach_density import RelayPlane
 from sim.model.film_columns import SmoothCurve
 from sim.model.plate_path import PlatePath
 
-OPERATORS = 96
+OPERATORS = 96  # radii a hundredth of the loop apart: any weights are smooth on that scale
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
 MARGIN_K = 0.5  # beyond the plate's temperatures
 REACH = 2.2  # of the relays' centres to either side, times half the transition's width

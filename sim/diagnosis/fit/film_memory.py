@@ -80,14 +80,14 @@ class Seen:
         self._channel, self._p = channel, p
         self.point = channel.point(p, p.x)
         self._shown = channel.predict(p, p.x, self.point)[channel.rows]
-        self._residual = (channel.output[channel.rows] - self.point.shown[channel.rows]) / channel.sigma_dec
+        self._residual = channel.over(channel.output[channel.rows] - self.point.shown[channel.rows])
 
     def cost(self, start: FilmStart) -> float:
         """Half the sum of squares of what another memory leaves."""
         if self.point.cost > FAR * self._residual.size:
             return _cost(self._channel, self._p, start)
         channel, p = self._channel, replace(self._p, start=start)
-        changed = (channel.predict(p, p.x, self.point)[channel.rows] - self._shown) / channel.sigma_dec
+        changed = channel.over(channel.predict(p, p.x, self.point)[channel.rows] - self._shown)
         left = self._residual - self.point.off(changed[:, None])[:, 0]
         return 0.5 * float(left @ left)
 

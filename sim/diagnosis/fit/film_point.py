@@ -9,17 +9,19 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.noise_model import Whitening
 from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.preisach_density import Relays
 
 
 @dataclass(frozen=True, eq=False)
 class LinearProblem:
-    """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:], over the noise.
+    """What is shown in the rows is offset + at_rows @ c[:own] + relays @ c[own:].
 
-    at_rows: columns of film and filters in every row; own: the same in the fitted rows; film: the columns of the film's
-    own output, in every row; relays: as they are shown; gram, right: products of all columns in the fitted rows, over
-    the noise's square; range_of: the outputs by which the ohmmeter chose its range in every row, None where it has one.
+    at_rows: columns of film and filters in every row; own: the same in the fitted rows, over the noise; film: the
+    columns of the film's own output, in every row; relays: as they are shown; gram, right: products of all columns in
+    the fitted rows, over the noise; wanted: what they are to add up to there, not over the noise; range_of: the outputs
+    by which the ohmmeter chose its range in every row, None where it has one.
     """
 
     at_rows: Array
@@ -31,7 +33,7 @@ class LinearProblem:
     right: Array
     wanted: Array
     fitted: Rows
-    sigma_dec: float
+    noise: Whitening
     range_of: Array | None
 
     @classmethod
@@ -43,20 +45,21 @@ class LinearProblem:
         relays: Relays,
         output: Array,
         fitted: Rows,
-        sigma_dec: float,
+        noise: Whitening,
         range_of: Array | None,
     ) -> LinearProblem:
         """With its products."""
-        own, wanted = at_rows[fitted], output[fitted] - offset[fitted]
-        across = own.T @ relays.fitted
-        gram = np.block([[own.T @ own, across], [across.T, relays.gram]]) / sigma_dec**2
-        right = np.concatenate((own.T @ wanted, relays.fitted.T @ wanted)) / sigma_dec**2
-        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, sigma_dec, range_of)
+        own, wanted = noise.over(at_rows[fitted]), output[fitted] - offset[fitted]
+        across, asked = own.T @ relays.fitted, noise.over(wanted)
+        gram = np.block([[own.T @ own, across], [across.T, relays.gram]])
+        right = np.concatenate((own.T @ asked, relays.fitted.T @ asked))
+        return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, noise, range_of)
 
     def shifted(self, offset: Array, output: Array, range_of: Array | None) -> LinearProblem:
         """The same columns beside another offset."""
         wanted = output[self.fitted] - offset[self.fitted]
-        right = np.concatenate((self.own.T @ wanted, self.relays.fitted.T @ wanted)) / self.sigma_dec**2
+        asked = self.noise.over(wanted)
+        right = np.concatenate((self.own.T @ asked, self.relays.fitted.T @ asked))
         return replace(self, offset=offset, right=right, wanted=wanted, range_of=range_of)
 
     def solved(self, x: Array, prior: Array) -> Point:
@@ -68,7 +71,7 @@ class LinearProblem:
         linear = self.at_rows @ c[: self.own.shape[1]]
         if self.relays.count:
             linear += self.relays.every @ c[self.own.shape[1] :]
-        residual = (self.wanted - linear[self.fitted]) / self.sigma_dec
+        residual = self.noise.over(self.wanted - linear[self.fitted])
         cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
         return Point(x, self, prior, c, linear + self.offset, cost if math.isfinite(cost) else math.inf, factor)
 
@@ -93,7 +96,7 @@ class Point:
 
     @property
     def columns(self) -> Array:
-        """All columns in the fitted rows."""
+        """All columns in the fitted rows, over the noise."""
         return np.concatenate((self.problem.own, self.problem.relays.fitted), axis=1)
 
     @property
@@ -107,15 +110,15 @@ class Point:
         return -self.cost - self.room
 
     def along(self, columns: Array) -> Array:
-        """The columns' products with others."""
+        """The columns' products with others that are over the noise, too."""
         problem = self.problem
         return np.concatenate((problem.own.T @ columns, problem.relays.fitted.T @ columns))
 
     def off(self, columns: Array) -> Array:
         """What is left of others, in units of the noise, once the coefficients may follow."""
-        c = cho_solve(self.factor, self.along(columns) / self.problem.sigma_dec, check_finite=False)
+        c = cho_solve(self.factor, self.along(columns), check_finite=False)
         own, relays = self.problem.own, self.problem.relays
         reach = own @ c[: own.shape[1]]
         if relays.count:
             reach += relays.fitted @ c[own.shape[1] :]
-        return np.asarray(columns - reach / self.problem.sigma_dec, dtype=np.float64)
+        return np.asarray(columns - reach, dtype=np.float64)

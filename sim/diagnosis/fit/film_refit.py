@@ -16,11 +16,11 @@ import numpy as np
 
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.identification.gram import gram, triangle
 from compensator.identification.memoryless_forms import Form
 from compensator.identification.mixed_envelopes import Dictionary
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, radius_floor
+from compensator.identification.triangle import triangle
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.model.film_columns import classical_columns, operator_columns
@@ -138,7 +138,7 @@ class FilmRefit:
         one = self.free[rows, 0]
         share = one @ columns / float(one @ one)
         columns = columns - one[:, None] * share
-        x, _ = solve_triangle(triangle(gram(columns)), free.shape[1])
+        x, _ = solve_triangle(triangle(columns), free.shape[1])
         residual = columns[:, -1] - columns[:, :-1] @ x
         offset = float(share[-1] - share[:-1] @ x)
         behind = self.free.shape[1] - 1

@@ -13,9 +13,9 @@ from sim.diagnosis.data.record import Mask
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 
-ROWS = 700
-OPERATORS = 20
-STARTS = 96
+ROWS = 700  # enough for envelopes to begin with
+OPERATORS = 20  # the same of weights
+STARTS = 96  # over four parameters: about three values of each
 
 
 def thinned_path(nodes: FilmNodes, output: Array, used: Mask, start: FilmStart) -> Path:

@@ -76,6 +76,6 @@ class FittedChain:
             every = np.ones(record.rows, dtype=np.bool_)
             own = self._last
             self._channel = ResistanceChannel(
-                record, path, every, own.sigma_dec, own.basis, own.relays, spacing=self._spacing
+                record, path, every, own.noise.elsewhere(), own.basis, own.relays, spacing=self._spacing
             )
         return self._channel if self._channel.path is path else self._channel.on(path)

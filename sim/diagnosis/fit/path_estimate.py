@@ -19,21 +19,25 @@ from sim.diagnosis.fit.temperature_channel import TemperatureFit
 from sim.model.plate_path import PlatePath
 
 WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel
+MOST_KEPT = 0.9  # of the value itself: a kernel as short as the noise hangs together tells nothing
 WORTH = 12.0  # log-likelihood that a correction has to bring
 
 
-def corrected_path(record: Record, fit: TemperatureFit, residual_K: Array, rows: NDArray[np.int64]) -> PlatePath:
-    """The fit's path with the slow part of the residual added. residual_K: in the rows, (rows,)."""
+def corrected_path(
+    record: Record, fit: TemperatureFit, residual_K: Array, rows: NDArray[np.int64], correlation: float = 0.0
+) -> PlatePath:
+    """The fit's path with the slow part of the residual added. residual_K: in the rows, (rows,); correlation: of the
+    thermometer's noise from row to row, of which the neighbours' readings tell as they tell of the path."""
     path = fit.path
     if rows.size < 50:
         return path
     residual = np.interp(np.arange(record.rows), rows, residual_K)
     residual = np.clip(residual, *np.percentile(residual, [0.2, 99.8]))
-    n = residual.size
+    n = residual.size * (1.0 - correlation) / (1.0 + correlation)  # as many independent readings tell as much
     none = n * math.log(float(np.mean(residual**2)) + 1e-30)
     best, correction = none - 2.0 * WORTH, None
     for width in WIDTHS_ROWS:
-        smooth, keep = _smooth(residual, width)
+        smooth, keep = _smooth(residual, width, correlation)
         left = float(np.mean(((residual - smooth) / (1.0 - keep)) ** 2))
         value = n * math.log(left + 1e-30)
         if value < best:
@@ -46,8 +50,9 @@ def corrected_path(record: Record, fit: TemperatureFit, residual_K: Array, rows:
     return PlatePath(path.time_s, path.plate_degC + added, slopes, path.turning_s)
 
 
-def _smooth(values: Array, width: float) -> tuple[Array, float]:
-    """A local line under a Gaussian kernel of this width (rows), and the weight of the value itself."""
+def _smooth(values: Array, width: float, correlation: float) -> tuple[Array, float]:
+    """A local line under a Gaussian kernel of this width (rows), and the weight of the value itself, with what its
+    noise has in common with its neighbours'."""
     reach = int(4 * width) + 1
     offset = np.arange(-reach, reach + 1, dtype=np.float64)
     kernel = np.exp(-0.5 * (offset / width) ** 2)
@@ -60,7 +65,8 @@ def _smooth(values: Array, width: float) -> tuple[Array, float]:
     t0 = np.convolve(values, kernel, "same")
     t1 = np.convolve(values, -offset * kernel, "same")
     smooth = (s2 * t0 - s1 * t1) / (s0 * s2 - s1 * s1)
-    return np.asarray(smooth, dtype=np.float64), float(1.0 / kernel.sum())
+    kept = float(np.sum(kernel * np.where(offset == 0.0, 1.0, correlation ** np.abs(offset))))
+    return np.asarray(smooth, dtype=np.float64), min(kept / float(kernel.sum()), MOST_KEPT)
 
 
 def measured_path(record: Record) -> PlatePath:

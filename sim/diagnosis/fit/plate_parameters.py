@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of
-from sim.effects.effect import HeatFlow, Switched
-from sim.model.links import links_of
+from sim.effects.effect import Switched
 
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
@@ -49,14 +47,3 @@ class PlateParameters:
         if self.kind == "peltier":
             return np.array([v[0], v[1], v[2], 0.0, v[3]])
         return np.array([0.0, 0.0, v[1], v[0], v[2]])
-
-
-def has_own(effect: Switched) -> bool:
-    """Whether it is a body on the plate's balance with a temperature of its own."""
-    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
-
-
-def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
-    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
-    links = links_of(effects)
-    return [*(e for e in links.plate if has_own(e)), *links.thermometer]

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.noise_model import Whitening
 from sim.diagnosis.data.record import Rows
 from sim.effects.effect import Switched
 from sim.model.film_columns import play_outputs
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Effects, Links, columns_followed
 
-CENTRES = WIDTHS = 24
+CENTRES = WIDTHS = 24  # of the Preisach plane's grid: a fit costs the square of its 576 columns
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
 MOST_COLUMNS = 200
 CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh
@@ -92,8 +93,8 @@ class RelayPlane:
 
 @dataclass(frozen=True, eq=False)
 class Relays:
-    """The relays' columns: of the film itself, in every row; as they are shown in every row and in the fitted ones,
-    (rows, columns), and the products of the latter."""
+    """The relays' columns: of the film itself, in every row; as they are shown in every row and, over the noise, in the
+    fitted ones, (rows, columns), and the products of the latter."""
 
     film: Array
     every: Array
@@ -101,20 +102,20 @@ class Relays:
     gram: Array
 
     @classmethod
-    def of(cls, film: Array, every: Array, fitted: Rows) -> Relays:
+    def of(cls, film: Array, every: Array, fitted: Rows, noise: Whitening) -> Relays:
         """With the products."""
-        chosen = every[fitted]
+        chosen = noise.over(every[fitted])
         return cls(film, every, chosen, chosen.T @ chosen)
 
     @classmethod
     def none(cls, rows: int, fitted: Rows) -> Relays:
         """A film of the class has none."""
-        empty = np.empty((rows, 0))
-        return cls.of(empty, empty, fitted)
+        empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
+        return cls(empty, empty, nothing, nothing.T @ nothing)
 
-    def bent(self, slope: Array, fitted: Rows) -> Relays:
+    def bent(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
         """As they show where the reading changes by `slope` with the film's output, (rows,)."""
-        return Relays.of(self.film, self.every * slope[:, None], fitted)
+        return Relays.of(self.film, self.every * slope[:, None], fitted, noise)
 
     @property
     def count(self) -> int:
@@ -126,8 +127,8 @@ class RelaysOfRecord:
     """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter; the last ones that
     were computed are kept, since the film's temperature moves with few of a fit's unknowns."""
 
-    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows) -> None:
-        self.plane, self.taken_s, self.fitted = plane, taken_s, fitted
+    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitening) -> None:
+        self.plane, self.taken_s, self.fitted, self.noise = plane, taken_s, fitted, noise
         self.none = Relays.none(taken_s.size, fitted)
         self._columns: tuple[FilmNodes, Array] | None = None
         self._relays: tuple[Array, list[Switched], Relays] | None = None
@@ -140,7 +141,7 @@ class RelaysOfRecord:
         if known is None or known[0] is not columns or not _same(known[1], passed):
             film = self._through(columns, links.hysteretic_part)
             shown = self._through(film, links.meter_lags)
-            self._relays = known = (columns, passed, Relays.of(film, shown, self.fitted))
+            self._relays = known = (columns, passed, Relays.of(film, shown, self.fitted, self.noise))
         return known[2]
 
     def signal(self, links: Links, nodes: FilmNodes, coefficients: Array) -> Array:

@@ -6,7 +6,7 @@ F_j are play operators with one pair of envelopes (the model's class), N_k relay
 stand for whatever a film of another kind does besides, with a normal prior whose width the record itself decides. A
 film of the class needs none, and so the prior's width goes to nothing; a film of any other kind uses them, and no
 effect has to stand in for it. All coefficients are linear and are eliminated (variable projection); envelopes and
-effects' parameters are searched for by Gauss-Newton with Marquardt's damping.
+effects' parameters are searched for by a damped Gauss-Newton descent.
 """
 
 from __future__ import annotations
@@ -15,20 +15,22 @@ import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
 from compensator.identification.operator_outputs import radius_floor
-from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.diagnosis.fit.preisach_density import RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
-from sim.effects.effect import Reading, Switched, at_the_terminals
+from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of, shown_output
@@ -41,6 +43,7 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
+DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
 
@@ -52,20 +55,21 @@ class ResistanceChannel:
         record: Record,
         path: PlatePath,
         fitted: Mask,
-        sigma_dec: float,
+        noise: NoiseModel,
         basis: FilmBasis,
         relays: bool = True,
         spacing: Spacing = COARSE,
     ) -> None:
         assert record.output is not None
-        self.record, self.path, self.sigma_dec, self.basis = record, path, sigma_dec, basis
+        self.record, self.path, self.noise, self.basis = record, path, noise, basis
         self.fitted = fitted & record.output_used
         self.rows = np.flatnonzero(self.fitted)
         self.output = np.nan_to_num(record.output)
         self.relays, self.spacing = relays, spacing
         used = np.flatnonzero(record.output_used)
         self.readings = np.interp(np.arange(record.rows), used, self.output[used])  # straight where there is none
-        self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows)
+        self.whitening = noise.on(self.rows, self.output[self.rows])
+        self._plane = RelaysOfRecord(basis.plane, record.taken_s, self.rows, self.whitening)
 
     def on(self, path: PlatePath) -> ResistanceChannel:
         """The same rows on another path."""
@@ -157,7 +161,7 @@ class ResistanceChannel:
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
             ohmmeter = Ohmmeter(links, nodes, signal)
             bent = ohmmeter.slope is not None and relays.count
-            shown = relays.bent(ohmmeter.slope[nodes.rows], rows) if bent else relays  # type: ignore[index]
+            shown = relays.bent(ohmmeter.slope[nodes.rows], rows, self.whitening) if bent else relays  # type: ignore[index]
             at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
@@ -165,7 +169,7 @@ class ResistanceChannel:
                 linear = ohmmeter.plain(signal[:, None])[:, 0]
             first, *other_ranges = self._ranges(links, nodes, signal)
             offset = shown_in_rows(links, nodes, signal, first) - linear
-            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.sigma_dec, first)
+            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.whitening, first)
             found = problem.solved(x, p.prior.precision(self.basis, problem))
             for range_of in other_ranges:
                 offset = shown_in_rows(links, nodes, signal, range_of) - linear
@@ -186,13 +190,8 @@ class ResistanceChannel:
         if not ranged:
             return [None]
         by_model = before_ranges(links, nodes, signal)
-        apart = sum(self._largest_step_dec(e) for e in ranged)
-        return [by_model, self.readings] if apart > GAP * self.sigma_dec else [by_model]
-
-    def _largest_step_dec(self, effect: Switched) -> float:
-        """Between the errors of two ranges, among the readings."""
-        assert isinstance(effect.effect.form, Reading)
-        return float(np.ptp(shown_output(effect, self.readings) - self.readings))
+        apart = sum(float(np.ptp(shown_output(e, self.readings) - self.readings)) for e in ranged)  # largest steps
+        return [by_model, self.readings] if apart > GAP * self.noise.level else [by_model]
 
     def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
         """What is shown at another x with the point's coefficients."""
@@ -251,7 +250,7 @@ class ResistanceChannel:
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
     ) -> ResistanceFit:
-        """Gauss-Newton with Marquardt's damping, and the priors' widths on the way.
+        """The local minimum reached from p, with the priors' widths settled on the way.
 
         Of the penalized cost, except where an effect bends what relays show: a larger one leaves their coefficients
         less room, and the cost alone would end at a fraction of its size (0.3 of a series resistance beside a Preisach
@@ -261,36 +260,25 @@ class ResistanceChannel:
         x = np.clip(p.x, low, high)
         point = self.point(p, x)
         p, point = self._settled(p, point, 3 if settle else 0)
-        damping = 1e-3
+        damping = DAMPING.first
         jacobian = np.zeros((self.record.rows, x.size))
-        bending = self._bending(p) if p.has_relays else []
+        bending = p.bending if p.has_relays else []
 
         def loss(at: Point) -> float:
             return -at.evidence if bending else at.cost
 
         for iteration in range(steps):
             room = self._slopes(p, point, high, h, bending, jacobian)
-            j = jacobian[self.rows] / self.sigma_dec
+            j = self.over(jacobian[self.rows])
             residual = self._over_noise(point.shown)
-            cross = point.along(j) / self.sigma_dec
+            cross = point.along(j)
             normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
             gradient = j.T @ residual - room
-            held = ((point.x <= low) & (gradient < 0.0)) | ((point.x >= high) & (gradient > 0.0))
-            normal[held, :] = 0.0
-            normal[:, held] = 0.0
-            gradient[held] = 0.0
-            norm = np.sqrt(np.maximum(np.diag(normal), 1e-9 * float(np.max(np.diag(normal))) + 1e-30))
+            held_at_bounds(normal, gradient, point.x, low, high)
+            scale = np.maximum(np.diag(normal), FLAT * float(np.max(np.diag(normal))) + 1e-30)
             before = loss(point)
-            for _ in range(6):
-                damped = normal / np.outer(norm, norm) + damping * np.eye(norm.size)
-                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
-                move = np.linalg.solve(damped, gradient / norm) / norm
-                move = np.clip(move, -1.0, 1.0)
-                trial = self.point(p, np.clip(point.x + move, low, high), point.coefficients)
-                if loss(trial) < loss(point):
-                    point, damping = trial, max(0.1 * damping, 1e-9)
-                    break
-                damping = max(10.0 * damping, 1e-6)
+            about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
+            point, damping = damped_step(point, loss, about, damping, DAMPING)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=point.film_output)
             if settle and iteration % 3 == 2:
@@ -307,11 +295,15 @@ class ResistanceChannel:
             point.shown,
             point.film_output,
             point.evidence,
-            self.sigma_dec,
+            self.noise.level,
             point.coefficients,
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
+
+    def _moved(self, p: FilmParameters, point: Point, low: Array, high: Array, move: Array) -> Point:
+        """The point after a step, within the bounds and no longer than 1 in any unknown."""
+        return self.point(p, np.clip(point.x + np.clip(move, -1.0, 1.0), low, high), point.coefficients)
 
     def _slopes(
         self, p: FilmParameters, point: Point, high: Array, h: Array, bending: list[int], jacobian: Array
@@ -328,9 +320,13 @@ class ResistanceChannel:
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])
         return room
 
+    def over(self, values: Array) -> Array:
+        """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
+        return self.whitening.over(values)
+
     def _over_noise(self, shown: Array) -> Array:
-        """What is left in the fitted rows, in units of the noise."""
-        return (self.output[self.rows] - shown[self.rows]) / self.sigma_dec
+        """What is left in the fitted rows, over the noise."""
+        return self.over(self.output[self.rows] - shown[self.rows])
 
     def _settled(self, p: FilmParameters, point: Point, turns: int) -> tuple[FilmParameters, Point]:
         """The priors' widths at a fixed x, and the point with them."""
@@ -341,16 +337,6 @@ class ResistanceChannel:
                 break
             p, point = replace(p, prior=wider), other
         return p, point
-
-    @staticmethod
-    def _bending(p: FilmParameters) -> list[int]:
-        """Which of x bend the reading as a function of the resistance."""
-        bends = [at_the_terminals(e.effect) for e in p.effects for q in e.effect.parameters if not q.choices]
-        return [4 + k for k, bent in enumerate(bends) if bent]
-
-    def noise(self, fit: ResistanceFit) -> float:
-        """The ohmmeter's noise, from what a fit leaves from row to row."""
-        return quick_noise(self.output[self.rows] - fit.shown[self.rows])
 
     def mean_square(self, fit: ResistanceFit) -> float:
         """Of the residual over the noise, in the fitted rows."""

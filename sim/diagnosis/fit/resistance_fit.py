@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.film_prior import PriorWidths
-from sim.effects.effect import Switched
+from sim.effects.effect import Switched, at_the_terminals
 from sim.model.record_own import FilmStart
 
 
@@ -25,6 +25,12 @@ class FilmParameters:
     def has_relays(self) -> bool:
         """Whether the film is of another kind."""
         return self.prior.relay_dec > 0.0
+
+    @property
+    def bending(self) -> list[int]:
+        """Which of x bend the reading as a function of the resistance."""
+        bends = [at_the_terminals(e.effect) for e in self.effects for q in e.effect.parameters if not q.choices]
+        return [4 + k for k, bent in enumerate(bends) if bent]
 
     def with_relays(self, relay_dec: float) -> FilmParameters:
         """The same with relays of this prior's width, or none at 0."""

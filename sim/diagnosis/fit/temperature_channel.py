@@ -14,17 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
-from sim.diagnosis.data.likelihood import lattice_noise, likelihood, normal_residual, quick_noise
+from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
+from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows, driven_rows
 from sim.diagnosis.fit.known_beforehand import known_beforehand
-from sim.diagnosis.fit.plate_parameters import (
-    HEATER,
-    PELTIER,
-    ROOM_K,
-    PlateParameters,
-    has_own,
-    with_own_temperature,
-)
+from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
+from sim.diagnosis.fit.plate_parameters import HEATER, PELTIER, ROOM_K, PlateParameters
 from sim.diagnosis.fit.unknowns import (
     along_values,
     fitted_sizes,
@@ -40,6 +36,8 @@ from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
 from sim.model.recorded import COARSE, Spacing
 
+DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
+LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
@@ -62,8 +60,20 @@ class TemperatureFit:
         return self.parameters.effects
 
 
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A point of the descent: the fit's vector, the stretches' first temperatures, and what they give."""
+
+    x: Array
+    first_degC: Array
+    path: PlatePath
+    shown_degC: Array
+    cost: float
+
+
 class TemperatureChannel:
-    """Fits on one record. fitted: the rows that count; sigma_K: the noise that weighs them.
+    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
+    readings of white noise lie on.
 
     misfit: how many rows say as much as one of independent noise would: what no model explains goes on from row to row
     (`sim.diagnosis.data.misfit`). Above 1 the likelihood of the rows since a current first drove the plate is taken
@@ -74,37 +84,31 @@ class TemperatureChannel:
         self,
         record: Record,
         fitted: Mask,
-        sigma_K: float,
+        noise: NoiseModel,
         step_K: float = 0.0,
         spacing: Spacing = COARSE,
         misfit: float = 1.0,
     ) -> None:
-        self.record, self.sigma_K, self.step_K, self.spacing = record, sigma_K, step_K, spacing
+        self.record, self.noise, self.sigma_K, self.spacing = record, noise, noise.level, spacing
+        self.step_K = step_K if noise.plain else 0.0
         self.misfit = misfit
         self.rows = np.flatnonzero(fitted & record.temperature_used)
         stretch = np.zeros(record.rows, dtype=np.int64)
         stretch[record.first_rows] = 1
         self.stretch = np.cumsum(stretch)[self.rows] - 1
         self.stretches = record.first_rows.size
+        begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
+        self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
         self.weight = np.where(driven_rows(record)[self.rows], 1.0 / misfit, 1.0)
 
-    def with_noise(self, sigma_K: float) -> TemperatureChannel:
-        """The same rows, weighed by another noise."""
-        return TemperatureChannel(self.record, self.fitted, sigma_K, self.step_K, self.spacing, self.misfit)
-
     def with_misfit(self, misfit: float) -> TemperatureChannel:
         """The same rows, of which so many say as much as one."""
-        return TemperatureChannel(self.record, self.fitted, self.sigma_K, self.step_K, self.spacing, misfit)
-
-    @property
-    def fitted(self) -> Mask:
-        """The rows that count."""
         fitted = np.zeros(self.record.rows, dtype=np.bool_)
         fitted[self.rows] = True
-        return fitted
+        return TemperatureChannel(self.record, fitted, self.noise, self.step_K, self.spacing, misfit)
 
     @property
     def error_K(self) -> float:
@@ -112,6 +116,18 @@ class TemperatureChannel:
         if self.misfit <= 1.0:
             return 0.0
         return float(np.hypot(self.sigma_K, self.step_K / np.sqrt(12.0)) * np.sqrt(self.misfit))
+
+    def over(self, values: Array) -> Array:
+        """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
+        return self._whitening.over(values)
+
+    def likelihood(self, shown: Array) -> Likelihood:
+        """Of the fitted rows' readings for what is shown, (all rows,)."""
+        readings = self.record.temperature_degC[self.rows]
+        if self.noise.plain:
+            return likelihood(readings, shown[self.rows], self.sigma_K, self.step_K)
+        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)
+        return Likelihood(0.5 * z * z, z, np.ones_like(z))
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
         """Parameters to begin with: base in the unknowns' own values."""
@@ -207,7 +223,7 @@ class TemperatureChannel:
         return -0.5 * float(away @ away)
 
     def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         away = self.prior(p, x)[0]
         total = float(self.weight @ like.minus_log) + 0.5 * float(away @ away)
         return total if math.isfinite(total) else math.inf
@@ -225,21 +241,22 @@ class TemperatureChannel:
         return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
 
     def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
-        """Gauss-Newton with Marquardt's damping from p."""
+        """The local minimum reached from p."""
         low, high, h = self.bounds(p)
         log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
-        x, first = np.clip(p.x, low, high), p.first_degC.copy()
-        path, shown = self.simulate(p, x, first)
-        cost, damping = self.cost(p, x, shown), 1e-3
-        jacobian = np.empty((self.record.rows, x.size))
-        for iteration in range(steps + 1):
+        jacobian = np.empty((self.record.rows, p.x.size))
+
+        def tried(x: Array, first: Array) -> _Trial:
+            path, shown = self.simulate(p, x, first)
+            return _Trial(x, first, path, shown, self.cost(p, x, shown))
+
+        def linearized(at: _Trial) -> Linearized[_Trial]:
+            x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, x, first, shown, high, h, jacobian)
-            if iteration == steps:
-                break
             by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
-            e = by_first / (0.01 * self.sigma_K)
-            like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
-            j = jacobian[self.rows] / self.sigma_K
+            e = self.over(by_first) / 0.01
+            like = self.likelihood(shown)
+            j = self.over(jacobian[self.rows])
             w, pulled = self.weight * like.curvature, self.weight * like.pull
             away, index, scale = self.prior(p, x)
             gradient = j.T @ pulled
@@ -251,30 +268,22 @@ class TemperatureChannel:
             cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
-            held = ((x <= low) & (right < 0.0)) | ((x >= high) & (right > 0.0))
-            reduced[held, :] = 0.0
-            reduced[:, held] = 0.0
-            right[held] = 0.0
+            held_at_bounds(reduced, right, x, low, high)
             diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
-            norm = np.sqrt(diagonal)
-            before = cost
-            for _ in range(7):
-                damped = reduced / np.outer(norm, norm) + damping * np.eye(norm.size)
-                damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), 1e-9)
-                move = np.linalg.solve(damped, right / norm) / norm
-                trial = np.clip(x + along_values(np.clip(move, -1.5, 1.5), log), low, high)
-                trial_first = first + (pull - cross.T @ (trial - x)) / d
-                trial_path, trial_shown = self.simulate(p, trial, trial_first)
-                trial_cost = self.cost(p, trial, trial_shown)
-                if trial_cost < cost:
-                    x, first, path, shown, cost = trial, trial_first, trial_path, trial_shown, trial_cost
-                    damping = max(0.1 * damping, 1e-10)
-                    break
-                damping = max(10.0 * damping, 1e-8)
-            if before - cost < tolerance:
-                self._slopes(p, x, first, shown, high, h, jacobian)
-                break
-        return self._fit(p, x, first, path, shown, jacobian)
+
+            def moved(move: Array) -> _Trial:
+                to = np.clip(x + along_values(np.clip(move, -LONGEST_MOVE, LONGEST_MOVE), log), low, high)
+                return tried(to, first + (pull - cross.T @ (to - x)) / d)
+
+            return Linearized(reduced, right, diagonal, moved, FLAT)
+
+        def settled(before: float, after: float) -> bool:
+            return before - after < tolerance
+
+        start = tried(np.clip(p.x, low, high), p.first_degC.copy())
+        best = descend(start, steps, lambda at: at.cost, linearized, settled, DAMPING)
+        self._slopes(p, best.x, best.first_degC, best.shown_degC, high, h, jacobian)
+        return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
 
     def at(self, p: PlateParameters) -> TemperatureFit:
         """The fit that these parameters are, with its slopes."""
@@ -287,7 +296,7 @@ class TemperatureChannel:
     def _fit(
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
     ) -> TemperatureFit:
-        like = likelihood(self.record.temperature_degC[self.rows], shown[self.rows], self.sigma_K, self.step_K)
+        like = self.likelihood(shown)
         effects, _, _, _ = self.split(p, x)
         final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
         minus_log = float(self.weight @ like.minus_log)
@@ -320,13 +329,8 @@ class TemperatureChannel:
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""
+        if not self.noise.plain:
+            return self.over((self.record.temperature_degC - fit.shown_degC)[self.rows])
         return normal_residual(
             self.record.temperature_degC[self.rows], fit.shown_degC[self.rows], self.sigma_K, self.step_K
         )
-
-    def noise(self, fit: TemperatureFit) -> float:
-        """The thermometer's noise, from what a fit leaves from row to row."""
-        readings, shown = self.record.temperature_degC[self.rows], fit.shown_degC[self.rows]
-        if self.step_K > 0.0:
-            return lattice_noise(readings, shown, self.step_K)
-        return quick_noise(readings - shown)

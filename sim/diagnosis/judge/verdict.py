@@ -22,6 +22,7 @@ from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
+from sim.diagnosis.validate.deciding_rows import over_noise, unseen_rows
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.effect import Switched
@@ -111,7 +112,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
         assert b is not None
         channel = chain.film_channel(names)
         point = channel.point(b.parameters, b.parameters.x, b.coefficients)
-        free = np.concatenate((point.columns, b.jacobian[rows]), axis=1)
+        free = np.concatenate((point.columns, channel.over(b.jacobian[rows])), axis=1)
     else:
         z, rows = temperature_residual(chain, names)
         assert a is not None
@@ -122,7 +123,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
             begins = (stretch[:, None] == np.arange(chain.first.channel.stretches)).astype(np.float64)
             along = np.exp(-np.maximum(np.arange(rows.size)[:, None] - np.argmax(begins, axis=0), 0) / 100.0)
             begins = begins * along
-        free = np.concatenate((a.jacobian[rows], begins), axis=1)
+        free = np.concatenate((chain.first.channel.over(a.jacobian[rows]), begins), axis=1)
     z = np.clip(z, -1e4, 1e4)
     return whitened_score(z, free, cosines(rows.astype(np.float64), chain.record.rows))
 
@@ -169,14 +170,14 @@ def _worth(
             f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
         )
     if told is not None and told.gain < -may_lose(evidence, told.changed):
-        return evidence, (weak, f"rows that no fit has seen speak against it: log-likelihood {told.gain:.2g}")
+        return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
     if too_small(chain, names, name):
         return evidence, (weak, "its size has no physical meaning")
     upstream = name in chain.split(names)[0]
     if not upstream and not _shows_beside(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
-        return evidence, (WORTH, "rows that no fit has seen are predicted far worse than the noise with it")
+        return evidence, (WORTH, "held-out rows are predicted far worse than the noise with it")
     if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
         return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
@@ -198,8 +199,8 @@ def _worth(
 
 
 def may_lose(evidence: float, changed: float) -> float:
-    """What unseen rows may lose by an effect that changes them by so much (sum of squares over the noise's): what
-    chance takes where a film without it tells them as well, or a share of much evidence."""
+    """The largest held-out log-likelihood loss that is consistent with chance, for an effect that changes these rows by
+    so much (sum of squares over the noise's); with much evidence, a share of it."""
     chance = CHANCE * float(np.sqrt(changed + 0.5))
     return max(chance, SPEAKS_AGAINST * evidence) if evidence >= WEAK else chance
 
@@ -221,7 +222,8 @@ def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
 
 
 def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
-    """Whether a film of another kind leaves nothing, and is told about as well in rows that no fit has seen."""
+    """Whether a film of another kind leaves no structure, and a mean square of held-out residuals over the noise below
+    `UNDERSTOOD`."""
     if film_of_the_class(chain, names):
         return True
     unseen = _unseen_square(chain, names, True)
@@ -233,8 +235,11 @@ def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> froze
     bends = frozenset(n for n in names - chain.assumed if only_bends(chain.effects[n]))
     if not bends or chain.facts is None or film_of_the_class(chain, names):
         return frozenset()
-    left = residuals_on(chain, names, other).get("resistance_dec", np.zeros(1))
-    return bends if np.sqrt(np.nanmean(left**2)) > UNSEEN * chain.facts.sigma_dec else frozenset()
+    left = residuals_on(chain, names, other).get("resistance_dec")
+    if left is None or other.output is None:
+        return frozenset()
+    square = np.nanmean((left / chain.facts.noise.marginal(np.nan_to_num(other.output))) ** 2)
+    return bends if np.sqrt(square) > UNSEEN else frozenset()
 
 
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
@@ -272,9 +277,9 @@ def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) ->
             continue
         b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
         if b is not None:
-            sigma = chain.facts.sigma_dec if last and chain.facts is not None else _told_apart_K(chain)
+            a, b = over_noise(chain, a, last), over_noise(chain, b, last)
             changed = a - b
-            found.append((float(a @ a - b @ b) / sigma**2, float(changed @ changed) / sigma**2))
+            found.append((float(a @ a - b @ b), float(changed @ changed)))
     return Unseen(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
 
 
@@ -287,12 +292,6 @@ def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -
     return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
 
 
-def _told_apart_K(chain: Chain) -> float:
-    assert chain.first is not None
-    channel = chain.first.channel
-    return max(channel.sigma_K, 0.3 * chain.record.step_K) * float(np.sqrt(channel.misfit))
-
-
 def _unseen_residual(
     chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
 ) -> Array | None:
@@ -300,12 +299,10 @@ def _unseen_residual(
     last channel than the one with these effects."""
     record, (a, b) = chain.record, chain.fits(names)
     b = other if other is not None else b
-    residual = np.empty(0)
+    residual, rows = np.empty(0), unseen_rows(chain, last)
     if last and b is not None and record.output is not None:
-        rows = record.deciding & record.output_used
         residual = record.output[rows] - b.shown[rows]
     elif not last and a is not None:
-        rows = record.deciding & record.temperature_used
         residual = record.temperature_degC[rows] - a.shown_degC[rows]
     return residual if residual.size else None
 
@@ -323,14 +320,16 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
     residual = _unseen_residual(chain, names, last)
     if residual is None:
         return None
+    rows = unseen_rows(chain, last)
     if last:
         assert chain.facts is not None
-        sigma = chain.facts.sigma_dec
+        assert chain.record.output is not None
+        sigma = chain.facts.noise.marginal(chain.record.output[rows], rows)
     else:
         assert chain.first is not None
-        noise = np.hypot(chain.first.channel.sigma_K, chain.record.step_K / np.sqrt(12.0))
-        sigma = float(noise * np.sqrt(chain.first.channel.misfit))
-    return float(np.mean(residual**2)) / sigma**2
+        noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
+        sigma = noise * np.sqrt(chain.first.channel.misfit)
+    return float(np.mean((residual / sigma) ** 2))
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:

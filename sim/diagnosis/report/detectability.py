@@ -12,7 +12,7 @@ from sim.diagnosis.search.resistance_search import starts_of
 from sim.diagnosis.search.views import View
 from sim.effects.effect import at_the_terminals
 
-SIZES = 9
+SIZES = 9  # that are tried, from the least to the largest that is met
 
 
 def hidden_by_the_film(chain: Chain, names: frozenset[str]) -> dict[str, tuple[str, float]]:

@@ -18,8 +18,8 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.temperature_search import cell_of, cells
 from sim.effects.effect import Switched, jumps
 
-NORMAL_95 = 1.96
-HALF_CHI2_95 = 1.92
+NORMAL_95 = 1.96  # standard deviations to either side hold 95 % of a normal distribution
+HALF_CHI2_95 = 1.92  # the fall of the log-likelihood to either side: half of chi square's 3.84
 MUCH_WORSE = 8.0  # log-likelihood
 ON_END = 4  # cells much worse that end an interval
 MOST_CELLS = 40
@@ -49,9 +49,9 @@ def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     channel = chain.first.channel
     p = a.parameters
     first = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - a.shown_degC[rows]
-    e = first / (0.01 * channel.sigma_K)
+    e = channel.over(first) / 0.01
     weight = np.sqrt(a.curvature)
-    j = a.jacobian[rows] / channel.sigma_K
+    j = channel.over(a.jacobian[rows])
     d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12
     for k in range(j.shape[1]):
         part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
@@ -74,7 +74,7 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)
         point = last.point(b.parameters, b.parameters.x, b.coefficients)
-        j = point.off(b.jacobian[rows] / last.sigma_dec)
+        j = point.off(last.over(b.jacobian[rows]))
         out |= _by_name(list(b.effects), _deviations(j, z)[4:])
     return out | _profiles(chain, names)
 

@@ -35,7 +35,7 @@ from sim.diagnosis.search.resistance_search import thresholds_inside
 from sim.diagnosis.search.views import FirstView, View
 from sim.effects.effect import Effect, Parameter, Switched, switched
 
-NORMAL_95_ONE_SIDED: Final = 1.645
+NORMAL_95_ONE_SIDED: Final = 1.645  # standard deviations on one side hold 95 % of a normal distribution
 SMALLER: Final = 1000.0  # times smaller than the smallest size met: a hundred thousand rows show no less
 LARGER: Final = 10.0  # times larger than the largest size met: the end of the fits (`sim.diagnosis.fit.unknowns`)
 ROUNDS: Final = 20

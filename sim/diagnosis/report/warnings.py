@@ -12,7 +12,7 @@ from sim.diagnosis.data.record import OUTLYING
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain
 
-FEWEST_S = 20.0
+FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 LARGE = 0.8  # of the largest current
 
 
@@ -57,7 +57,7 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
     for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():
-        text = f"{name}: would not have shown at any size met, the film's own shape absorbs it"
+        text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
         if np.isfinite(weakest):
             text = (
                 f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"

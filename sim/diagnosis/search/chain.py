@@ -6,31 +6,26 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from compensator.hysteresis.functions import Array
-from compensator.identification.multistart import transition
 from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.segments import off_after_missing_rows
-from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.fit.film_memory import remembered
-from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, FilmFacts, film_facts, least_noise
 from sim.diagnosis.search.joint_fit import Tied, settled, tied
 from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, base_fit
 from sim.effects.effect import Effect
-from sim.model.film_nodes import film_nodes
-from sim.model.links import Links
 from sim.model.plate_path import PlatePath
-from sim.model.record_own import FilmStart
 
-LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-4, 1e-5
-MEMORY_ROUNDS = 3
+LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
@@ -50,14 +45,15 @@ def temperature_search(
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
         rough = max(rough, 0.3 * record.step_K)
-    channel = TemperatureChannel(record, fitted, rough, record.step_K)
+    white = NoiseModel.white(rough)
+    channel = TemperatureChannel(record, fitted, white, record.step_K)
     base = base_fit(channel, record, kinds)
     lone = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
     if lone.size:
         record = record.without(lone, lone[:0])
-        channel = TemperatureChannel(record, fitted, rough, record.step_K)
+        channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
-    channel = channel.with_noise(max(channel.noise(base), LEAST_NOISE_K))
+    channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
@@ -71,55 +67,12 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
     """The plate's temperature that drives the film."""
     channel, record = search.channel, search.channel.record
     rows = np.flatnonzero(record.temperature_used)
-    if record.step_K > 0.0 and channel.sigma_K < record.step_K:
-        residual = channel.with_noise(channel.sigma_K).residual(fit) * channel.sigma_K
+    if channel.sigma_K < channel.step_K:
+        residual = channel.residual(fit) * channel.sigma_K
         rows = channel.rows
     else:
         residual = record.temperature_degC[rows] - fit.shown_degC[rows]
-    return corrected_path(record, fit, residual, rows)
-
-
-@dataclass
-class FilmFacts:
-    """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, and
-    rows whose readings are lone."""
-
-    basis: FilmBasis
-    shape: Array
-    start: FilmStart
-    sigma_dec: float
-    strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-def film_facts(record: Record, path: PlatePath, fitted: Mask, curve: bool) -> FilmFacts:
-    """A global search for the film's envelopes on thinned rows, for each memory it may have begun with."""
-    assert record.output is not None
-    used = record.output_used & fitted
-    output = np.nan_to_num(record.output)
-    starts = [FilmStart("heated"), FilmStart("cooled")]
-    best, shape = FilmStart("heated"), np.zeros(4)
-    least = np.inf
-    for start in starts:
-        thin = thinned_path(film_nodes(record, path, Links(), [], None, start), output, used, start)
-        found, square = starting_shape(thin, curve)
-        if square < 0.97 * least:
-            best, shape, least = start, found, square
-    thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
-    middle, half = transition(thin)
-    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, 1.0)
-    sigma = max(quick_noise(output[used]), LEAST_NOISE_DEC)
-    channel = ResistanceChannel(record, path, fitted, sigma, facts.basis)
-    fit = channel.descend(FilmParameters((), shape, facts.start))
-    for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
-        start = remembered(channel, fit.parameters)
-        if start == facts.start:
-            break
-        facts.start = start
-        fit = channel.descend(replace(fit.parameters, start=start))
-    facts.shape = fit.parameters.x[:4]
-    facts.sigma_dec = max(channel.noise(fit), LEAST_NOISE_DEC)
-    facts.strays = strays(output, fit.shown, record.output_used, LEAST_NOISE_DEC)
-    return facts
+    return corrected_path(record, fit, residual, rows, channel.noise.correlation)
 
 
 def resistance_search(
@@ -134,11 +87,11 @@ def resistance_search(
 ) -> ResistanceSearch:
     """The last links on one path. relays: whether the film may be of another kind; assumed: effects known to be
     there."""
-    channel = ResistanceChannel(record, path, fitted, facts.sigma_dec, facts.basis, relays)
+    channel = ResistanceChannel(record, path, fitted, facts.noise, facts.basis, relays)
     mine = {n: e for n, e in effects.items() if e.link in ("film", "ohmmeter")}
     if record.test_current_A is None:
         mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
-    base = FilmParameters((), facts.shape, facts.start)
+    base = FilmParameters((), facts.shape, facts.start, facts.prior)
     return ResistanceSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
 
 
@@ -174,12 +127,21 @@ class Chain:
             if self.first is not None:
                 path = path_of(self.first, self.first.fit(upstream))
             if self.facts is None:
-                self.facts = film_facts(self.record, path, self.fitted, self.curve)
+                self.facts = film_facts(self.record, path, self.fitted, self.curve, self.relays, self.path_K)
                 self.record = self.record.without(self.facts.strays[:0], self.facts.strays)
             self.searches[upstream] = resistance_search(
                 self.record, path, self.fitted, self.facts, self.effects, self.relays, self.assumed, self.budget
             )
         return self.searches[upstream]
+
+    @property
+    def path_K(self) -> float:
+        """How well the thermometer tells the path that drives the film: of the few numbers that a plate has, each is
+        known as well as independent readings tell it. 0 where the path is measured, and errs from row to row."""
+        if self.first is None:
+            return 0.0
+        noise = self.first.channel.noise
+        return noise.level * float(np.sqrt((1.0 + noise.correlation) / (1.0 - noise.correlation)))
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
         """Which effects are on the first links, and which on the last."""
@@ -310,17 +272,17 @@ class Chain:
         assert self.first is not None
         old, record = self.first, self.record
         fit = old.fit(upstream)
-        sigma = max(old.channel.noise(fit), LEAST_NOISE_K)
+        noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K)
         left = record.temperature_degC - fit.shown_degC
         lone = strays(record.temperature_degC, fit.shown_degC, self.as_read.temperature_used, 0.5 * record.step_K)
         changed = self._without(temperature=lone)
-        left = np.where(self.record.temperature_used, left / sigma, np.nan)
+        left = np.where(self.record.temperature_used, left / noise.level, np.nan)
         off = off_after_missing_rows(left, record.time_s, record.first_rows)
-        if not changed and not off.size and abs(sigma / old.channel.sigma_K - 1.0) < SAME_NOISE:
+        if not changed and not off.size and noise.alike(old.channel.noise, record.temperature_degC[:1], SAME_NOISE):
             return False
         self.as_read, self.record = self.as_read.begun_also(off), self.record.begun_also(off)
         self.fitted = self.fitted | (record.held_out & ~self.record.held_out)
-        channel = TemperatureChannel(self.record, self.fitted, sigma, old.channel.step_K)
+        channel = TemperatureChannel(self.record, self.fitted, noise, record.step_K)
         base = replace(old.base, parameters=channel.in_its_stretches(old.base))
         self.first = TemperatureSearch(channel, old.effects, base, old.assumed, old.budget)
         for key, known in old.fits.items():
@@ -335,16 +297,16 @@ class Chain:
         upstream, _ = self.split(names)
         if b is None or self.facts is None:
             return False
-        sigma = max(self.searches[upstream].channel.noise(b), LEAST_NOISE_DEC)
+        noise = ohmmeter_noise(self.searches[upstream].channel, b, LEAST_NOISE_DEC, self.path_K)
         assert self.record.output is not None
-        lone = strays(self.record.output, b.shown, self.as_read.output_used, LEAST_NOISE_DEC)
+        lone = strays(self.record.output, b.shown, self.as_read.output_used, least_noise(noise, self.record.output))
         start = remembered(self.searches[upstream].channel, b.parameters)
         used = self.record.output_used
-        same = abs(sigma / self.facts.sigma_dec - 1.0) < SAME_NOISE and start == self.facts.start
+        same = noise.alike(self.facts.noise, self.record.output[used], SAME_NOISE) and start == self.facts.start
         same = same and not np.any(used[lone])
         if not self._without(output=lone) and same:
             return False
-        self.facts = replace(self.facts, sigma_dec=sigma, start=start)
+        self.facts = replace(self.facts, noise=noise, start=start)
         self.searches.clear()
         search = self.last(upstream)
         search.keep(search.whole(replace(b.plain or b.parameters, start=start)))

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.likelihood import likelihood
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
@@ -23,15 +22,15 @@ from sim.diagnosis.fit.unknowns import along_values, logarithmic, unknowns_of
 from sim.diagnosis.search.temperature_search import held_effect, starting_values
 from sim.effects.effect import Effect, Switched, switched
 
-MOST_STRETCHES = 30
+MOST_STRETCHES = 30  # each costs two simulations a step
 MOVED = 0.3  # of the noise, over all readings of the thermometer: the step of a difference quotient
 LARGEST_STEP = 0.1
-LARGEST_MOVE = 1.5
+LARGEST_MOVE = 1.5  # of an unknown in a step, as in the channels' own fits
 SETTLED = 0.02  # log-likelihood that one more step would bring
 TURNS = 4
 SHARES = (1.0, 0.4, 0.1)  # of a step, until one is better
 FILM_STEPS = 2
-HELD_STEPS = 6
+HELD_STEPS = 6  # until everything else has followed an effect that is held
 SMALL_SHARE = 0.03  # of a starting value
 
 
@@ -98,9 +97,9 @@ class Tied:
         """What both channels' rows change by with other effects of the first links, over the noise."""
         trial = self.first.extended(self.a.parameters, effects)
         path, shown = self.first.simulate(trial, trial.x, trial.first_degC)
-        d_T = (shown - self.a.shown_degC)[self.first.rows] / self.first.sigma_K
+        d_T = self.first.over((shown - self.a.shown_degC)[self.first.rows])
         film = self.last.on(path).predict(self.b.parameters, self.b.parameters.x, self.point)
-        d_R = (film - self.shown)[self.last.rows] / self.last.sigma_dec
+        d_R = self.last.over((film - self.shown)[self.last.rows])
         return d_T, d_R, self.point.off(d_R[:, None])[:, 0]
 
 
@@ -114,8 +113,8 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
     point = last.point(q, q.x, b.coefficients)
     shown = last.predict(q, q.x, point)
     rows, film_rows = first.rows, last.rows
-    like = likelihood(first.record.temperature_degC[rows], a.shown_degC[rows], first.sigma_K, first.step_K)
-    by_x = a.jacobian[rows] / first.sigma_K
+    like = first.likelihood(a.shown_degC)
+    by_x = first.over(a.jacobian[rows])
     norm = np.sqrt(np.einsum("rk,r,rk->k", by_x, like.curvature, by_x))
     _, high, _ = first.bounds(p)
     over_T, over_R = [*by_x.T], []
@@ -125,19 +124,19 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
         x = p.x.copy()
         x[k] += h
         path, _ = first.simulate(p, x, p.first_degC)
-        over_R.append((last.on(path).predict(q, q.x, point) - shown)[film_rows] / (h * last.sigma_dec))
+        over_R.append(last.over((last.on(path).predict(q, q.x, point) - shown)[film_rows]) / h)
     for k in range(p.first_degC.size):
         firsts = p.first_degC.copy()
         firsts[k] += 0.01
         path, readings = first.simulate(p, p.x, firsts)
-        over_T.append((readings - a.shown_degC)[rows] / (0.01 * first.sigma_K))
-        over_R.append((last.on(path).predict(q, q.x, point) - shown)[film_rows] / (0.01 * last.sigma_dec))
+        over_T.append(first.over((readings - a.shown_degC)[rows]) / 0.01)
+        over_R.append(last.over((last.on(path).predict(q, q.x, point) - shown)[film_rows]) / 0.01)
     for column in b.jacobian[film_rows].T:
         over_T.append(np.zeros(rows.size))
-        over_R.append(column / last.sigma_dec)
+        over_R.append(last.over(column))
     columns_T, columns_R = np.stack(over_T, axis=1), np.stack(over_R, axis=1)
     free_R = point.off(columns_R)
-    z = (last.output[film_rows] - point.shown[film_rows]) / last.sigma_dec
+    z = last.over(last.output[film_rows] - point.shown[film_rows])
     normal = (like.curvature[:, None] * columns_T).T @ columns_T + columns_R.T @ free_R
     gradient = columns_T.T @ like.pull + columns_R.T @ z
     away, index, scale = first.prior(p, p.x)

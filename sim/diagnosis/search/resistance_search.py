@@ -24,9 +24,8 @@ SIZES = 4  # of an effect that are looked at
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
 AS_GOOD = 1.2
-WHOLE_STEPS = 20
+WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
-FIRST_RELAY_DEC = 0.03
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
 RELAY_STEPS = 6
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
@@ -58,7 +57,7 @@ class KnownShape:
 
     def serves(self, nodes: FilmNodes, output: Array, channel: ResistanceChannel) -> bool:
         """Whether it would be found again: the same film, and an output that differs by less than the noise."""
-        apart = (output - self.output)[channel.rows] / channel.sigma_dec
+        apart = channel.over((output - self.output)[channel.rows])
         return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
 
 
@@ -175,7 +174,7 @@ class ResistanceSearch:
         """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects, in
         what they leave of the readings: those that were found without them may be far off."""
         channel, p = self.channel, fit.parameters
-        if channel.mean_square(fit) < RESHAPED_FROM:
+        if channel.mean_square(fit) < RESHAPED_FROM or p.prior.is_of_relays:
             return fit
         _, nodes = channel.nodes(p, p.x)
         film = channel.output - (fit.shown - fit.film_output)  # as an ohmmeter without its effects would read it
@@ -229,7 +228,7 @@ class ResistanceSearch:
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""
         if self.channel.relays:
-            wider = self.channel.descend(fit.parameters.with_relays(FIRST_RELAY_DEC), RELAY_STEPS)
+            wider = self.channel.descend(fit.parameters.with_relays(fit.parameters.prior.first_relay_dec), RELAY_STEPS)
             if wider.score > fit.score:
                 return replace(wider, plain=fit.parameters)
         return fit

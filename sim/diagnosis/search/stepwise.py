@@ -19,7 +19,7 @@ ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followe
 ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
 PROMISING = 4.0
-MOST_EFFECTS = 4
+MOST_EFFECTS = 4  # one more than the blind cases ever hide
 TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
@@ -247,7 +247,9 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
 def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
-    names: frozenset[str] = frozenset()
+    names, search = frozenset[str](), chain.last(upstream)
+    if chain.facts is not None and chain.facts.sparse is not None:
+        return search.assumed  # the film between two rows may do what any effect does
     for steps in (1, MOST_EFFECTS):
         before = names
         names = select_last_links(chain.last(upstream), names, steps, say)

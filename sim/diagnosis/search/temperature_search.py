@@ -17,8 +17,8 @@ from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
 
-ROUGH_STEPS = 12
-EXCHANGED_STEPS = 40
+ROUGH_STEPS = 12  # of a plate's start, of which the best goes on
+EXCHANGED_STEPS = 40  # of a fit that is compared with others, and has to have ended
 FAR_STEPS = 10  # of all else, at values all over the range
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 WORSE_ON_END = 6  # cells that end a walk

@@ -22,11 +22,11 @@ class FirstView:
     def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
         self._channel, self._fit, p = channel, fit, fit.parameters
         rows = channel.rows
-        self._per_K = per_K = np.sqrt(channel.weight) / channel.sigma_K
-        self.residual = channel.residual(fit) * np.sqrt(channel.weight)
-        columns = fit.jacobian[rows] * per_K[:, None]
+        weight = np.sqrt(channel.weight)
+        self.residual = channel.residual(fit) * weight
+        columns = channel.over(fit.jacobian[rows]) * weight[:, None]
         moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        self._e = e = moved * per_K / 0.01
+        self._e = e = channel.over(moved) * weight / 0.01
         self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
         nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
         norms = np.linalg.norm(nuisance, axis=0)
@@ -44,7 +44,7 @@ class FirstView:
         others = [e for e in fit.effects if e.name != effect.name]
         trial = channel.extended(fit.parameters, [*others, effect])
         shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
-        delta = self._off_firsts((shown[rows] - fit.shown_degC[rows]) * self._per_K)
+        delta = self._off_firsts(channel.over(shown[rows] - fit.shown_degC[rows]) * np.sqrt(channel.weight))
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 
@@ -56,8 +56,8 @@ class View:
         self._channel, self._fit = channel, fit
         self._point = channel.point(p, p.x, fit.coefficients)
         rows = channel.rows
-        self.residual = (channel.output[rows] - self._point.shown[rows]) / channel.sigma_dec
-        outer = self._point.off(fit.jacobian[rows] / channel.sigma_dec)
+        self.residual = channel.over(channel.output[rows] - self._point.shown[rows])
+        outer = self._point.off(channel.over(fit.jacobian[rows]))
         norms = np.linalg.norm(outer, axis=0)
         self._q = (
             np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
@@ -75,5 +75,5 @@ class View:
         channel, fit, rows = self._channel, self._fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
         shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
-        delta = self._point.off(((shown[rows] - self._point.shown[rows]) / channel.sigma_dec)[:, None])[:, 0]
+        delta = self._point.off(channel.over(shown[rows] - self._point.shown[rows])[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)

@@ -17,8 +17,8 @@ from compensator.hysteresis.functions import Array
 
 SHORTEST_ROWS = 24.0  # half a period, rows
 BANDS = 3
-MOST_COSINES = 260
-TURNS = 12
+MOST_COSINES = 260  # a fit costs their third power
+TURNS = 12  # of widths and coefficients in turn
 
 
 def cosines(place: Array, rows: int) -> list[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import BLOCKS, Mask
 
-RESAMPLES = 1000
+RESAMPLES = 1000  # an interval's ends are then within 3 % of its width
 
 
 @dataclass(frozen=True)

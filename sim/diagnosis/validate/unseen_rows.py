@@ -61,8 +61,9 @@ class UnseenRows:
             found["temperature_K"] = self._rounded(found["temperature_K"])[0]
         return found
 
-    def noise(self, names: frozenset[str]) -> dict[str, float]:
-        """Of each channel, K and decades: of a thermometer that rounds, about what it is expected to show."""
+    def noise(self, names: frozenset[str], with_path: bool = False) -> dict[str, float]:
+        """Of each channel, K and decades: of a thermometer that rounds, about what it is expected to show. with_path:
+        of the film what the plate's path is uncertain by, too."""
         first, facts = self.chain.first, self.chain.facts
         noise = {"temperature_K": first.channel.sigma_K if first is not None else 0.0}
         everywhere = self._everywhere.residuals(names) if self.on_lattice else {}
@@ -70,7 +71,9 @@ class UnseenRows:
             variance = self._rounded(everywhere["temperature_K"])[1]
             noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[self.rows])))
         if facts is not None:
-            noise["resistance_dec"] = facts.sigma_dec
+            output = np.concatenate([_output(record) for record in self._records])
+            rows = np.flatnonzero(self.rows & np.isfinite(output))
+            noise["resistance_dec"] = facts.noise.rms(output[rows], rows if with_path and not self.others else None)
         return noise
 
     def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
@@ -83,12 +86,22 @@ class UnseenRows:
     def _everywhere(self) -> UnseenRows:
         return replace(self, others=tuple(other._replace(told=None) for other in self.others))
 
+    @property
+    def _records(self) -> list[Record]:
+        return [other.record for other in self.others] or [self.chain.record]
+
     def _rounds(self, found: dict[str, Array]) -> bool:
         return self.on_lattice and "temperature_K" in found
 
     def _rounded(self, residual_K: Array) -> tuple[Array, Array]:
         """Residuals against the mean reading, and its variance."""
         assert self.chain.first is not None
-        records = [other.record for other in self.others] or [self.chain.record]
-        readings = np.concatenate([record.temperature_degC for record in records])
+        readings = np.concatenate([record.temperature_degC for record in self._records])
         return rounded(readings, residual_K, self.chain.first.channel.sigma_K, self.chain.record.step_K)
+
+
+def _output(record: Record) -> Array:
+    """The film's, nan where none was read."""
+    if record.output is None:
+        return np.full(record.rows, np.nan)
+    return np.where(record.output_used, record.output, np.nan)

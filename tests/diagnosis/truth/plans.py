@@ -18,6 +18,7 @@ from tests.diagnosis.truth.films import FORMS
 from tests.diagnosis.truth.manner import UNLIKE
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.outside import OUTSIDE, with_fault
+from tests.diagnosis.truth.real_noise import drawn_instruments, record_of
 from tests.diagnosis.truth.rig import Effects, record
 from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, slower, smallest
 
@@ -216,6 +217,28 @@ def unlike(rng: Random, seed: int, manner: str | None = None, of: str = "one", e
     return made
 
 
+def real_noise(rng: Random, seed: int, of: str = "clean", effect: str | None = None, every: int = 1) -> Case:
+    """Noise as real instruments have it. of: "clean" or "one" effect; every: thinned to every so many rows."""
+    bench, hidden, shares = draw_bench(rng), {}, {}
+    if of == "one":
+        bench, hidden, shares = with_effects(rng, (effect,) if effect else drawn_names(rng, 1))
+    rig = bench.rig.having(hidden)
+    thermometer, meter = drawn_instruments(rng, rig.noise_K)
+    columns = record_of(rig, bench.schedule, rng, thermometer, meter)
+    return Case(
+        kind="real_noise",
+        seed=seed,
+        columns={name: values[::every] for name, values in columns.items()},
+        hidden=hidden,
+        expectation="exactly" if hidden else "no_name",
+        film=rig.film.name,
+        noise={"temperature_K": thermometer.deviation_K, "correlation": meter.correlation},
+        holdout=record_of(rig, bench.elsewhere, rng, thermometer, meter),
+        details={"of": of, "every": every, "smallest_share": shares},
+        bench=bench,
+    )
+
+
 PLANS: dict[str, Callable[..., Case]] = {
     "one": several("one", 1),
     "two": several("two", 2),
@@ -230,4 +253,5 @@ PLANS: dict[str, Callable[..., Case]] = {
     "smallest": at_the_limit,
     "negative": negative,
     "unlike": unlike,
+    "real_noise": real_noise,
 }

@@ -15,9 +15,9 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record
 
 FAR_APART: Final = 10.0  # times the noise: a model that errs as the chord does is then off in every row of the flank
-FLANK: Final = 0.9  # quantile of the readings by how far off the chord they are: a transition is a tenth of a loop
 TURNED: Final = 0.1  # of the temperatures' span, from which a turn is one: two turns are one loop
 MOST_TURNS: Final = 2
+FLANK: Final = 0.9  # quantile of the readings by how far off the chord they are: a transition is a tenth of a loop
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class SparseLoop:
 
 def sparse_loop(record: Record, noise_dec: float) -> SparseLoop | None:
     """None where the record has more than one loop, or is dense."""
-    if record.output is None or _turns(record.temperature_degC[record.temperature_used]) > MOST_TURNS:
+    if record.output is None or not one_loop(record):
         return None
     rows = np.flatnonzero(record.output_used)
     y, degC = record.output[rows], record.temperature_degC[rows]
@@ -55,6 +55,11 @@ def sparse_loop(record: Record, noise_dec: float) -> SparseLoop | None:
     return SparseLoop(
         apart * unit.size, noise_dec * unit.size, unit.unit, step, step * float(np.sqrt(noise_dec / apart))
     )
+
+
+def one_loop(record: Record) -> bool:
+    """Whether the film went round its loop once at most: each temperature was passed once in each direction."""
+    return _turns(record.temperature_degC[record.temperature_used]) <= MOST_TURNS
 
 
 def _turns(degC: Array) -> int:

@@ -1,0 +1,91 @@
+"""What the identification of a film gives: the model, what each record began with, and how sure all of it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensator.hysteresis.film import FilmModel, Memory
+from compensator.hysteresis.functions import Array
+from compensator.identification.model_selection import Candidate
+from compensator.identification.prediction_bands import NORMAL_95, Uncertainty
+from compensator.identification.rows import Prepared, Start, build_path
+from compensator.identification.temperature_smoother import temperature_path
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading."""
+
+    output: Array
+    half_width: Array
+    half_width_reading: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFit:
+    """The identified film.
+
+    model; starts and memories: what each record's film remembered at its first row; rmse, max_abs: over all trusted
+    readings; held_out_rmse: of the same kind of model fitted without the held-out rows; candidates: what was tried;
+    active_operators: those with weight > 0; uncertainty: covariance of all that was fitted; temperature_noise_K: of
+    each record's thermometer; outliers: indices of readings left out, of each record; identifiability: in plain
+    words what these records cannot fix.
+    """
+
+    model: FilmModel
+    starts: tuple[Start, ...]
+    memories: tuple[Memory, ...]
+    rmse: float
+    max_abs: float
+    held_out_rmse: float
+    candidates: tuple[Candidate, ...]
+    active_operators: int
+    uncertainty: Uncertainty
+    temperature_noise_K: tuple[float, ...]
+    outliers: tuple[NDArray[np.int64], ...]
+    identifiability: tuple[str, ...]
+
+    @property
+    def outer_names(self) -> tuple[str, ...]:
+        """Names of the nonlinear parameters, with units; none with mixed envelopes."""
+        return self.uncertainty.fitted.outer_names
+
+    @property
+    def outer_values(self) -> Array:
+        """Their values, shape (outer,)."""
+        return self.uncertainty.fitted.outer_values
+
+    @property
+    def outer_standard_errors(self) -> Array:
+        """Their standard errors, shape (outer,); inf where a record does not determine one."""
+        return self.uncertainty.outer_standard_errors
+
+    def predict(
+        self,
+        time_s: ArrayLike,
+        temperature_degC: ArrayLike,
+        *,
+        start: Start | None = None,
+        temperature_noise_K: float | None = None,
+    ) -> Prediction:
+        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's."""
+        path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
+        v = path.temperature_degC
+        start = start or Start(self.model.initial)
+        output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
+        every = np.ones(v.size, dtype=np.bool_)
+        none = np.empty(0, dtype=np.int64)
+        record = Prepared("record", np.asarray(time_s, dtype=np.float64), path, np.zeros(v.size), every, none, 0)
+        half_width = self.uncertainty.half_width(build_path([record], [start]))
+        return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
+
+
+def memory_at_start(model: FilmModel, start: Start, first_degC: float) -> Memory:
+    """The film's memory at a record's first row (degC)."""
+    if start.previous_degC is None:
+        return model.initial_memory(first_degC, start.initial)
+    memory = model.initial_memory(start.previous_degC, start.initial)
+    return model.step(first_degC, memory)[1]

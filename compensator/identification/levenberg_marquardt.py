@@ -1,0 +1,101 @@
+"""A damped Gauss-Newton descent: the one loop of every nonlinear least-squares fit here.
+
+    (N + damping diag(s)) step = g,     N = J' W J,  g = J' W r,  s = diag N
+
+With little damping a step is Gauss-Newton's, with much it is a short one downhill. A step that gains makes the damping
+smaller, one that does not makes it larger and is tried again. The equations are solved in units of sqrt(s), so that the
+parameters' own units do not matter. What a parameter is, how it moves, what it costs and when it is good enough is
+known to the fit alone.
+
+`scipy.optimize.least_squares` wants residuals and a Jacobian; the fits here have projected out what is linear, weigh by
+robust losses or by likelihoods of rounded readings, and hand over N and g.
+
+Sources: K. Levenberg, Q. Appl. Math. 2 (1944) 164; D. Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+
+FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
+
+Point = TypeVar("Point")
+
+
+@dataclass(frozen=True)
+class Damping:
+    """first: at the beginning; less, more: factors after a step that gained, and that did not; least: that it is made
+    by a gain; least_after_failure: that it is made at least by none; trials: of a step."""
+
+    first: float = 1e-3
+    less: float = 0.1
+    more: float = 10.0
+    least: float = 1e-12
+    least_after_failure: float = 1e-9
+    trials: int = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Linearized(Generic[Point]):
+    """The problem about a point.
+
+    normal, gradient: N and g, shapes (parameters, parameters) and (parameters,); scale: s, > 0, shape (parameters,);
+    moved: the point after a step of shape (parameters,), kept within whatever bounds there are. floor: of the damped
+    diagonal in units of s, where N itself may be too small to be inverted.
+    """
+
+    normal: Array
+    gradient: Array
+    scale: Array
+    moved: Callable[[Array], Point]
+    floor: float = 0.0
+
+
+def held_at_bounds(normal: Array, gradient: Array, x: Array, low: Array, high: Array) -> None:
+    """Take what would leave its bounds out of the equations, in place. All of shape (parameters,) but `normal`."""
+    held = ((x <= low) & (gradient < 0.0)) | ((x >= high) & (gradient > 0.0))
+    normal[held, :] = 0.0
+    normal[:, held] = 0.0
+    gradient[held] = 0.0
+
+
+def descend(
+    start: Point,
+    steps: int,
+    cost: Callable[[Point], float],
+    linearized: Callable[[Point], Linearized[Point]],
+    settled: Callable[[float, float], bool],
+    damping: Damping = Damping(),
+) -> Point:
+    """The point reached in at most `steps` steps. settled: whether a step from one cost to another was the last."""
+    at, level = start, damping.first
+    for _ in range(steps):
+        before = cost(at)
+        at, level = damped_step(at, cost, linearized(at), level, damping)
+        if settled(before, cost(at)):
+            break
+    return at
+
+
+def damped_step(
+    at: Point, cost: Callable[[Point], float], about: Linearized[Point], level: float, damping: Damping
+) -> tuple[Point, float]:
+    """The point after one step that gains, or the same where none does; and the damping for the next. level: of now."""
+    norm = np.sqrt(about.scale)
+    scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
+    before = cost(at)
+    for _ in range(damping.trials):
+        damped = scaled + level * np.eye(norm.size)
+        if about.floor > 0.0:
+            damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), about.floor)
+        trial = about.moved(np.linalg.solve(damped, gradient) / norm)
+        if cost(trial) < before:
+            return trial, max(damping.less * level, damping.least)
+        level = max(damping.more * level, damping.least_after_failure)
+    return at, level

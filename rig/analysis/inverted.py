@@ -1,0 +1,104 @@
+"""Temperatures for a wanted resistance, row after row, the film's memory carried along."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from compensator.inverse.inverse import Inverse
+from rig.core.faults import Faults
+from rig.files.film_output import column_of, in_decades, shown_output, sign_of
+
+MOST_FAULTS = 10  # of a target: more of the same line say nothing more
+
+
+@dataclass(frozen=True, eq=False)
+class Inversion:
+    """Arrays of shape (rows,). temperature_degC: nan until the first target that can be reached; reachable; achieved:
+    what the film has at that temperature, and nearest: the nearest to the target that it could have, both in the
+    quantity's own unit (ohm, or that of the record's column); evaluations: of the model. output: its name."""
+
+    temperature_degC: Array
+    reachable: NDArray[np.bool_]
+    achieved: Array
+    nearest: Array
+    evaluations: NDArray[np.int64]
+    output: str
+
+    def columns(self) -> dict[str, Any]:
+        """By name, as `peltier invert` writes them: temperature_degC, reachable, resistance_ohm, nearest_ohm."""
+        name = column_of(self.output)
+        last = "nearest_ohm" if name == "resistance_ohm" else f"nearest_{name}"
+        return {
+            "temperature_degC": self.temperature_degC,
+            "reachable": self.reachable.astype(np.int64),
+            name: self.achieved,
+            last: self.nearest,
+        }
+
+
+def target_name(output: str) -> str:
+    """The column that a target for this output stands in."""
+    name = column_of(output)
+    return "target_ohm" if name == "resistance_ohm" else f"target_{name}"
+
+
+def inverted(
+    film: FilmModel,
+    target: Array,
+    where: object,
+    limits_degC: tuple[float, float] = (-50.0, 200.0),
+    initial: Literal["cooled", "heated"] | None = None,
+) -> Inversion:
+    """target: shape (rows,), in the quantity's own unit. initial: the film's memory, None: the model's.
+
+    Of several temperatures the nearest to the row before is taken, in the first row the lowest. A target that cannot be
+    reached within limits_degC leaves temperature and memory as they are. Raises Faults for values that are no target.
+    """
+    _require_targets(target, film.output, where)
+    inverse, memory = Inverse(film, *limits_degC), None
+    rows: list[tuple[float, bool, float, float, int]] = []
+    for wanted in sign_of(film.output) * (np.log10(target) if in_decades(film.output) else target):
+        solution = inverse.first(float(wanted), initial) if memory is None else inverse.solve(float(wanted), memory)
+        if solution.reachable:
+            memory = solution.memory
+        achieved = shown_output(film.output_at(memory) if memory is not None else math.nan, film.output)
+        nearest = achieved if solution.reachable else shown_output(solution.nearest, film.output)
+        degC = memory.input_degC if memory is not None else math.nan
+        rows.append((degC, solution.reachable, achieved, nearest, solution.evaluations))
+    return Inversion(
+        np.array([row[0] for row in rows]),
+        np.array([row[1] for row in rows], dtype=np.bool_),
+        np.array([row[2] for row in rows]),
+        np.array([row[3] for row in rows]),
+        np.array([row[4] for row in rows], dtype=np.int64),
+        film.output,
+    )
+
+
+def jump_warning(film: FilmModel, limits_degC: tuple[float, float], where: object) -> str | None:
+    """A line where the model violates the order condition within the limits."""
+    violating = int(np.sum((film.order_margin(*limits_degC) < -1e-12) & (film.weights > 0.0)))
+    if not violating:
+        return None
+    return (
+        f"{where}: film.radii: {violating} operators violate the order condition: the output jumps at "
+        "reversals, and targets inside a jump are reported as not reachable"
+    )
+
+
+def _require_targets(target: Array, output: str, where: object) -> None:
+    """Raises Faults."""
+    decades, name = in_decades(output), target_name(output)
+    expected = "a finite number > 0" if decades else "a finite number"
+    bad = np.flatnonzero(~(np.isfinite(target) & ((target > 0.0) | (not decades))))
+    if bad.size:
+        raise Faults(
+            f"{where}: row {k + 1}: {name}: {float(target[k])!r}: expected {expected}" for k in bad[:MOST_FAULTS]
+        )

@@ -1,0 +1,104 @@
+"""A prediction beside its record: the error of each channel, the columns of a file, what belongs to the record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from rig.analysis.predicted import Prediction, needs_test_current
+from rig.core.faults import fault
+from rig.files.film_output import column_of, in_decades, sign_of, unit_of
+from rig.files.model_file import Model
+from rig.files.record_file import Record
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelError:
+    """One channel of a record, predicted less measured, over the rows to which nothing was fitted.
+
+    name: the film's output, or "temperature_degC"; what: in words; unit: of rmse and max_abs (dec, K, or the column's);
+    rows: how many were compared. measured, predicted: shape (rows of the record,), all of them, nan where there is
+    nothing."""
+
+    name: str
+    what: str
+    unit: str
+    rmse: float
+    max_abs: float
+    rows: int
+    measured: Array
+    predicted: Array
+
+    def document(self) -> dict[str, Any]:
+        """As the JSON of `peltier predict` has it."""
+        return {
+            f"rmse_{self.unit}": self.rmse,
+            f"max_abs_{self.unit}": self.max_abs,
+            f"rows_{self.unit}": self.rows,
+        }
+
+
+def require_something_to_predict(model: Model, record: Record, where: object) -> None:
+    """Raises Faults for a model without a film on a record from whose current no plate can be simulated."""
+    if model.film is None and not (model.plate is not None and record.has("current_A")):
+        text = f"missing; expected a [film], or a [plate] and current_A in {record.source}"
+        raise fault(where, "film", text)
+
+
+def left_out(model: Model, record: Record) -> str | None:
+    """A line for what the model has and the record cannot drive."""
+    if model.film is not None and needs_test_current(model.switched()) and not record.has("meter_current_A"):
+        return f"{record.source}: no meter_current_A: the model's self-heating is left out"
+    return None
+
+
+def errors_of(found: Prediction, model: Model, record: Record) -> list[ChannelError]:
+    """Of the film's output and of the temperature, each where it was both predicted and measured."""
+    pairs = []
+    if model.film is not None and found.output is not None and record.has_output(model.film.output):
+        name = model.film.output
+        what = "log R" if in_decades(name) else column_of(name)
+        pairs.append((name, what, unit_of(name), record.output(name), found.output))
+    if found.temperature_degC is not None:
+        degC = record["temperature_degC"]
+        pairs.append(("temperature_degC", "temperature", "K", degC, found.temperature_degC))
+    errors = []
+    for name, what, unit, measured, predicted in pairs:
+        error = (predicted - measured)[~found.fitted_rows]
+        error = error[np.isfinite(error)]
+        if error.size:
+            rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
+            errors.append(ChannelError(name, what, unit, rmse, largest, int(error.size), measured, predicted))
+    return errors
+
+
+def predicted_columns(found: Prediction, model: Model) -> dict[str, Array]:
+    """By name, as a file has them: predicted_ohm, or predicted_ with the output's own column; predicted_degC."""
+    columns: dict[str, Array] = {}
+    if model.film is not None and found.output is not None:
+        output = model.film.output
+        quantity = sign_of(output) * found.output
+        name = column_of(output)
+        name = "predicted_ohm" if name == "resistance_ohm" else f"predicted_{name}"
+        columns[name] = 10.0**quantity if in_decades(output) else quantity
+    if found.temperature_degC is not None:
+        columns["predicted_degC"] = found.temperature_degC
+    return columns
+
+
+def fitted_values(found: Prediction, model: Model) -> dict[str, Any]:
+    """What belongs to the record, as it was fitted: rows, ambient_degC, first_degC, memory, turned_at_degC; empty where
+    nothing was."""
+    if found.own is None:
+        return {}
+    film = found.own.film
+    fitted: dict[str, Any] = {"rows": int(np.sum(found.fitted_rows))}
+    if model.plate is not None and found.temperature_degC is not None:
+        fitted["ambient_degC"] = found.own.ambient_degC
+        fitted["first_degC"] = float(found.own.plate_degC[0])
+    if model.film is not None:
+        fitted |= {"memory": film.initial, "turned_at_degC": film.previous_degC}
+    return fitted

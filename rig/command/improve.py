@@ -1,0 +1,187 @@
+"""peltier improve RUN --config CONFIG: diagnose a run, extend its model, run again, say what it gained.
+
+RUN is the folder of a run. Where its record names an effect that its model did not have, CONFIG's experiment runs again
+with the diagnosis' model in experiment.model, and the errors of both runs are compared. It heats: within the limits of
+CONFIG, which may not be wider than RUN's, and only after it has asked on the terminal, or with --yes. Where nothing is
+named nothing is switched on. DIR has diagnosis/, config.toml (what runs), run/, report.html and improvement.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rig.core.faults import fault
+from rig.daemon.handover import add_bench_argument, handed_over
+from rig.guard.line import Guard
+from rig.guard.needed import add_unguarded_argument, guarded_where_needed, require_who_switches_off
+
+if TYPE_CHECKING:
+    from rig.command.say import Voice
+    from rig.files.configuration import ConfigurationFile
+    from rig.rehearsal.improvable import Improvable
+    from rig.report.improvement import Improvement
+
+SECOND = "run"
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, metavar="RUN", help="the folder of a run")
+    parser.add_argument(
+        "--config", type=Path, required=True, metavar="CONFIG", help="bench and experiment to run again"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="default runs/DATE/TIME_improve_ID")
+    parser.add_argument("--yes", action="store_true", help="do not ask before the rig is heated")
+    parser.add_argument(
+        "--effect-file",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="a Python file with an effect of one's own (repeatable)",
+    )
+    add_bench_argument(parser)
+    add_unguarded_argument(parser)
+    parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
+
+
+def main(options: argparse.Namespace) -> int:
+    if not options.yes and not sys.stdin.isatty():
+        raise fault("--yes", "", "missing, and there is no terminal to ask on before the rig is heated; expected one")
+    return guarded_where_needed(options.config, options.own_process, lambda guard: _improve(options, guard))
+
+
+def _improve(options: argparse.Namespace, guard: Guard) -> int:
+    """The imports are here, on the working process's side of the guard."""
+    from rig.command.say import Voice
+    from rig.files.effect_tables import add_effect_files
+    from rig.files.run_folder import check_free, default_folder
+    from rig.rehearsal.improvable import improvable
+
+    voice = Voice(options.json)
+    add_effect_files(options.effect_file)
+    found = improvable(options.run, options.config)
+    require_who_switches_off(found.file, guard, options.unguarded)
+    out = options.out if options.out is not None else default_folder("improve")
+    check_free(out)
+    improvement = _diagnosed(options, found, out, voice)
+    if improvement.why_not is None:
+        extended = _extended(options.config, improvement)
+        if options.yes or _agreed(extended, voice):
+            status = _run_again(options, extended, out / SECOND, guard, voice)
+            if status != 0:
+                return status
+            improvement = _compared(improvement, found, out / SECOND)
+        else:
+            improvement = replace(improvement, why_not="you said no")
+    _told(improvement, voice)
+    return 0
+
+
+def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice: Voice) -> Improvement:
+    """RUN diagnosed, the report of that in the folder. Raises Faults where nothing can be said of its record."""
+    from rig.analysis.gained import followed, news
+    from rig.core.faults import Faults
+    from rig.files.record_file import read_record
+    from rig.report.diagnosed_record import Asked, told
+    from rig.report.improvement import Improvement
+    from rig.report.told import MODEL
+
+    folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
+    record = read_record(found.run.part / "record.csv")
+    model, first = folder / MODEL, followed(found.run)
+
+    def tell(text: str) -> None:
+        print(f"{record.source}: {text}", file=sys.stderr, flush=True)
+
+    said = told(record, Asked(output=found.output, effect_files=own), str(model), report=True, say=tell)
+    if said.faults:
+        raise Faults(said.faults)
+    folder.mkdir(parents=True)
+    said.write_files(folder)
+    for line in said.lines:
+        voice.say(line)
+    effects = said.document["effects"]
+    new = news(effects, found.known)
+    why_not = None if new else found.nothing_new(effects)
+    if new and not found.helped_by(new):
+        why_not = f"no effect that is named ({', '.join(new)}) acts on what kind {found.kind!r} follows"
+    seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, model, first)
+    return replace(seen, why_not=why_not, caveats=found.caveats)
+
+
+def _extended(config: Path, improvement: Improvement) -> ConfigurationFile:
+    """What will run, as a file of its own. Raises Faults where the extended model cannot do it."""
+    from rig.experiment.wanted import wanted
+    from rig.files.configuration import read_configuration
+    from rig.files.extended_configuration import extended_configuration
+    from rig.files.written import write_text
+
+    path = improvement.folder / "config.toml"
+    write_text(path, extended_configuration(config, improvement.model))
+    file = read_configuration(path)
+    wanted(file, lambda text: None)
+    return file
+
+
+def _agreed(file: ConfigurationFile, voice: Voice) -> bool:
+    """Whether the user lets it heat."""
+    from rig.experiment.expected import expected_run
+    from rig.experiment.wanted import wanted
+
+    c = file.content
+    minutes = sum(seconds for _, seconds in expected_run(c, *wanted(file, lambda text: None))) / 60.0
+    low, high = c.limits.temperature_degC
+    controller = c.bench.controller
+    voice.say(
+        f"It heats: {controller.driver} at {controller.port}, about {minutes:.1f} min, "
+        f"limits {low:g} to {high:g} degC and {c.limits.current_A:g} A. Run {file.path}? [y/N]"
+    )
+    return sys.stdin.readline().strip().lower() in ("y", "yes")
+
+
+def _run_again(options: argparse.Namespace, file: ConfigurationFile, out: Path, guard: Guard, voice: Voice) -> int:
+    """As `peltier run` does it; what a daemon does ends with its status. Raises what ends a run."""
+    from rig.experiment.session import run
+    from rig.report.run import write_live_report
+
+    with contextlib.redirect_stdout(sys.stderr) if options.json == "-" else contextlib.nullcontext():
+        status = handed_over("run", file.path, out, None, options.bench)
+    if status is not None:
+        return status
+    try:
+        with voice.progress(file.content.virtual_time) as progress:
+            run(file, out, voice.say, progress, guard, write_live_report)
+    except BaseException as error:
+        error.add_note(f"the diagnosis is in {out.parent / 'diagnosis'}")
+        raise
+    return 0
+
+
+def _compared(improvement: Improvement, found: Improvable, second: Path) -> Improvement:
+    """With what the second run gave."""
+    from rig.analysis.gained import followed, gained
+    from rig.report.run_rows import recorded_run
+
+    after = followed(recorded_run(second))
+    gain = gained(improvement.first, after) if found.comparable else None
+    return replace(improvement, second=second, after=after, gained=gain)
+
+
+def _told(improvement: Improvement, voice: Voice) -> None:
+    """To the terminal, as a page and as JSON."""
+    from rig.files.run_folder import plain_json
+    from rig.files.written import write_text
+    from rig.report.improvement import lines, write_improvement
+
+    write_improvement(improvement)
+    write_text(improvement.folder / "improvement.json", plain_json(improvement.document()) + "\n")
+    for line in lines(improvement):
+        voice.say(line)
+    voice.say(f"model: {improvement.model}")
+    voice.say(f"report: {improvement.folder / 'report.html'}")
+    voice.report(improvement.document())

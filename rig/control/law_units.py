@@ -1,0 +1,78 @@
+"""The unit that a law works in, and what its numbers are in the meter's.
+
+A law of a resistance works in -log10(R / 1 ohm), or in log10 for a film whose resistance rises. What it takes of a
+film before it knows better (noise, the model's error, how far the output goes before that is another) is said for a
+film of two decades. Another output, such as a curvature of 1500 1/m, is scaled to that span: the law is the same one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, overload
+
+import numpy as np
+
+from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.functions import Array
+from rig.files.film_output import FALLING_RESISTANCE, column_of, in_decades, ohm, sign_of, unit_of
+
+LAW_SPAN: Final = 2.0  # of a film's major loop, in the law's unit: the decades of a usual VO2 film
+
+
+@dataclass(frozen=True)
+class LawUnits:
+    """quantity: of the target, "resistance" or the meter's column. factor: the law's output over the meter's, which is
+    -log10(R / 1 ohm), or the column's value."""
+
+    quantity: str
+    factor: float
+
+    @overload
+    def law(self, metered: float) -> float: ...
+    @overload
+    def law(self, metered: Array) -> Array: ...
+    def law(self, metered: float | Array) -> float | Array:
+        """In the law's unit, out of what the meter or a target says."""
+        return self.factor * metered
+
+    def shown(self, output: float) -> float:
+        """In ohm, or in the column's unit, out of the law's."""
+        metered = output / self.factor
+        return ohm(metered, FALLING_RESISTANCE) if self.quantity == "resistance" else metered
+
+    def in_words(self, output: float) -> str:
+        """The same for people, with its unit."""
+        return f"{self.shown(output):.6g} {self.unit}"
+
+    @property
+    def unit(self) -> str:
+        """Of what is shown."""
+        return "ohm" if self.quantity == "resistance" else unit_of(self.quantity)
+
+    @property
+    def error_unit(self) -> str:
+        """Of a tracking error."""
+        return unit_of(FALLING_RESISTANCE if self.quantity == "resistance" else self.quantity)
+
+
+def plain_units(film: FilmModel | None) -> LawUnits:
+    """Of a law whose film is as its model has it; of one without a film, those of a resistance."""
+    output = film.output if film is not None else FALLING_RESISTANCE
+    if in_decades(output):
+        return LawUnits("resistance", -sign_of(output))
+    return LawUnits(column_of(output), sign_of(output))
+
+
+def law_units(film: FilmModel, limits_degC: tuple[float, float]) -> LawUnits:
+    """The units of a law of this film, between these temperatures."""
+    units = plain_units(film)
+    if units.quantity == "resistance":
+        return units
+    low, high = limits_degC
+    span = float(np.ptp(film.simulate(np.linspace(low, high, 401), film.initial_memory(low, "heated"))[0]))
+    return replace(units, factor=units.factor * LAW_SPAN / span) if span > 0.0 else units
+
+
+def in_law_units(film: FilmModel, units: LawUnits) -> FilmModel:
+    """The film whose output is the law's."""
+    return film if units.quantity == "resistance" else film.scaled(abs(units.factor))

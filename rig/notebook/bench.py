@@ -1,0 +1,157 @@
+"""Open a bench from a notebook: its output ends off, whatever happens in the block.
+
+There is no guard process here, because a notebook's process cannot be forked. So real ports are opened only where the
+controller's own dead man switches the output off when this process hangs or is killed. A long night is for
+`peltier run` or the daemon, which have a guard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.score import Score
+from rig.bench.assembly import Bench
+from rig.bench.assembly import open_bench as assembled
+from rig.core.outcome import NotConfirmedOff, Stopped
+from rig.core.reading import Reading
+from rig.drivers.controller import TemperatureController
+from rig.drivers.identity import Identity
+from rig.drivers.meter import LOG_RESISTANCE, ResistanceMeter, settled_reading
+from rig.experiment.session import Session, calibrate, run_on
+from rig.experiment.wanted import wanted
+from rig.files.configuration import ConfigurationFile, configuration_of
+from rig.files.model_file import Model
+from rig.files.record import Record
+from rig.files.record_file import read_record
+from rig.files.run_folder import default_folder, prepared_folder
+from rig.guard.line import UNGUARDED
+from rig.guard.needed import require_who_switches_off
+from rig.notebook.compiling import said_when_compiling
+from rig.notebook.configuration import tables_of, text_of
+from rig.report.run import write_live_report
+from rig.safety.signals import NotebookStop, SignalStop
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class BenchReading:
+    """What both instruments showed. time_s: on the bench's clock. temperature_degC and resistance_ohm: nan where the
+    reading is no number, or the bench has no ohmmeter; thermometer and meter: the same with their quality."""
+
+    time_s: float
+    temperature_degC: float
+    resistance_ohm: float
+    thermometer: Reading
+    meter: Reading | None
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """An experiment that was run. folder: its run folder, with report.html in it; record: its rows; scores: how well
+    each law followed a wanted resistance, decades; model: the one that it was run with, or that it calibrated."""
+
+    folder: Path
+    record: Record
+    scores: tuple[Score, ...]
+    model: Model | None
+
+
+@dataclass(frozen=True, eq=False)
+class OpenBench:
+    """A bench whose instruments are open, and whose output is off unless something here switches it on.
+
+    `run` and `calibrate` watch every limit of the configuration. controller, meter: the drivers themselves; through
+    them nothing watches but the controller's own limits and its dead man.
+    """
+
+    identities: dict[str, Identity]
+    controller: TemperatureController
+    meter: ResistanceMeter | None
+    _bench: Bench = field(repr=False)
+    _file: ConfigurationFile = field(repr=False)
+    _tables: Mapping[str, Any] = field(repr=False)
+
+    def read(self) -> BenchReading:
+        """Both instruments, the meter when it has found its range; nothing is switched. Raises RigError."""
+        thermometer = self.controller.read_temperature()
+        shown = settled_reading(self.meter) if self.meter is not None else None
+        ohmmeter = self.meter is not None and self.meter.output == LOG_RESISTANCE
+        ohm = shown.value if shown is not None and shown.is_number and ohmmeter else math.nan
+        degC = thermometer.value if thermometer.is_number else math.nan
+        return BenchReading(thermometer.time_s, degC, ohm, thermometer, shown)
+
+    def run(self, out: Path | str | None = None, say: Say = lambda text: None, **experiment: Any) -> Run:
+        """The configured experiment, into a run folder; the output is off again when it returns.
+
+        out: the folder, None: runs/DATE/TIME_NAME_ID. experiment: keys of the table [experiment] to change, as
+        target=["start 50 kohm", "hold 10 s"]. say: called with what happens. Raises Faults, RigError, Outcome.
+        """
+        file = self._with(experiment)
+        path = Path(out) if out is not None else default_folder(file.content.experiment.name)
+        target, model = wanted(file, say)
+        with said_when_compiling("rig.open_bench"), prepared_folder(path), _interrupted() as signals:
+            session = Session(self._bench, file, signals, say, report=write_live_report)
+            result = run_on(session, path, target, model)
+        record = read_record(result.folder / "record.csv")
+        return Run(result.folder, record, tuple(result.scores), result.model)
+
+    def calibrate(self, out: Path | str | None = None, say: Say = lambda text: None) -> Run:
+        """Measure film and plate with the configuration's [calibration]; `Run.model` is their model, which stands in
+        the run folder as MODEL.toml. Raises as `run`."""
+        path = Path(out) if out is not None else default_folder("calibration")
+        with said_when_compiling("rig.open_bench"), prepared_folder(path), _interrupted() as signals:
+            found = calibrate(Session(self._bench, self._file, signals, say, report=write_live_report), path)
+        return Run(path, read_record(path / "record.csv"), (), found.model)
+
+    def _with(self, experiment: Mapping[str, Any]) -> ConfigurationFile:
+        """The configuration with another experiment on the same bench. Raises Faults."""
+        tables = {**self._tables, "experiment": {**self._tables.get("experiment", {}), **experiment}}
+        return configuration_of(self._file.path, text_of(tables), tables)
+
+
+@contextmanager
+def open_bench(
+    configuration: str | PathLike[str] | Mapping[str, Any], *, unguarded: bool = False
+) -> Iterator[OpenBench]:
+    """Context: the instruments of a configuration, identified, their limits set; the output is off, confirmed, before
+    the block and after it, whatever ends the block.
+
+        with rig.open_bench("rig.toml") as bench:
+            print(bench.read().temperature_degC)
+
+    configuration: a file's path, or tables by name (`simulated_rig`). unguarded: open real ports also where the
+    controller has no dead man. Ctrl-C raises KeyboardInterrupt, SIGTERM and SIGHUP SystemExit; while the output is
+    being switched off they wait. Raises Faults, RigError (PortHeld: another process has the port), and NotConfirmedOff
+    where the controller does not confirm that its output is off: switch it off by hand then.
+    """
+    path, tables = tables_of(configuration)
+    file = configuration_of(path, text_of(tables), tables, for_experiment=False)
+    require_who_switches_off(file, UNGUARDED, unguarded)
+    with NotebookStop() as signals:
+        try:
+            with assembled(file) as bench:
+                try:
+                    yield OpenBench(bench.identities, bench.controller, bench.meter, bench, file, tables)
+                finally:
+                    signals.shield()
+        except NotConfirmedOff as error:
+            error.add_note("OUTPUT NOT CONFIRMED OFF. Switch the controller off by hand.")
+            raise
+        signals.expose()
+
+
+@contextmanager
+def _interrupted() -> Iterator[SignalStop]:
+    """While an experiment runs signals end it with the output off; then they are what a notebook expects."""
+    try:
+        with SignalStop() as signals:
+            yield signals
+    except Stopped as stopped:
+        raise NotebookStop.outcome(stopped.number) from stopped

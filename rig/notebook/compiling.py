@@ -1,0 +1,44 @@
+"""A call that has to compile loops says so. They are kept on disk, so that the next process finds them ready."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def says_when_it_compiles(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorator: at most one line on stderr a call, and only where a loop is compiled in it."""
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        with said_when_compiling(f"rig.{function.__name__}"):
+            return function(*args, **kwargs)
+
+    return called
+
+
+@contextmanager
+def said_when_compiling(what: str) -> Iterator[None]:
+    """The same, of whatever happens in a context."""
+    from numba.core import event
+
+    class Once(event.Listener):
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.said:
+                self.said = True
+                text = "compiling loops, once (up to a minute; `peltier precompile` does it ahead)"
+                print(f"{what}: {text}", file=sys.stderr, flush=True)
+
+        def on_end(self, event: Any) -> None:
+            """Nothing: how long it took is seen."""
+
+    with event.install_listener("numba:compile", Once()):
+        yield

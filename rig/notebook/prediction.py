@@ -1,0 +1,105 @@
+"""Run a model over a record that it was not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rig.analysis.predicted import Prediction, predicted
+from rig.analysis.prediction_error import (
+    ChannelError,
+    errors_of,
+    fitted_values,
+    left_out,
+    predicted_columns,
+    require_something_to_predict,
+)
+from rig.experiment.feasible import order_warning
+from rig.files.effect_tables import add_effect_files
+from rig.files.record import Record
+from rig.notebook.compiling import says_when_it_compiles
+from rig.notebook.models import as_model
+from rig.notebook.records import as_record
+from rig.notebook.shown import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from compensator.hysteresis.functions import Array
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedRecord(Shown):
+    """A record as a model predicts it, each array of shape (rows,).
+
+    columns: predicted_ohm (or predicted_ with the output's column) and predicted_degC. errors: of each channel that was
+    measured too, over the rows to which nothing was fitted; rmse_dec, rmse_K: the same, None where there is none.
+    fitted: what belongs to the record, where it was fitted: ambient_degC, first_degC, memory. notes: what to know.
+    """
+
+    columns: dict[str, Array]
+    errors: tuple[ChannelError, ...]
+    fitted: dict[str, Any]
+    notes: tuple[str, ...]
+    record: Record = field(repr=False)
+    found: Prediction = field(repr=False)
+
+    @property
+    def rmse_dec(self) -> float | None:
+        """Of log10 R, decades."""
+        return self._rmse("dec")
+
+    @property
+    def rmse_K(self) -> float | None:
+        """Of the plate's temperature, K."""
+        return self._rmse("K")
+
+    @property
+    def lines(self) -> tuple[str, ...]:  # type: ignore[override]
+        """What `print` shows."""
+        errors = [f"{e.what}: RMSE {e.rmse:.4f} {e.unit}, largest {e.max_abs:.4f} {e.unit}" for e in self.errors]
+        return (*errors, *self.notes) or ("nothing to compare",)
+
+    def plot(self) -> Figure:
+        """Measured and predicted over time, a panel for each channel."""
+        from rig.report.prediction import drawn_over_time
+
+        return drawn_over_time(self.record["time_s"], self.errors)
+
+    def _rmse(self, unit: str) -> float | None:
+        return next((error.rmse for error in self.errors if error.unit == unit), None)
+
+
+@says_when_it_compiles
+def predict(
+    model: Any,
+    record: Any,
+    *,
+    initial: Literal["cooled", "heated", "fitted"] | None = None,
+    drive: Literal["current", "temperature"] | None = None,
+    first_s: float | None = None,
+    effect_files: Iterable[Path | str] = (),
+) -> PredictedRecord:
+    """The film's output and, from the record's current, the plate's temperature: simulated, never one step ahead.
+
+    model: a Model, an identification or a diagnosis, or a model file's path. record: a `Record`, or what `read_record`
+    reads. initial: the film's memory at the first row, None: the model's own; "fitted": with the room's and the first
+    temperature, to the first rows (first_s seconds; None: 30 s or 20 rows, the longer). drive: what the film follows,
+    the simulated plate or the thermometer; None: as the model says. effect_files: effects of one's own. Raises Faults.
+    """
+    add_effect_files(Path(path) for path in effect_files)
+    known, where = as_model(model)
+    rows = as_record(record)
+    require_something_to_predict(known, rows, where)
+    found = predicted(known, rows, where, initial=initial, drive=drive, first_s=first_s)
+    warnings = (order_warning(known.film, where) if known.film is not None else None, left_out(known, rows))
+    return PredictedRecord(
+        predicted_columns(found, known),
+        tuple(errors_of(found, known, rows)),
+        fitted_values(found, known),
+        tuple(note for note in warnings if note is not None),
+        rows,
+        found,
+    )

@@ -1,0 +1,29 @@
+"""How a result shows itself: as lines of text, in a notebook with a figure below."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Shown:
+    """What `print` and a notebook show of a result: the lines that the command line prints, and a figure."""
+
+    lines: tuple[str, ...]
+
+    @abstractmethod
+    def plot(self) -> Figure:
+        """A matplotlib Figure; `figure.savefig("figure.png")` keeps it."""
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    def _repr_html_(self) -> str:
+        from rig.report.figures import svg_text
+
+        svg = svg_text(self.plot())
+        return f"<pre>{escape(str(self))}</pre>{svg[svg.index('<svg') :]}"

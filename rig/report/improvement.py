@@ -1,0 +1,145 @@
+"""The report of `peltier improve`: what was found, the error before and after, and the gain, on one page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.analysis.gained import Followed, Gained
+from rig.report.diagnosis_words import listed, parameter
+from rig.report.figures import COLOURS, new_figure, saved, thinned
+from rig.report.page import events_table, figure, links, paragraph, section, tiles, write_page
+
+FORMAT = "peltier-improvement/1"
+PLACES = {"dec": ("decades", "{:.4f}"), "K": ("K", "{:.4f}")}
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """run, folder, law: the first run, where all of this is, and the law. diagnosis: its JSON; said: its verdict in
+    words; new: the named effects that the first run's model did not have. model: the extended one. second: the second
+    run's folder, None where it was not run, and why_not. caveats: why the errors may not be compared."""
+
+    run: Path
+    folder: Path
+    law: str
+    diagnosis: Mapping[str, Any]
+    said: str
+    new: Sequence[str]
+    model: Path
+    first: Followed | None
+    second: Path | None = None
+    after: Followed | None = None
+    gained: Gained | None = None
+    why_not: str | None = None
+    caveats: Sequence[str] = field(default_factory=tuple)
+
+    def document(self) -> dict[str, Any]:
+        """The JSON of `peltier improve`."""
+        effects = [{key: e[key] for key in ("name", "parameters")} for e in self.diagnosis["effects"]]
+        return {
+            "format": FORMAT,
+            "run": self.run,
+            "folder": self.folder,
+            "law": self.law,
+            "verdict": self.diagnosis["verdict"],
+            "effects": effects,
+            "new": list(self.new),
+            "model": self.model,
+            "first": None if self.first is None else self.first.document(),
+            "second": None if self.after is None else self.after.document(),
+            "reduction": None if self.gained is None else self.gained.reduction,
+            "reduction_ci95": None if self.gained is None else list(self.gained.ci95),
+            "second_run": self.second,
+            "not_run_because": self.why_not,
+            "caveats": list(self.caveats),
+        }
+
+
+def sentence(i: Improvement) -> str:
+    """What came out."""
+    if i.why_not is not None:
+        return f"Not run again: {i.why_not}."
+    effects = listed([str(e["name"]) for e in i.diagnosis["effects"]])
+    if i.after is None:
+        return f"Run again with {effects} in the model; no row of it followed a target."
+    unit, digits = PLACES[i.after.unit]
+    after = digits.format(i.after.rms)
+    if i.first is None or i.first.unit != i.after.unit:
+        return f"With {effects} in the model the RMS error is {after} {unit}; the first run has none to compare."
+    text = f"With {effects} in the model the RMS error is {after} {unit} in the place of {digits.format(i.first.rms)}"
+    return f"{text}: {i.gained.in_words}." if i.gained is not None else f"{text}."
+
+
+def lines(i: Improvement) -> list[str]:
+    """The same for a terminal."""
+    out = [sentence(i), *(f"note: {text}" for text in i.caveats)]
+    if i.first is not None and i.after is not None and i.first.unit == i.after.unit:
+        unit, digits = PLACES[i.after.unit]
+        out.append(f"largest error: {digits.format(i.after.largest)} {unit}, was {digits.format(i.first.largest)}")
+    return out
+
+
+def write_improvement(i: Improvement) -> None:
+    """report.html and its figure in the folder, which is there."""
+    parts = [paragraph(f"First run: {i.run}. Law {i.law!r}.", "note"), tiles(_numbers(i))]
+    parts.append(section("What was found", paragraph(i.said), _effects(i)))
+    if i.caveats:
+        parts.append(section("To be kept in mind", *(paragraph(text) for text in i.caveats)))
+    if i.first is not None and i.after is not None and i.first.unit == i.after.unit:
+        parts.append(section("The error, before and after", _courses(i.folder, i.first, i.after)))
+    parts.append(section("Further reports", links(_reports(i))))
+    write_page(i.folder / "report.html", f"Improvement of {i.run.name}", sentence(i), parts)
+
+
+def _numbers(i: Improvement) -> list[tuple[str, str]]:
+    found = [(str(i.diagnosis["verdict"]).replace("_", " "), "verdict of the diagnosis")]
+    for run, what in ((i.first, "first run"), (i.after, "second run")):
+        if run is not None:
+            unit, digits = PLACES[run.unit]
+            found.append((f"{digits.format(run.rms)} {unit}", f"RMS error of the {what}"))
+    if i.gained is not None:
+        low, high = (100.0 * value for value in i.gained.ci95)
+        found.append((f"{100.0 * i.gained.reduction:.0f} %", f"less error (95 %: {low:.0f} to {high:.0f} %)"))
+    return found
+
+
+def _effects(i: Improvement) -> str:
+    if not i.diagnosis["effects"]:
+        return paragraph("No effect is named.")
+    rows = [
+        [
+            str(e["name"]),
+            ", ".join(parameter(name, p["value"], p["ci95"]) for name, p in e["parameters"].items()),
+            "new" if e["name"] in i.new else "the first run's model had it",
+        ]
+        for e in i.diagnosis["effects"]
+    ]
+    return events_table(["effect", "parameters (95 % interval)", "in the model"], rows)
+
+
+def _courses(out: Path, first: Followed, after: Followed) -> str:
+    """Both errors over the target's time, one scale."""
+    fig, axes = new_figure(2, 5.0)
+    most = 1.08 * max(first.largest, after.largest)
+    for axis, run, what, colour in zip(axes, (first, after), ("before", "after"), ("pid", "full"), strict=True):
+        axis.axhline(0.0, color="#8b94a3", linewidth=0.6)
+        axis.plot(*thinned(run.time_s, run.error), color=COLOURS[colour], linewidth=1.0)
+        axis.set_ylim(-most, most)
+        axis.set_ylabel(f"{what}\nerror / {run.unit}")
+    axes[-1].set_xlabel("time of the target / s")
+    quantity = "log10 of measured over wanted resistance" if first.unit == "dec" else "measured less wanted temperature"
+    text = f"Error over time, {quantity}: of the first run, and with the extended model. Both have the same scale."
+    return figure(saved(fig, out, "errors"), text)
+
+
+def _reports(i: Improvement) -> list[tuple[str, str]]:
+    places = [("first run", i.run), ("diagnosis", i.folder / "diagnosis")]
+    if i.second is not None:
+        places.append(("second run", i.second))
+    found = [(what, folder / "report.html") for what, folder in places]
+    whole = [(what, os.path.relpath(path.absolute(), i.folder.absolute())) for what, path in found if path.is_file()]
+    return [(what, Path(path).as_posix()) for what, path in whole]

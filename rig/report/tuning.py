@@ -1,0 +1,113 @@
+"""The report of `peltier tune`: the margins over the film's slopes, Nyquist's curves, the sensitivity."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+
+from compensator.control.whole_law import bearable_ms, frequencies, judged, worst_ms
+from rig.files.run_folder import plain_json
+from rig.report.diagnosis_figures import grid
+from rig.report.figures import saved
+from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
+
+if TYPE_CHECKING:
+    from rig.experiment.tuning import WholeLaw
+
+SHOWN = (0.6, 1.0, 1.5, 2.2)  # film slope over model slope: right, the bounds of "Ms 1.6", and the largest judged
+
+
+def write_tuning_report(folder: Path, name: str, result: Mapping[str, Any], found: WholeLaw) -> None:
+    """report.html, tuning.json and the figures in `folder`."""
+    (folder / "tuning.json").write_text(plain_json(result) + "\n", encoding="utf-8")
+    worst = max(row.margins.ms for row in found.rows)
+    verdict = "The margins hold." if not found.refused else "The gains are refused: their margins do not hold."
+    place = "ohmmeter" if found.name == "instrument_pid" else "command"
+    parts = [
+        tiles(
+            [
+                (f"{max(r.margins.ms for r in found.rows if r.ratio <= 1.5):.2f}", "Ms, slope ratios 0.6 to 1.5"),
+                (f"{worst:.2f}", "Ms at all ratios"),
+                (f"{found.rings_at_ratio:.2f}", "slope ratio from which it rings on"),
+                (f"{found.rings_at_gain:.2f}", "plate's answer from which it rings on"),
+            ]
+        ),
+        section(f"The loop, broken at the {place}", _figure(folder, found)),
+        section("Margins", _table(found), paragraph(_MEANING)),
+    ]
+    if found.refused:
+        parts.insert(0, section("Refused", bullets(found.refused)))
+    own = result["instrument_pid_gains"]
+    if own["options"] is not None:
+        lines = [f"{key} = {value:g}" for key, value in own["options"].items()] + list(own["commands"])
+        parts.append(section("Gains for the controller's own PID", bullets(lines)))
+    write_page(folder / "report.html", f"{name}: margins of the law '{found.name}'", verdict, parts)
+
+
+_MEANING = (
+    "A film is steeper or flatter than its model on minor loops, and no model has the right slope everywhere. Ms is "
+    "the largest sensitivity: 1 / Ms is the least distance of the loop from -1, where it rings on. The gain margin is "
+    "what the loop's gain, the disk margin what gain and phase together may be wrong by. Each number is the worst of "
+    "the film's way up and its way down, with a quiet and with a usual thermometer. A film at rest is shown, and not "
+    "judged: the resistance is not fed back within the band, and beyond it the film is on its way."
+)
+
+
+def _table(found: WholeLaw) -> str:
+    head = [
+        "slope ratio",
+        "gain margin",
+        "phase margin / deg",
+        "Ms",
+        "Ms asked",
+        "Ms at the ohmmeter",
+        "disk: gain, phase",
+    ]
+    rows = [
+        [
+            f"{r.ratio:g}",
+            f"{r.margins.gain_margin:.2f}",
+            f"{r.margins.phase_margin_deg:.0f}",
+            f"{r.margins.ms:.2f}",
+            f"{bearable_ms(r.ratio):g}",
+            f"{r.margins.at_ohmmeter:.2f}",
+            f"{r.margins.disk_gain:.2f}, {r.margins.disk_phase_deg:.0f} deg",
+        ]
+        for r in found.rows
+    ]
+    return table(head, rows)
+
+
+def _figure(folder: Path, found: WholeLaw) -> str:
+    """Nyquist's curve and |S|, of the point with the least margins at each of some ratios."""
+    fig, axes = grid(1, 2, 4.4)
+    nyquist, bode = axes[0]
+    omega = frequencies(found.timing.period_s)
+    shades = mpl.colormaps["viridis"](np.linspace(0.05, 0.85, len(SHOWN)))
+    moving = [p for p in found.points if p.way != "at rest"]
+    resting = [p for p in found.points if p.way == "at rest"]
+    curves = [(moving, ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in zip(SHOWN, shades, strict=True)]
+    for points, ratio, label, shade in [*curves, (resting, 1.0, "at rest", "#c8553d")]:
+        point = max(points, key=lambda p, ratio=ratio: worst_ms([p], ratio))  # type: ignore[misc]
+        loop = judged(point, ratio, omega)
+        nyquist.plot(loop.real, loop.imag, color=shade, label=label)
+        bode.plot(omega, 1.0 / np.abs(1.0 + loop), color=shade, label=label)
+    angle = np.linspace(0.0, 2.0 * np.pi, 200)
+    for ms, style, side in ((1.6, "--", 1.0), (2.0, ":", -1.0)):
+        nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color="#8b94a3", linewidth=1.0)
+        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color="#5b6472")
+        bode.axhline(ms, linestyle=style, color="#8b94a3", linewidth=1.0)
+    nyquist.plot([-1.0], [0.0], "+", color="#1c2330", markersize=9)
+    nyquist.set(xlim=(-2.5, 1.0), ylim=(-2.5, 1.0), xlabel="Re L", ylabel="Im L", aspect="equal")
+    bode.set(
+        xscale="log", xlabel="frequency / rad/s", ylabel="|S| = |1 / (1 + L)|", xlim=(1e-2, omega[-1]), ylim=(0.0, 2.5)
+    )
+    bode.legend(loc="upper left")
+    caption = (
+        "The whole loop's curve keeps out of the circle about -1 of radius 1 / Ms; |S| is what it makes of an error."
+    )
+    return figure(saved(fig, folder, "margins"), caption)

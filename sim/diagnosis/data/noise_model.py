@@ -1,0 +1,144 @@
+"""The noise of an instrument: how large at which reading, how it hangs together from row to row, how heavy its tails.
+
+    x_k = (reading - shown)_k / deviation(reading_k),     u_k = x_k - c x_{k-1} + theta u_{k-1}
+
+A real meter's noise goes with its range and its resistance, neighbouring readings share some of it, and some readings
+are further off than a normal distribution has them. Everything that a likelihood needs of this is `Whitening.over`: it
+turns what a model is off by (and by as much any slope of the model) into numbers u that are independent and of
+variance 1, those far out weighed down as Student's t has it (K. Lange, R. Little, J. Taylor, J. Am. Stat. Assoc. 84
+(1989) 881: the weight of a reading is (nu + 1) / (nu + u^2)). Half the sum of their squares is minus the logarithm of
+the likelihood.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from compensator.hysteresis.functions import Array
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """deviations: in the reading's unit, (steps,), each from its edge on (steps - 1,) of the readings; correlation: of
+    neighbouring rows, in the share of the variance that hangs together (rounding does not); weights: of each row of the
+    record in the likelihood, (rows,), None: 1, and the degrees of the
+    Student's t that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root
+    mean square of the noise over the record's readings."""
+
+    level: float
+    edges: Array
+    deviations: Array
+    correlation: float = 0.0
+    shared: float = 1.0
+    weights: Array | None = None
+    degrees: float = math.inf
+    floor: Array | None = None
+
+    @classmethod
+    def white(cls, deviation: float) -> NoiseModel:
+        """The same everywhere, and independent."""
+        return cls(deviation, np.empty(0), np.array([deviation]))
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is white and the same everywhere."""
+        return not self.edges.size and self.correlation == 0.0 and self.weights is None
+
+    def at(self, readings: Array, rows: Rows | None = None) -> Array:
+        """The standard deviation at these readings. rows: the record's that they are in, None: they are another's."""
+        own = self.deviations[np.searchsorted(self.edges, readings, side="right")]
+        return own if self.floor is None or rows is None else np.hypot(own, self.floor[rows])
+
+    def rms(self, readings: Array, rows: Rows | None = None) -> float:
+        """Root mean square of the noise at these readings, tails and all."""
+        if self.plain:
+            return self.level
+        return root_mean_square(self.marginal(readings, rows))
+
+    def marginal(self, readings: Array, rows: Rows | None = None) -> Array:
+        """The standard deviation at these readings, tails and all."""
+        tails = 1.0 if math.isinf(self.degrees) else self.degrees / (self.degrees - 2.0)
+        return math.sqrt(tails) * self.at(readings, rows)
+
+    def with_floor(self, floor: Array) -> NoiseModel:
+        """The same where each row is uncertain by so much besides, (rows of the record,)."""
+        return self if self.plain or not np.any(floor) else replace(self, floor=floor)
+
+    def alike(self, other: NoiseModel, readings: Array, share: float) -> bool:
+        """Whether another model weighs these readings about the same: to this share of a deviation."""
+        if (self.weights is None) != (other.weights is None):
+            return False
+        apart = np.log(self.at(readings) / other.at(readings))
+        return root_mean_square(apart) < share and abs(self.correlation - other.correlation) < share
+
+    def on(self, rows: Rows, readings: Array, begins: NDArray[np.bool_] | None = None) -> Whitening:
+        """For some rows of the record. readings: of these rows; begins: which of them hang together with none before,
+        (rows,)."""
+        if self.plain:
+            return Whitening(1.0 / np.full(rows.size, self.level))
+        scale = 1.0 / self.at(readings, rows)
+        root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
+        if self.correlation == 0.0:
+            return Whitening(root * scale)
+        theta, size = self._innovations()
+        follows = np.diff(rows, prepend=rows[:1] - 2) == 1
+        if begins is not None:
+            follows &= ~begins
+        before = np.zeros(rows.size)
+        before[1:] = np.where(follows[1:], self.correlation * scale[:-1], 0.0)
+        return Whitening(scale, before, theta, np.flatnonzero(~follows), root / np.where(follows, size, 1.0))
+
+    def _innovations(self) -> tuple[float, float]:
+        """theta and the deviation of u in u_k = x_k - c x_{k-1} + theta u_{k-1}: an autoregression and a white part are
+        one with a moving average (C. Granger, M. Morris, J. R. Statist. Soc. A 139 (1976) 246)."""
+        c, white = self.correlation, 1.0 - self.shared
+        gamma_0, gamma_1 = self.shared * (1.0 - c * c) + white * (1.0 + c * c), c * white
+        if white == 0.0:
+            return 0.0, math.sqrt(gamma_0)
+        half = 0.5 * gamma_0 / gamma_1
+        theta = half - math.sqrt(half * half - 1.0)
+        return theta, math.sqrt(gamma_1 / theta)
+
+    def elsewhere(self) -> NoiseModel:
+        """For another record, no row of which has a weight."""
+        return replace(self, weights=None, floor=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """weight_k u_k over some rows, u_k = own_k v_k - before_k v_{k-1} + theta u_{k-1}; before: None where rows are
+    independent, and then there are no weights; begins: rows that hang together with none before."""
+
+    own: Array
+    before: Array | None = None
+    theta: float = 0.0
+    begins: Rows | None = None
+    weight: Array | None = None
+
+    def over(self, values: Array) -> Array:
+        """Values of the rows, (rows,) or (rows, columns), over the noise."""
+
+        def each(of_rows: Array) -> Array:
+            return of_rows if values.ndim == 1 else of_rows[:, None]
+
+        out = values * each(self.own)
+        if self.before is not None and self.weight is not None and self.begins is not None:
+            out[1:] -= each(self.before[1:]) * values[:-1]
+            if self.theta:
+                for first, last in itertools.pairwise([*self.begins.tolist(), values.shape[0]]):
+                    out[first:last] = lfilter([1.0], [1.0, -self.theta], out[first:last], axis=0)
+            out *= each(self.weight)
+        return np.asarray(out, dtype=np.float64)
+
+
+def root_mean_square(values: Array) -> float:
+    """0 of none."""
+    return math.sqrt(float(np.mean(values**2))) if values.size else 0.0

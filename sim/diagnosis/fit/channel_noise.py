@@ -1,0 +1,47 @@
+"""The noise of both instruments, as what a fit leaves shows it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
+from sim.diagnosis.data.noise_estimate import noise_of
+from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+
+DITHERED = 2.0  # steps of a lattice over the noise, below which the noise spreads rounding evenly over the rows
+STEEPNESS_ROWS = 15  # about a row
+LEAST_MOVED_K = 0.01  # over them: a plate that stands tells no slope
+
+
+def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K: float) -> NoiseModel:
+    """Of the thermometer. One beneath the lattice is white, as far as anybody can tell."""
+    record, rows = channel.record, channel.rows
+    step, residual = record.step_K, record.temperature_degC - fit.shown_degC
+    if step <= DITHERED * quick_noise(residual[rows]):
+        fitted = np.zeros(record.rows, dtype=np.bool_)
+        fitted[rows] = True
+        model = noise_of(residual, record.temperature_degC, record.temperature_used, fitted, least_K, stepped=False)
+        if not model.plain or step == 0.0:
+            return model
+    sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)
+    return NoiseModel.white(max(sigma_K, least_K))
+
+
+def ohmmeter_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float) -> NoiseModel:
+    """Of the ohmmeter. Where it is not the same everywhere it may be far below what the path is uncertain by (path_K)
+    on a flank: a film is no better a thermometer than the plate's own, until both channels are fitted as one."""
+    noise = noise_of(channel.output - fit.shown, channel.output, channel.record.output_used, channel.fitted, least_dec)
+    return noise.with_floor(path_K * _steepness(channel, fit))
+
+
+def _steepness(channel: ResistanceChannel, fit: ResistanceFit) -> Array:
+    """By how much what is shown changes with the plate's temperature about each row, decades / K, (rows,)."""
+    around = np.ones(STEEPNESS_ROWS)
+    moved = np.abs(np.gradient(channel.path.at(channel.record.time_s)))
+    shown = np.abs(np.gradient(fit.shown))
+    per = np.convolve(shown, around, "same") / np.maximum(np.convolve(moved, around, "same"), LEAST_MOVED_K)
+    return np.asarray(per, dtype=np.float64)

@@ -1,0 +1,19 @@
+"""Which effects have a temperature of their own, unknown at the first row and after each long gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sim.effects.effect import HeatFlow, Switched
+from sim.model.links import links_of
+
+
+def has_own(effect: Switched) -> bool:
+    """Whether it is a body on the plate's balance with a temperature of its own."""
+    return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
+
+
+def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
+    """The effects that have one, in the chain's order: on the plate's balance, then filters of the thermometer."""
+    links = links_of(effects)
+    return [*(e for e in links.plate if has_own(e)), *links.thermometer]

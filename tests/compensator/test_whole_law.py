@@ -1,0 +1,253 @@
+"""The margins of the law that runs: against the law run step by step on the nonlinear plate, and by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensator.control.design import design_temperature
+from compensator.control.law import Law, LawSettings
+from compensator.control.law_step import Inputs, LawState
+from compensator.control.limit_cycle import at_ohmmeter, backlash, dead_band, limit_cycles, steps
+from compensator.control.linear_plant import Timing, plate_plant, regulated_plant
+from compensator.control.operating_points import Point, believed, operating_points
+from compensator.control.own_pid import OwnPid, design_own_pid
+from compensator.control.whole_law import (
+    NOISES_K,
+    RATIOS,
+    bearable_ms,
+    critical_gain,
+    critical_ratio,
+    frequencies,
+    loop_margins_at,
+    share_within,
+    worst_ms,
+)
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
+
+FILM = FilmModel(
+    np.arange(1, 31) / 30.0,
+    np.full(30, 0.05),
+    Envelope("tanh", 0.2, -11.6),
+    Envelope("tanh", 0.2, -11.2),
+    Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
+)
+PLATE = PlateModel(1.7e-3, 0.067, 0.017, 25.0)
+TIMING = Timing(0.1, 0.036, 0.017)
+NOISE_K, FIRST_DEGC, DEC_PER_S = 0.01, 58.0, 0.01
+GENTLY = 100
+
+
+def law_of(most_share: float = 0.5, timing: Timing = TIMING, name: str = "full") -> Law:
+    h = timing.period_s
+    gains = design_temperature(h, h, 1.4).gains
+    settings = LawSettings(name, h, 4.0, 10.0, 95.0, gains, 8, 0.5, most_share=most_share)  # type: ignore[arg-type]
+    return Law(settings, PLATE, FILM)
+
+
+def heating(law: Law, timing: Timing = TIMING, level: float = 0.45) -> Point:
+    return operating_points(law, timing, NOISE_K, levels=(level,))[0]
+
+
+def course(law: Law, ratio: float, gain: float, ticks: int, push_K: float) -> Array:
+    """The law on the nonlinear plate and film, on a ramp: its temperature at each reading. The estimator's gains are
+    held, as in the linear loop; over the first GENTLY ticks, so that the film never turns, the film becomes steeper by
+    a ratio, and the plate answers a change of the current by a gain."""
+    memory = FILM.step(FIRST_DEGC, FILM.initial_memory(10.0, "heated"))[1]
+    first, memory = FILM.step(FIRST_DEGC, memory)
+    state: LawState = law.start(FIRST_DEGC, memory, PLATE.current_for_rate_A(FIRST_DEGC, 0.0, 4.0))
+    known = believed(law, NOISE_K, state.estimate)
+    t, h = TIMING, TIMING.period_s
+    degC, current, film, ahead = FIRST_DEGC, state.current_A, memory, law.preview_times_s()
+    hold, output, found, before = state.current_A, first, np.empty(ticks), first
+    for k in range(ticks):
+        degC += push_K if k == GENTLY else 0.0
+        so_far = min(k / GENTLY, 1.0)
+        wanted = first + DEC_PER_S * (k * h + t.acts_after_s + ahead)
+        inputs = Inputs(degC, output, first + DEC_PER_S * k * h, wanted, t.output_age_s, t.acts_after_s)
+        held = state.estimate.drift_K_per_s
+        state = state._replace(estimate=known._replace(drift_K_per_s=held))
+        command, state = law.step(state, inputs)
+        found[k] = degC
+        sent = hold + (1.0 + so_far * (gain - 1.0)) * (command.current_A - hold)
+        degC = PLATE.step(degC, current, t.acts_after_s)
+        aged = PLATE.step(degC, sent, h - t.acts_after_s - t.output_age_s)
+        degC, current = PLATE.step(aged, sent, t.output_age_s), sent
+        shown, film = FILM.step(aged, film)
+        output += (1.0 + so_far * (ratio - 1.0)) * (shown - before)
+        before = shown
+        film = FILM.step(degC, film)[1]
+    return found
+
+
+def grows(law: Law, ratio: float, gain: float) -> bool:
+    """Whether what a tiny push makes is larger after 8 s than after 4 s, when the slow modes have died down."""
+    off = np.abs(course(law, ratio, gain, GENTLY + 80, 1e-7) - course(law, ratio, gain, GENTLY + 80, 0.0))
+    return bool(np.max(off[-20:]) > np.max(off[-60:-40]))
+
+
+def edge(rings: Callable[[float], bool], low: float, high: float) -> float:
+    """Where it begins to ring on, to 1 %."""
+    assert not rings(low)
+    assert rings(high)
+    while high / low > 1.01:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if rings(middle) else (middle, high)
+    return math.sqrt(low * high)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_the_running_law_rings_on_at_the_computed_slope_ratio(share: float) -> None:
+    law = law_of(share)
+    computed = critical_ratio(heating(law))
+    assert edge(lambda ratio: grows(law, ratio, 1.0), 0.85 * computed, 1.12 * computed) == pytest.approx(
+        computed, rel=0.05
+    )
+
+
+def test_the_running_law_rings_on_at_the_computed_gain_of_the_plate() -> None:
+    law = law_of(0.5)
+    computed = critical_gain(heating(law), 1.5)
+    assert loop_margins_at(heating(law), 1.5).gain_margin == pytest.approx(computed, rel=0.01)
+    assert edge(lambda gain: grows(law, 1.5, gain), 0.85 * computed, 1.12 * computed) == pytest.approx(
+        computed, rel=0.05
+    )
+
+
+def test_the_share_of_a_reading_is_the_largest_within_the_margins() -> None:
+    law = law_of(1.0)
+    share = share_within(law, TIMING)
+    assert 0.2 < share < 0.6
+
+    def holds(share: float) -> bool:
+        tried = Law(replace(law.settings, most_share=share), PLATE, FILM)
+        points = [p for noise in NOISES_K for p in operating_points(tried, TIMING, noise, levels=(0.5,))[:2]]
+        return all(worst_ms(points, ratio) <= bearable_ms(ratio) + 0.005 for ratio in RATIOS)
+
+    assert holds(share)
+    assert not holds(share + 0.05)
+    assert not holds(1.0)
+
+
+def test_a_film_at_rest_is_held_by_the_temperature_alone() -> None:
+    """The resistance is not fed back while the film stands: its slope changes nothing."""
+    for noise in NOISES_K:
+        point = operating_points(law_of(0.4), TIMING, noise)[-1]
+        assert point.way == "at rest"
+        assert worst_ms([point], 2.2) == pytest.approx(worst_ms([point], 0.6), rel=1e-6)
+        assert critical_gain(point) > 1.1
+
+
+def test_delay_that_nobody_tells_costs_margin() -> None:
+    told, late = TIMING, replace(TIMING, late_s=0.1)
+    assert worst_ms([heating(law_of(), late)], 1.0) > 1.3 * worst_ms([heating(law_of(), told)], 1.0)
+
+
+def test_the_plate_is_its_own_exact_step() -> None:
+    plant = plate_plant(PLATE, 60.0, 0.7, 0.1, TIMING)
+    small, x = 1e-5, np.zeros((3, 1))
+    degC = [60.0, 60.0]
+    for current in (0.7, 0.7 + small, 0.7 + small, 0.7 - small):
+        x = plant.a @ x + plant.b * (current - 0.7)
+        degC = [PLATE.step(value, amount, 0.1) for value, amount in zip(degC, (0.7, current), strict=True)]
+    at_once = plate_plant(PLATE, 60.0, 0.7, 0.1, Timing(0.1))
+    y = np.zeros((3, 1))
+    for current in (0.7, 0.7 + small, 0.7 + small, 0.7 - small):
+        y = at_once.a @ y + at_once.b * (current - 0.7)
+    rest = PLATE.rate_K_per_s(60.0, 0.7)  # no operating point of rest: the gain changes on the way
+    assert (at_once.c @ y)[0, 0] == pytest.approx(degC[1] - degC[0], rel=0.01 + abs(rest) * 0.01)
+    assert (plant.c @ x)[0, 0] != pytest.approx((at_once.c @ y)[0, 0], rel=1e-3)
+    later = plate_plant(PLATE, 60.0, 0.7, 0.1, replace(TIMING, late_s=0.2))
+    z = np.exp(1j * np.array([0.3, 3.0]) * 0.1)
+    np.testing.assert_allclose(later.response(z), plant.response(z) * (z**-2)[:, None], rtol=1e-9)
+
+
+def test_the_controllers_own_pid_follows_its_setpoint_and_keeps_ms() -> None:
+    pid, design = design_own_pid(0.66, 0.015, 0.1, 0.1, 1.4, 0.01, 4.0)
+    assert design.margins.ms <= 1.4 + 1e-9
+    plant = regulated_plant(PLATE, 60.0, 0.7, 0.1, pid, TIMING)
+    whole = plant.response(np.array([1.0 + 1e-9]))
+    np.testing.assert_allclose(np.real(whole), [[1.0, 0.1]], rtol=1e-3)
+    noisy, _ = design_own_pid(0.66, 0.015, 0.1, 0.1, 1.4, 1.0, 4.0)
+    assert noisy.kp_A_per_K <= 0.05 * 4.0 / 1.0 * 1.02
+    slow = regulated_plant(PLATE, 60.0, 0.7, 0.1, OwnPid(0.4, 30.0), TIMING)
+    z = np.exp(1j * np.array([1.0]) * 0.1)
+    assert abs(slow.response(z)[0, 0]) < 0.5 < abs(plant.response(z)[0, 0])
+
+
+def test_describing_functions_against_the_parts_themselves() -> None:
+    angles = 2.0 * np.pi * np.arange(4096) / 4096
+    for amplitude in (0.14, 0.5, 2.0):
+        wave = amplitude * np.sin(angles)
+        parts = {
+            "steps": (steps(0.1)(amplitude), 0.1 * np.round(wave / 0.1)),
+            "dead band": (
+                dead_band(0.1)(amplitude),
+                np.where(np.abs(wave) > 0.1, wave, 0.0),
+            ),
+            "play": (backlash(0.1)(amplitude), played(wave, 0.1)),
+        }
+        for name, (harmonic, made) in parts.items():
+            first = 2j * np.mean(made * np.exp(-1j * angles)) / amplitude
+            assert harmonic == pytest.approx(first, abs=0.01), name
+
+
+def played(wave: Array, halfwidth: float) -> Array:
+    """Backlash, after a cycle that it settles in."""
+    at, found = 0.0, []
+    for value in (*wave, *wave):
+        at = min(max(at, value - halfwidth), value + halfwidth)
+        found.append(at)
+    return np.array(found[wave.size :])
+
+
+def test_the_predicted_limit_cycle_is_the_one_that_runs() -> None:
+    """Two lags and two periods of delay around a thermometer with steps, a gain that is 1.15 below what it bears."""
+    h, step = 0.1, 0.1
+    left = 0.9
+
+    def broken(gain: float) -> Callable[[Array], Array]:
+        def response(w: Array) -> Array:
+            z = np.exp(1j * w * h)
+            return np.asarray(gain * (1.0 - left) ** 2 / (z - left) ** 2 * z**-2)
+
+        return response
+
+    def swing(gain: float, first: float) -> float:
+        x = y = first
+        past = [0.0, 0.0]
+        found = []
+        for _ in range(800):
+            past.append(-gain * step * round(y / step))
+            y, x = left * y + (1.0 - left) * x, left * x + (1.0 - left) * past[-3]
+            found.append(y)
+        return max(abs(value) for value in found[-100:])
+
+    bears = next(g for g in np.arange(1.0, 30.0, 0.05) if not limit_free(broken(float(g)), h))
+    gain = float(bears) / 1.15
+    cycles = limit_cycles(broken(gain), steps(step), 0.5 * step, h)
+    (kept,) = [cycle for cycle in cycles if cycle.keeps and cycle.amplitude < 1.5 * step]
+    assert swing(gain, 1.5 * kept.amplitude) == pytest.approx(kept.amplitude, rel=0.1)
+    calm = float(bears) / 1.4  # beyond 4 / pi there is none
+    assert not limit_cycles(broken(calm), steps(step), 0.5 * step, h)
+    assert swing(calm, 3.0 * step) < 0.5 * step
+
+
+def limit_free(response: Callable[[Array], Array], h: float) -> bool:
+    """Whether the linear loop settles: it crosses the negative real axis short of -1."""
+    values = response(frequencies(h, 4000))
+    crossed = np.flatnonzero(np.diff(np.sign(values.imag)) > 0)
+    return bool(np.all(values.real[crossed] > -1.0))
+
+
+def test_a_play_in_the_law_hunts_slowly() -> None:
+    point = heating(law_of(0.4))
+    (cycle, *_) = limit_cycles(lambda w: at_ohmmeter(point, 1.0, w), backlash(0.1), 0.1, 0.1)
+    assert cycle.amplitude > 0.1
+    assert cycle.period_s > 10.0

@@ -1,0 +1,222 @@
+"""`peltier improve`: a run diagnosed, its model extended, run again on the simulated rig, and what that gains."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.__main__ import main
+from rig.analysis.gained import news
+from rig.files.configuration import read_configuration
+from rig.files.extended_configuration import extended_configuration
+from rig.files.model_file import read_model
+from rig.files.toml_text import read_toml
+from rig.report.told import Told, files_in
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+PROFILE = (
+    '["start 40 degC", "hold 3 s", "ramp to 55 degC at 1 K/s", "hold 3 s", "ramp to 45 degC at 0.7 K/s", "hold 5 s"]'
+)
+TARGET = '["start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.02 dec/s", "hold 10 s", "ramp to 12 kohm at 0.02 dec/s"]'
+METER = '[bench.meter]\ndriver = "keithley2000"\nport = "sim://"\n'
+DELAY = '\n[[simulation.effects]]\nname = "actuator_delay"\ndelay_s = 0.8\n'
+LAG = '\n[[simulation.effects]]\nname = "film_lag"\ntau_s = 1.0\n'
+
+
+def write_profile(folder: Path, effects: str = "") -> Path:
+    """A rig without an ohmmeter that follows a temperature: its record is diagnosed in seconds."""
+    config = write_bench(folder, target=PROFILE, more=effects)
+    text = config.read_text().replace(METER, "").replace("track_resistance", "temperature_profile")
+    config.write_text(text)
+    return config
+
+
+class Terminal(io.StringIO):
+    """What somebody types."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def circle(config: Path, folder: Path) -> dict[str, Any]:
+    """A run into first/, its improvement into better/, and what was said."""
+    assert main(["run", str(config), "--out", str(folder / "first")]) == 0
+    words = ["--config", str(config), "--out", str(folder / "better"), "--yes", "--json", str(folder / "said.json")]
+    assert main(["improve", str(folder / "first"), *words]) == 0
+    said: dict[str, Any] = json.loads((folder / "said.json").read_text())
+    return said
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """config.toml of a rig whose current acts late, and the circle with a model that knows of nothing."""
+    folder = tmp_path_factory.mktemp("improve")
+    circle(write_profile(folder, DELAY), folder)
+    return folder
+
+
+def test_the_circle_gains(folder: Path) -> None:
+    said = json.loads((folder / "said.json").read_text())
+    assert said["format"] == "peltier-improvement/1"
+    assert [e["name"] for e in said["effects"]] == said["new"] == ["actuator_delay"]
+    assert said["effects"][0]["parameters"]["delay_s"]["value"] == pytest.approx(0.8, abs=0.05)
+    first, second = (
+        json.loads((run / "run.json").read_text()) for run in (folder / "first", folder / "better" / "run")
+    )
+    for key, run in (("first", first), ("second", second)):
+        assert said[key] == pytest.approx(run["result"]["error"])
+    assert said["second"]["rms_K"] < 0.7 * said["first"]["rms_K"]
+    assert said["reduction"] == pytest.approx(1.0 - said["second"]["rms_K"] / said["first"]["rms_K"], abs=0.02)
+    assert said["reduction_ci95"][0] < said["reduction"] < said["reduction_ci95"][1]
+    assert second["start"]["settings"]["limits"] == first["start"]["settings"]["limits"]
+
+
+@pytest.mark.long
+def test_a_film_that_lags_is_followed_better(tmp_path: Path) -> None:
+    said = circle(write_bench(tmp_path, target=TARGET, more=LAG), tmp_path)
+    assert [e["name"] for e in said["effects"]] == ["film_lag"]
+    assert said["reduction_ci95"][0] > 0.0
+    assert "decades in the place of" in (tmp_path / "better" / "report.html").read_text()
+
+
+def test_what_ran_is_kept(folder: Path) -> None:
+    better = folder / "better"
+    assert [dict(e)["name"] for e in read_model(better / "diagnosis" / "model.toml").effects] == ["actuator_delay"]
+    file = read_configuration(better / "config.toml")
+    assert file.beside(str(file.content.experiment.model)) == better / "diagnosis" / "model.toml"
+    page = (better / "report.html").read_text()
+    assert "With actuator_delay in the model the RMS error is" in page
+    assert "% less" in page
+    for link in ("../first/report.html", "diagnosis/report.html", "run/report.html"):
+        assert f'href="{link}"' in page
+        assert (better / link).is_file()
+    assert json.loads((better / "improvement.json").read_text()) == json.loads((folder / "said.json").read_text())
+
+
+def test_nothing_is_heated_where_nothing_is_named(peltier: Peltier, tmp_path: Path) -> None:
+    config = write_profile(tmp_path)
+    assert peltier("run", config, "--out", tmp_path / "first")[0] == 0
+    status, out, _ = peltier("improve", tmp_path / "first", "--config", config, "--out", tmp_path / "b", "--yes")
+    assert status == 0
+    assert "Not run again: no effect is named in this record." in out
+    assert not (tmp_path / "b" / "run").exists()
+    assert json.loads((tmp_path / "b" / "improvement.json").read_text())["second"] is None
+
+
+@pytest.fixture
+def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The same, its diagnosis known already: it takes seconds."""
+    files = files_in(folder / "better" / "diagnosis")
+    said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
+    return folder
+
+
+def test_it_asks_before_it_heats(
+    peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("n\n"))
+    words = ("improve", known / "first", "--config", known / "config.toml", "--out")
+    status, out, _ = peltier(*words, tmp_path / "no")
+    assert status == 0
+    assert "It heats: meerstetter at sim://" in out
+    assert "limits 10 to 95 degC and 4 A" in out
+    assert "Not run again: you said no." in out
+    assert not (tmp_path / "no" / "run").exists()
+    monkeypatch.setattr("sys.stdin", Terminal("y\n"))
+    status, out, _ = peltier(*words, tmp_path / "yes")
+    assert status == 0
+    assert (tmp_path / "yes" / "run" / "record.csv").is_file()
+
+
+def test_it_refuses_without_a_terminal(peltier: Peltier, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
+    status, out, err = peltier("improve", folder / "first", "--config", folder / "config.toml", "--out", folder / "no")
+    assert (status, out) == (2, "")
+    assert err.startswith("--yes: missing, and there is no terminal to ask on")
+    assert not (folder / "no").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (("current_A = 4.0", "current_A = 4.5"), "limits.current_A: 4.5: expected at most the run's, 4"),
+        (("[10, 95]", "[10, 99]"), "limits.temperature_degC: [10.0, 99.0]: expected within the run's, [10.0, 95.0]"),
+        (
+            ("period_s = 0.1", 'period_s = 0.1\nlaw = "instrument_pid"'),
+            "experiment.law: 'instrument_pid' makes no use of a model's effects",
+        ),
+        (('"temperature_profile"', '"current_profile"'), "experiment.kind: 'current_profile' follows no target"),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    peltier: Peltier, folder: Path, tmp_path: Path, change: tuple[str, str], line: str
+) -> None:
+    config = folder / f"refused_{abs(hash(line))}.toml"
+    config.write_text((folder / "config.toml").read_text().replace(*change))
+    status, _, err = peltier("improve", folder / "first", "--config", config, "--out", tmp_path / "no", "--yes")
+    assert status == 2
+    assert err.splitlines() == [err.strip()]
+    assert line in err
+    assert not (tmp_path / "no").exists()
+
+
+def test_no_run_and_no_configuration(peltier: Peltier, folder: Path, tmp_path: Path) -> None:
+    status, _, err = peltier("improve", tmp_path / "none", "--config", folder / "config.toml", "--yes")
+    assert (status, err) == (2, f"{tmp_path / 'none'}: no such folder; expected a run folder\n")
+    status, _, err = peltier("improve", folder / "first", "--config", tmp_path / "none.toml", "--yes")
+    assert (status, err) == (2, f"{tmp_path / 'none.toml'}: no such file\n")
+
+
+def test_what_a_daemon_ended_with_is_the_status(
+    peltier: Peltier, known: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def handed_over(verb: str, config: Path, out: Path, json_target: str | None, bench: str | None) -> int:
+        asked.append((verb, read_toml(config)["experiment"]["model"], out, bench))
+        return 10
+
+    monkeypatch.setattr("rig.command.improve.handed_over", handed_over)
+    words = ("--config", known / "config.toml", "--out", tmp_path / "out", "--yes", "--bench", "lab")
+    assert peltier("improve", known / "first", *words)[0] == 10
+    model = tmp_path / "out" / "diagnosis" / "model.toml"
+    assert asked == [("run", str(model), tmp_path / "out" / "run", "lab")]
+    assert not (tmp_path / "out" / "improvement.json").exists()
+
+
+def test_another_target_is_told_and_not_compared(peltier: Peltier, known: Path, tmp_path: Path) -> None:
+    config = known / "other_target.toml"
+    config.write_text((known / "config.toml").read_text().replace("hold 3 s", "hold 4 s"))
+    status, out, _ = peltier("improve", known / "first", "--config", config, "--out", tmp_path / "out", "--yes")
+    assert status == 0
+    assert "note: the first run had another target: the errors cannot be compared" in out
+    assert json.loads((tmp_path / "out" / "improvement.json").read_text())["reduction"] is None
+
+
+def test_an_effect_at_the_size_that_the_model_has_is_no_news() -> None:
+    found = [{"name": "film_lag", "parameters": {"tau_s": {"value": 2.0, "ci95": [1.9, 2.1]}}}]
+    assert news(found, [{"name": "film_lag", "tau_s": 2.15}]) == []
+    assert news(found, [{"name": "film_lag", "tau_s": 2.3}]) == ["film_lag"]
+    assert news(found, [{"name": "sensor_lag", "tau_s": 2.0}]) == ["film_lag"]
+
+
+def test_a_configuration_that_moves_names_its_files_whole(tmp_path: Path) -> None:
+    config = write_bench(tmp_path, target='"target.csv"', more='[serve]\ntoken = "a secret of the daemon"\n')
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n10,5000\n")
+    text = extended_configuration(config, tmp_path / "there" / "model.toml")
+    assert "secret" not in text
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "model.toml").write_text((tmp_path / "model.toml").read_text())
+    (tmp_path / "there" / "config.toml").write_text(text)
+    file = read_configuration(tmp_path / "there" / "config.toml")
+    assert file.content.experiment.target == str(tmp_path / "target.csv")
+    assert getattr(file.content.simulation.film, "model", None) == str(tmp_path / "model.toml")
+    assert file.content.limits == read_configuration(config).content.limits

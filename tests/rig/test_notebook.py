@@ -1,0 +1,314 @@
+"""`import rig`: light, the same answers as the verbs, faults in lines, and a bench that ends with its output off."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rig
+import rig.bench.assembly
+from rig.core.outcome import NotConfirmedOff
+from rig.drivers.meerstetter import MeerstetterController
+from rig.files.record_file import write_columns
+from tests.instruments.disobedient import Disobedient
+from tests.rig.small import write_bench
+from tests.rig.test_ways_out import at_row
+
+Peltier = Callable[..., tuple[int, str, str]]
+PROFILE = ["start 1.1 A", "sine 1.7 A period 120 s for 240 s"]
+
+
+@pytest.fixture(scope="module")
+def record() -> rig.Record:
+    """Two sweeps through the transition of the template's film."""
+    tables = rig.simulated_rig()
+    tables["experiment"] = {"kind": "current_profile", "period_s": 0.5, "target": PROFILE}
+    tables["simulation"]["first_degC"] = 45.0
+    return rig.simulate(tables).record
+
+
+def test_import_is_light() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import rig; dir(rig);"
+        "more = {m for m in set(sys.modules) - before if m.partition('.')[0] not in sys.stdlib_module_names};"
+        "print(sorted(more))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "['compensator', 'compensator.moved', 'rig']\n"
+
+
+def test_every_name_has_an_example_that_runs_and_a_docstring(root: Path) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```", (root / "docs" / "python.md").read_text("utf-8"), re.M | re.S)
+    code = "\n".join(blocks)
+    for name in rig.__all__:
+        assert re.search(rf"\brig\.{name}\b", code), name
+        value = getattr(rig, name)
+        if callable(value):
+            assert inspect.getdoc(value), name
+            assert (root / "docs" / "api" / f"{value.__module__}.md").is_file(), name
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        rig.nothing  # noqa: B018
+
+
+def test_a_record_of_each_kind(record: rig.Record, tmp_path: Path) -> None:
+    columns = {"t / s": record["time_s"], "T [K]": record["temperature_degC"] + 273.15}
+    pandas = pytest.importorskip("pandas")
+    write_columns(tmp_path / "r.csv", columns)
+    for source in (columns, tmp_path / "r.csv", str(tmp_path / "r.csv"), pandas.DataFrame(columns)):
+        read = rig.read_record(source)
+        np.testing.assert_allclose(read["temperature_degC"], record["temperature_degC"], atol=1e-9)
+        assert any("T [K]" in line for line in read.said)
+    assert rig.read_record({"time_s": [0.0, 1.0], "V": [2, 3]}, "temperature_degC=V").rows == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "line"),
+    [
+        (lambda: rig.read_record(7), "read_record: source: expected a file's path, .*, not int"),
+        (lambda: rig.read_record("nothing.csv"), "nothing.csv: no such file"),
+        (lambda: rig.read_record({"time_s": [0, 1]}), "arrays: column 'temperature_degC' missing"),
+        (lambda: rig.predict(3, {}), "model: expected a Model, .*, not int"),
+        (lambda: rig.simulate(3), "configuration: expected a file's path or tables by name, not int"),
+        (lambda: rig.simulate({}), "configuration: bench"),
+        (lambda: rig.simulate({"a": object()}), "configuration: .*object"),
+        (lambda: rig.simulate(effects=["nothing"]), "--effect: 'nothing' is no effect"),
+        (lambda: rig.invert(rig.Model(None, None), [1e4]), "model: film: missing"),
+        (lambda: rig.write_model("m.toml", 3), "model: expected a Model"),
+    ],
+)
+def test_faults_are_lines(call: Callable[[], object], line: str) -> None:
+    with pytest.raises(rig.Faults, match=line) as caught:
+        call()
+    assert all(one and "\n" not in one for one in caught.value.lines)
+
+
+def test_the_same_as_the_verbs(record: rig.Record, tmp_path: Path, peltier: Peltier) -> None:
+    path, model, target = (tmp_path / name for name in ("r.csv", "m.toml", "t.csv"))
+    write_columns(path, record.columns)
+    found = rig.identify(path)
+    status, out, _ = peltier("identify", path, "--out", model, "--json", tmp_path / "i.json")
+    assert status == 0
+    assert list(found.lines) == out.splitlines()[:-1]
+    rig.write_model(tmp_path / "mine.toml", found)
+    assert rig.read_model(tmp_path / "mine.toml").film is not None
+    assert [line for line in model.read_text().splitlines() if line[:1] != "#"] == [
+        line for line in (tmp_path / "mine.toml").read_text().splitlines() if line[:1] != "#"
+    ]
+    assert peltier("predict", model, path, "--initial", "fitted", "--json", tmp_path / "p.json")[0] == 0
+    predicted, verb = rig.predict(found, path, initial="fitted"), json.loads((tmp_path / "p.json").read_text())
+    assert (predicted.rmse_dec, predicted.rmse_K) == (verb["rmse_dec"], verb["rmse_K"])
+    assert predicted.fitted == verb["fitted"]
+    target.write_text("time_s,target_ohm\n0,30000\n1,1\n2,10000\n")
+    assert peltier("invert", model, target, "--out", tmp_path / "v.csv")[0] == 0
+    inverted = rig.read_record(tmp_path / "v.csv")
+    mine = rig.invert(found, [30000, 1, 10000])
+    assert mine.reachable.tolist() == [True, False, True]
+    for name, values in mine.columns().items():
+        np.testing.assert_array_equal(values, inverted[name])
+
+
+def test_results_show_themselves(record: rig.Record) -> None:
+    found = rig.identify(record)
+    predicted = rig.predict(found, record)
+    for shown in (found, predicted):
+        assert "RMSE" in str(shown)
+        assert shown._repr_html_().count("<svg") == 1
+        assert [axes.lines for axes in shown.plot().axes]
+    plate = rig.identify({name: record[name] for name in ("time_s", "temperature_degC", "current_A")})
+    assert plate.film is None
+    assert plate.plot().axes[0].get_ylabel().startswith("temperature")
+
+
+def test_simulated_with_effects(tmp_path: Path) -> None:
+    path = write_bench(tmp_path, target='["start 0 A", "step to 1 A", "hold 10 s"]')
+    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"'))
+    found = rig.simulate(path, effects=["sensor_lag:tau_s=2"], seed=3)
+    assert found.effects == {"sensor_lag": {"tau_s": 2.0}}
+    assert found.ended is None
+    again = rig.simulate(path, effects=["sensor_lag:tau_s=2"], seed=3)
+    np.testing.assert_array_equal(found.record["temperature_degC"], again.record["temperature_degC"])
+
+
+COMPILES = """
+from numba import njit
+from rig.notebook.compiling import says_when_it_compiles
+
+@njit(cache=True)
+def doubled(x):
+    return 2.0 * x
+
+@says_when_it_compiles
+def invert():
+    return doubled(1.0) + doubled(2)
+
+print(invert())
+"""
+
+
+def test_only_a_call_that_compiles_says_so(tmp_path: Path) -> None:
+    (tmp_path / "compiles.py").write_text(COMPILES)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, str(tmp_path / "compiles.py")]
+    runs = [subprocess.run(command, capture_output=True, text=True, check=True, env=environment) for _ in range(2)]
+    said = "rig.invert: compiling loops, once (up to a minute; `peltier precompile` does it ahead)\n"
+    assert [(run.stdout, run.stderr) for run in runs] == [("6.0\n", said), ("6.0\n", "")]
+    for name in ("identify", "predict", "invert", "diagnose", "simulate"):
+        assert hasattr(getattr(rig, name), "__wrapped__"), name
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1500)
+def test_after_precompile_a_notebooks_hour_compiles_nothing(root: Path, tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(root)}
+    subprocess.run([sys.executable, "-m", "rig", "precompile"], check=True, env=environment, cwd=tmp_path)
+    page = (root / "docs" / "python.md").read_text("utf-8")
+    code = "\n".join(re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL))
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment, cwd=tmp_path)
+    assert "compiling" not in done.stderr
+
+
+# ---- the bench
+
+
+@pytest.fixture
+def bench_file(tmp_path: Path) -> Path:
+    return write_bench(tmp_path)
+
+
+def armed(bench: Any, current_A: float = 1.0) -> Any:
+    """The bench with a current on."""
+    bench.controller.arm_current()
+    bench.controller.set_current_A(current_A)
+    assert bench.controller.status().output_is_on
+    return bench
+
+
+def test_read_and_run(bench_file: Path, tmp_path: Path) -> None:
+    with rig.open_bench(bench_file) as bench:
+        reading = bench.read()
+        assert reading.temperature_degC == pytest.approx(60.0, abs=0.5)
+        assert 1e3 < reading.resistance_ohm < 1e6
+        done = bench.run(tmp_path / "run", target=["start 20 kohm", "hold 5 s"])
+        assert not bench.controller.status().output_is_on
+        assert bench.read().time_s > reading.time_s
+    assert (done.folder / "report.html").is_file()
+    assert done.record.has("target_ohm")
+    assert done.scores[0].rms_dec < 0.05
+    with pytest.raises(rig.Faults, match=r"experiment\.law"), rig.open_bench(bench_file) as bench:
+        bench.run(law="nothing")
+
+
+class Surprise(BaseException):
+    """What no `except Exception` catches."""
+
+
+@pytest.mark.parametrize("ends", [None, ValueError, KeyboardInterrupt, SystemExit, Surprise, "SIGINT", "SIGTERM"])
+def test_off_whatever_ends_the_block(ends: Any, bench_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[Any] = []
+    closed = MeerstetterController.close
+
+    def close(self: Any) -> None:
+        kept.append(self.status().output_is_on)
+        closed(self)
+
+    monkeypatch.setattr(MeerstetterController, "close", close)
+    expected = {"SIGINT": KeyboardInterrupt, "SIGTERM": SystemExit}.get(ends, ends)
+
+    def work() -> None:
+        with rig.open_bench(bench_file) as bench:
+            armed(bench)
+            if isinstance(ends, str):
+                with suppress(KeyboardInterrupt, SystemExit):  # a user's code may catch it; the next one comes
+                    signal.raise_signal(getattr(signal, ends))
+                signal.raise_signal(getattr(signal, ends))
+            elif ends is not None:
+                raise ends
+
+    before = signal.getsignal(signal.SIGINT)
+    if expected is None:
+        work()
+    else:
+        with pytest.raises(expected):
+            work()
+    assert kept == [False]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_signal_waits_while_the_output_is_switched_off(bench_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    off, close, closing, kept = MeerstetterController.off, MeerstetterController.close, False, []
+
+    def interrupted(self: Any) -> bool:
+        if closing:
+            signal.raise_signal(signal.SIGINT)
+        return bool(off(self))
+
+    def closed(self: Any) -> None:
+        kept.append(self.status().output_is_on)
+        close(self)
+
+    monkeypatch.setattr(MeerstetterController, "off", interrupted)
+    monkeypatch.setattr(MeerstetterController, "close", closed)
+
+    def work() -> None:
+        nonlocal closing
+        with rig.open_bench(bench_file) as bench:
+            armed(bench)
+            closing = True
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    assert kept == [False]
+
+
+def test_a_signal_in_a_run_is_what_a_notebook_expects(
+    bench_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_row(monkeypatch, 20, lambda: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt), rig.open_bench(bench_file) as bench:
+        bench.run(tmp_path / "run", target=["start 20 kohm", "hold 5 s"])
+    ended = json.loads((tmp_path / "run.part" / "run.json").read_text())
+    assert ended["stop"]["output_off_confirmed"] is True
+
+
+def test_not_confirmed_off_says_what_to_do(bench_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Disobedient] = []
+    whole = rig.bench.assembly.emulated_controller
+
+    def wrapped(*words: Any, **more: Any) -> Any:
+        made.append(Disobedient(whole(*words, **more), "silent"))
+        return made[0]
+
+    monkeypatch.setattr(rig.bench.assembly, "emulated_controller", wrapped)
+
+    def work() -> None:
+        with rig.open_bench(bench_file) as bench:
+            armed(bench)
+            made[0].begin()
+
+    with pytest.raises(NotConfirmedOff) as caught:
+        work()
+    assert "Switch the controller off by hand" in caught.value.__notes__[-1]
+
+
+def test_real_ports_need_somebody_who_switches_off(tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    text = path.read_text().replace("sim://", "/dev/nothing").replace('time = "virtual"', 'time = "real"')
+    path.write_text(text.replace('driver = "meerstetter"', 'driver = "te_technology"'))
+    with pytest.raises(rig.Faults, match="has no dead man of its own, and there is no guard process"):
+        rig.open_bench(path).__enter__()
+    path.write_text(text)
+    with pytest.raises(Exception, match="/dev/nothing"):
+        rig.open_bench(path).__enter__()
