@@ -89,5 +89,5 @@ def test_one_run_of_a_real_plate_tells_of_another(measured: Path) -> None:
     tables: list[dict[str, float | str]] = [{"name": e.name, **e.values()} for e in fit.effects]
     alone = predicted(model_of(ExtendedModel(None, plate, tables, None)), other, "model", initial="fitted")
     assert alone.temperature_degC is not None
-    left = (alone.temperature_degC - other["temperature_degC"])[~alone.told]
+    left = (alone.temperature_degC - other["temperature_degC"])[~alone.fitted_rows]
     assert float(np.sqrt(np.nanmean(left**2))) == pytest.approx(error_K, rel=0.05)
