@@ -21,6 +21,7 @@ from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
 from rig.drivers.mecom import MecomLink
 from rig.drivers.meerstetter_errors import TOO_HOT, WATCHDOG, meaning_of
+from rig.drivers.option_kinds import check_gains
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
@@ -74,6 +75,7 @@ class MeerstetterController:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self.dead_man_s = 0.0
+        check_gains(kp_percent_per_K=(kp_percent_per_K, 0.0, 1e3), ti_s=(ti_s, 0.0, 1e4), td_s=(td_s, 0.0, 1e3))
         self._own_gains = {3010: kp_percent_per_K, 3011: ti_s, 3012: td_s}
         self._heating_sign = 1.0
         self._armed_source: int | None = None

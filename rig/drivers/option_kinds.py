@@ -30,6 +30,14 @@ def check_kinds(driver: Any, options: Mapping[str, Any]) -> None:
             raise ValueError(f"{name} {value!r}: {' or '.join(words)} is expected")
 
 
+def check_gains(**gains: tuple[float | None, float, float]) -> None:
+    """Raises ValueError where a gain is given that the instrument does not take: of each the value (None: not given),
+    the least and the largest."""
+    for name, (gain, low, high) in gains.items():
+        if gain is not None and not low <= gain <= high:
+            raise ValueError(f"{name} {gain!r}: {low:g} to {high:g} is expected")
+
+
 def _is(value: Any, kind: type) -> bool:
     """A whole number is a number too; yes and no are none."""
     if kind is float:

@@ -26,6 +26,7 @@ from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
+from rig.drivers.option_kinds import check_gains
 from rig.drivers.srs_line import COMMAND_ERRORS, SrsLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
@@ -75,6 +76,7 @@ class SrsLdc500Controller:
         self.current_limit_A = nan
         self.temperature_limits_degC = (nan, nan)
         self._heating_sign = heating_sign
+        check_gains(p_A_per_K=(p_A_per_K, -1e3, 1e3), i_per_s=(i_per_s, 0.0, 1e3), d_s=(d_s, 0.0, 1e3))
         self._own_gains = {"TPGN": p_A_per_K, "TIGN": i_per_s, "TDGN": d_s}
         self._armed_mode: int | None = None
 

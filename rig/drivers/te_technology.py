@@ -35,6 +35,7 @@ from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.identity import Identity
+from rig.drivers.option_kinds import check_gains
 from rig.drivers.setpoint_only import SetpointOnly
 from rig.drivers.te_link import Request, TeLink
 from rig.drivers.te_models import MODEL_CODE, MODELS, model_of, status_of
@@ -45,6 +46,7 @@ LONGEST_PAUSE_S = 60.0  # of silence on a line; the slowest of these controllers
 TRIALS = 3
 CONTROL_SENSOR: Request = (b"01", None)
 GAIN_UNITS = 100  # of a repeat per minute, and of a minute
+LARGEST_FIELD = 32767  # of 16 bits with a sign
 SAME_K = 0.02  # two readings that are the same but for noise
 LOWEST_DEGC, HIGHEST_DEGC = -200.0, 600.0  # a reading beyond is an open sensor
 
@@ -111,6 +113,12 @@ class TeTechnologyController(SetpointOnly):
         self._given_units = units is not None
         self._alarm_type = alarm_type
         self._power_read = table.power_read if power_read_code is None else power_read_code.encode("ascii")
+        largest = LARGEST_FIELD / GAIN_UNITS
+        check_gains(
+            bandwidth_K=(bandwidth_K, 1.0 / table.per_degC, LARGEST_FIELD / table.per_degC),
+            integral_per_min=(integral_per_min, 0.0, largest),
+            derivative_min=(derivative_min, 0.0, largest),
+        )
         self._own_gains = bandwidth_K, integral_per_min, derivative_min
         self._armed = False
         self._looked_after = 0

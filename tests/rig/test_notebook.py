@@ -206,7 +206,7 @@ def test_read_and_run(bench_file: Path, tmp_path: Path) -> None:
         assert bench.read().time_s > reading.time_s
     assert (done.folder / "report.html").is_file()
     assert done.record.has("target_ohm")
-    assert done.scores[0].rms_dec < 0.05
+    assert done.scores[0].rms < 0.05
     with pytest.raises(rig.Faults, match=r"experiment\.law"), rig.open_bench(bench_file) as bench:
         bench.run(law="nothing")
 
