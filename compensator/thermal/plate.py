@@ -95,6 +95,7 @@ class PlateModel:
     ambient_degC: float
     drive_over_capacity_K_per_s: float = 0.0
     kind: Literal["peltier", "heater"] = "peltier"
+    error_K: float = 0.0  # by how much the model is off beyond an instrument's noise, as if in each reading by itself
 
     def __post_init__(self) -> None:
         for name in (
@@ -102,6 +103,7 @@ class PlateModel:
             "resistance_over_capacity_K_per_A2_s",
             "conductance_over_capacity_per_s",
             "drive_over_capacity_K_per_s",
+            "error_K",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

@@ -69,7 +69,7 @@ def predicted(
     effects = _meaningful(model, where)
     fitted = initial == "fitted"
     told = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
-    readings = _readings(rows, record, model.film)
+    readings = _readings(rows, record, model.film, model.plate.error_K if model.plate is not None else 0.0)
     if fitted and model.film is not None and readings.output is None:
         raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
     film = film_of_world(model.film) if model.film is not None else None
@@ -140,9 +140,9 @@ def _rows(record: Record) -> Rows:
     return rows
 
 
-def _readings(rows: Rows, record: Record, film: FilmModel | None) -> Told:
-    """What was read, of the film in the output of its model."""
-    told = told_of(rows)
+def _readings(rows: Rows, record: Record, film: FilmModel | None, error_K: float) -> Told:
+    """What was read, of the film in the output of its model; error_K: of the plate's model."""
+    told = replace(told_of(rows), error_K=error_K)
     output = None
     if film is not None and record.has_output(film.output):
         output = np.asarray(record.output(film.output), dtype=np.float64)

@@ -118,6 +118,7 @@ class PlateTable(Table):
     conductance_over_capacity_per_s: NotNegative
     drive_over_capacity_K_per_s: NotNegative = 0.0
     ambient_degC: Annotated[float, Field(ge=-273.15, le=LARGEST)]
+    error_K: NotNegative = 0.0
 
     @model_validator(mode="after")
     def _whole(self) -> PlateTable:
@@ -132,6 +133,7 @@ class PlateTable(Table):
             self.ambient_degC,
             self.drive_over_capacity_K_per_s,
             self.kind,
+            self.error_K,
         )
 
 
@@ -225,6 +227,8 @@ def plate_table(model: PlateModel) -> dict[str, Any]:
         table["drive_over_capacity_K_per_s"] = float(model.drive_over_capacity_K_per_s)
     table["conductance_over_capacity_per_s"] = float(model.conductance_over_capacity_per_s)
     table["ambient_degC"] = float(model.ambient_degC)
+    if model.error_K > 0.0:
+        table["error_K"] = float(model.error_K)
     return table
 
 

@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import false_alarm
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
     Verdict,
-    bends_elsewhere,
     judge,
     resistance_residual,
     temperature_residual,
@@ -91,7 +91,7 @@ def diagnose(
             read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             for other in holdout
         ]
-        judged = _borne_out(chain, judged, others)
+        judged = borne_out(chain, judged, others)
         unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
         cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, judged, unseen, say)
@@ -119,15 +119,6 @@ def _chain(
     elif record.output is None:
         raise ValueError(f"record: neither current_A nor {record.quantity.column}; expected at least one of them")
     return chain
-
-
-def _borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> Verdict:
-    """Less the names that other records speak against."""
-    for other in others:
-        if bends := bends_elsewhere(chain, judged.fitted, other):
-            why = "on another record the film is not understood, and may bend its output itself"
-            judged = judge(chain, judged.fitted - bends, judged, why)
-    return judged
 
 
 def _assumed(

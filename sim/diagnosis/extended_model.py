@@ -24,7 +24,7 @@ from compensator.thermal.plate import PlateModel
 from sim.diagnosis.data.record import held_out_rows
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
-from sim.diagnosis.fit.temperature_channel import PlateParameters
+from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 
@@ -57,7 +57,8 @@ def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
         effects: list[dict[str, float | str]] = [
             {"name": effect, **{name: value for name, (value, _) in own.items()}} for effect, own in found.items()
         ]
-        plate = _plate(first.parameters) if first is not None else None
+        error_K = chain.first.channel.error_K if chain.first is not None else 0.0
+        plate = _plate(first.parameters, error_K) if first is not None else None
         if last is None:
             return ExtendedModel(None, plate, effects, None)
         refit = FilmRefit(chain.film_channel(names), last)
@@ -76,9 +77,9 @@ def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:
     return replace(diagnosis, film=film)
 
 
-def _plate(p: PlateParameters) -> PlateModel:
-    s, r, g, q, ambient = (float(v) for v in p.plate())
-    return PlateModel(s, r, g, ambient, q, "heater" if p.kind == "heater" else "peltier")
+def _plate(p: PlateParameters, error_K: float) -> PlateModel:
+    s, r, g, q, _ = (float(v) for v in p.plate())
+    return PlateModel(s, r, g, p.usual_room_degC, q, "heater" if p.kind == "heater" else "peltier", error_K)
 
 
 def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:

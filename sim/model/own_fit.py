@@ -22,7 +22,7 @@ from sim.effects.effect import HeatFlow
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
 from sim.model.record_own import FilmStart, RecordOwn, anew_rows
-from sim.model.recorded import Mask, Recorded
+from sim.model.recorded import Mask, Recorded, driven_from_s
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
 MOST_TOLD = 0.5  # of a record: what is left is to be predicted
@@ -54,12 +54,13 @@ class Forward(Protocol):
 @dataclass(frozen=True, eq=False)
 class Told:
     """The readings that count, nan elsewhere, (rows,): degC and -log10 R; None where a record has none; and their
-    noise."""
+    noise. error_K: by how much a model is off besides in each row since a current first drove the plate."""
 
     temperature_degC: Array
     output: Array | None
     sigma_K: float
     sigma_dec: float
+    error_K: float = 0.0
 
     def only(self, rows: Mask) -> Told:
         """Those of some rows."""
@@ -125,8 +126,11 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
     rows = np.flatnonzero(np.isfinite(told.temperature_degC))
     stretch = np.searchsorted(record.first_rows, rows, side="right") - 1
 
+    driven = record.time_s[rows] > driven_from_s(record)
+    sigma_K = np.hypot(told.sigma_K, np.where(driven, told.error_K, 0.0))
+
     def residual(u: Array) -> Array:
-        return (told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows] / told.sigma_K
+        return (told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows] / sigma_K
 
     u = np.zeros(shared + own.plate_degC.size)
     spread = np.concatenate(([ROOM_SPREAD_K], np.full(shared - 1, APART_K), np.full(own.plate_degC.size, math.inf)))

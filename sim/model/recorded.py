@@ -51,3 +51,10 @@ class Spacing:
 COARSE = Spacing(0.5, 8, 2)  # of fits: within a tenth of a usual noise, 1 mK and 2e-4 dec, of FINE
 FINE = Spacing(0.02, 1, 1)  # of simulations: what a lag makes of a plate's curved course is right to 1e-6 K
 EVENTS = Spacing(np.inf, 1, 1)  # rows and commands alone: exact where nothing lags
+
+
+def driven_from_s(record: Recorded) -> float:
+    """When a current first drove the plate: until then nothing is amiss with its heat. inf where none did."""
+    time, current = record.commands
+    on = np.flatnonzero(current != 0.0)
+    return float(time[on[0]]) if on.size else np.inf

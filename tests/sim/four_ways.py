@@ -22,10 +22,11 @@ from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.fitted_chain import FittedChain
+from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.fit.preisach_density import RelayPlane
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.fit.temperature_channel import PlateParameters, TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.fit.unknowns import values_inside
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, Switched, switched

@@ -18,6 +18,7 @@ from sim.diagnosis.data.likelihood import quick_noise
 from sim.model.record_own import SHORT
 
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
+HELD = 10.0  # median steps that a gap may last in which one command was held: it stands on both sides of it
 FITTED = 10  # rows over which the plate's rate is taken
 LONGER = 1.3  # median steps, from which a row may be missing
 BESIDE = 8  # rows on either side of one that is
@@ -45,8 +46,10 @@ def first_rows(
     end = rows[np.minimum(place, rows.size - 1)]
     begin = np.minimum(rows[np.maximum(place - 1, 0)], end)
     missing = time_s[end] - time_s[begin]
-    change = _rate_per_A(time_s, temperature_degC, current_A) * missing * _off_the_line(time_s, current_A, begin, end)
-    short = (missing <= SHORT * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
+    off = _off_the_line(time_s, current_A, begin, end)
+    change = _rate_per_A(time_s, temperature_degC, current_A) * missing * off
+    longest = np.where((off == 0.0) & (current_A[begin] == current_A[end]), HELD, SHORT)
+    short = (missing <= longest * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
     return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
 
 

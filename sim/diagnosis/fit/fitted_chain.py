@@ -39,8 +39,8 @@ class FittedChain:
 
     @property
     def ambient_degC(self) -> float:
-        """The room of the record that was fitted."""
-        return float(self._a.parameters.plate()[4]) if self._a is not None else 0.0
+        """The room of the record that was fitted; of several the mean."""
+        return self._a.parameters.usual_room_degC if self._a is not None else 0.0
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun:
         """As `sim.model.record_run.RecordRun.plate`."""

@@ -17,14 +17,14 @@ from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
 from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Mask, Record, Rows
+from sim.diagnosis.data.record import Mask, Record, Rows, driven_rows
+from sim.diagnosis.fit.known_beforehand import known_beforehand
 from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
+from sim.diagnosis.fit.plate_parameters import HEATER, PELTIER, ROOM_K, PlateParameters
 from sim.diagnosis.fit.unknowns import (
-    Unknown,
     along_values,
-    free,
+    fitted_sizes,
     logarithmic,
-    positive,
     unknowns_of,
     values_inside,
     with_values,
@@ -36,42 +36,9 @@ from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
 from sim.model.recorded import COARSE, Spacing
 
-PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
-HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
-AMBIENT_DEGC = (25.0, 15.0)  # of a laboratory, and its spread
-ROOM_K = 5.0  # the spread of one laboratory's, from record to record
 DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
-
-
-@dataclass(frozen=True, eq=False)
-class PlateParameters:
-    """x: the fit's vector (plate, effects, rooms, temperatures of their own, each at its beginnings); first_degC: of
-    each stretch; rooms: how many further records have a room of their own."""
-
-    kind: str
-    effects: tuple[Switched, ...]
-    x: Array
-    first_degC: Array
-    rooms: int = 0
-
-    @property
-    def rooms_K(self) -> Array:
-        """By how much the room of each further record is warmer than the first one's."""
-        begin = len(self.base) + len(unknowns_of(self.effects))
-        return ROOM_K * self.x[begin : begin + self.rooms]
-
-    @property
-    def base(self) -> tuple[Unknown, ...]:
-        return PELTIER if self.kind == "peltier" else HEATER
-
-    def plate(self) -> Array:
-        """(s, r, g, q, T_a)."""
-        v = [u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)]
-        if self.kind == "peltier":
-            return np.array([v[0], v[1], v[2], 0.0, v[3]])
-        return np.array([0.0, 0.0, v[1], v[0], v[2]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +73,25 @@ class _Trial:
 
 class TemperatureChannel:
     """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
-    readings of white noise lie on."""
+    readings of white noise lie on.
+
+    misfit: how many rows say as much as one of independent noise would: what no model explains goes on from row to row
+    (`sim.diagnosis.data.misfit`). Above 1 the likelihood of the rows since a current first drove the plate is taken
+    to the power of 1 / misfit, so that what is known beforehand of room, bodies and sizes counts for that much more.
+    """
 
     def __init__(
-        self, record: Record, fitted: Mask, noise: NoiseModel, step_K: float = 0.0, spacing: Spacing = COARSE
+        self,
+        record: Record,
+        fitted: Mask,
+        noise: NoiseModel,
+        step_K: float = 0.0,
+        spacing: Spacing = COARSE,
+        misfit: float = 1.0,
     ) -> None:
         self.record, self.noise, self.sigma_K, self.spacing = record, noise, noise.level, spacing
         self.step_K = step_K if noise.plain else 0.0
+        self.misfit = misfit
         self.rows = np.flatnonzero(fitted & record.temperature_used)
         stretch = np.zeros(record.rows, dtype=np.int64)
         stretch[record.first_rows] = 1
@@ -123,6 +102,20 @@ class TemperatureChannel:
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
+        self.weight = np.where(driven_rows(record)[self.rows], 1.0 / misfit, 1.0)
+
+    def with_misfit(self, misfit: float) -> TemperatureChannel:
+        """The same rows, of which so many say as much as one."""
+        fitted = np.zeros(self.record.rows, dtype=np.bool_)
+        fitted[self.rows] = True
+        return TemperatureChannel(self.record, fitted, self.noise, self.step_K, self.spacing, misfit)
+
+    @property
+    def error_K(self) -> float:
+        """By how much a model of this fit is off, as if it were in each row by itself; 0: by no more than the noise."""
+        if self.misfit <= 1.0:
+            return 0.0
+        return float(np.hypot(self.sigma_K, self.step_K / np.sqrt(12.0)) * np.sqrt(self.misfit))
 
     def over(self, values: Array) -> Array:
         """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
@@ -221,14 +214,8 @@ class TemperatureChannel:
         return self._known_nodes[moved]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
-        """What is known beforehand, in spreads, which unknown it speaks of (the ambient, other records' rooms,
-        temperatures of own), and by how many spreads a step of that changes it."""
-        base, own = len(p.base), self._owns(p.effects) + p.rooms
-        index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
-        away = np.concatenate(([(10.0 * x[base - 1] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]], x[x.size - own :]))
-        scale = np.ones(index.size)
-        scale[0] = 10.0 / AMBIENT_DEGC[1]
-        return away, index, scale
+        """What is known beforehand, as `sim.diagnosis.fit.known_beforehand` has it."""
+        return known_beforehand(x, len(p.base), p.rooms, p.effects, self._owns(p.effects), self.misfit > 1.0)
 
     def priors(self, p: PlateParameters) -> float:
         """Logarithm of what is known beforehand."""
@@ -238,7 +225,7 @@ class TemperatureChannel:
     def cost(self, p: PlateParameters, x: Array, shown: Array) -> float:
         like = self.likelihood(shown)
         away = self.prior(p, x)[0]
-        total = float(np.sum(like.minus_log)) + 0.5 * float(away @ away)
+        total = float(self.weight @ like.minus_log) + 0.5 * float(away @ away)
         return total if math.isfinite(total) else math.inf
 
     def bounds(self, p: PlateParameters) -> tuple[Array, Array, Array]:
@@ -247,6 +234,10 @@ class TemperatureChannel:
         own = p.x.size - len(unknowns)
         low = np.array([u.low for u in unknowns] + [-20.0] * own)
         high = np.array([u.high for u in unknowns] + [20.0] * own)
+        if self.misfit > 1.0:  # there a size stands in for a cause: none beyond what is met
+            for k, (u, q) in enumerate(zip(unknowns_of(p.effects), fitted_sizes(p.effects), strict=True), len(p.base)):
+                high[k] = u.inside(q.largest)
+                low[k] = -high[k] if q.signed else low[k]
         return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
 
     def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
@@ -266,14 +257,14 @@ class TemperatureChannel:
             e = self.over(by_first) / 0.01
             like = self.likelihood(shown)
             j = self.over(jacobian[self.rows])
-            w = like.curvature
+            w, pulled = self.weight * like.curvature, self.weight * like.pull
             away, index, scale = self.prior(p, x)
-            gradient = j.T @ like.pull
+            gradient = j.T @ pulled
             gradient[index] -= scale * away
             normal = (w[:, None] * j).T @ j
             normal[index, index] += scale * scale
             d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9
-            pull = np.bincount(self.stretch, e * like.pull, self.stretches)
+            pull = np.bincount(self.stretch, e * pulled, self.stretches)
             cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
@@ -308,9 +299,10 @@ class TemperatureChannel:
         like = self.likelihood(shown)
         effects, _, _, _ = self.split(p, x)
         final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
-        return TemperatureFit(
-            final, path, shown, float(np.sum(like.minus_log)), self.sigma_K, self.step_K, jacobian, like.curvature
-        )
+        minus_log = float(self.weight @ like.minus_log)
+        if self.misfit > 1.0:  # there sizes that nobody meets count against an effect
+            minus_log -= self.priors(final)
+        return TemperatureFit(final, path, shown, minus_log, self.sigma_K, self.step_K, jacobian, like.curvature)
 
     def _slopes(
         self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array

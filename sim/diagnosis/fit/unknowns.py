@@ -64,6 +64,17 @@ def unknowns_of(effects: Sequence[Switched]) -> list[Unknown]:
     return [unknown_of(e.effect, p) for e in effects for p in fitted_parameters(e.effect)]
 
 
+def fitted_sizes(effects: Sequence[Switched]) -> list[Parameter]:
+    """The parameters of `unknowns_of`, in the same order."""
+    return [p for e in effects for p in fitted_parameters(e.effect)]
+
+
+def met_inside(unknown: Unknown, parameter: Parameter) -> tuple[float, float]:
+    """The smallest and the largest size met on the fit's scale, of a signed one from the largest below 0 on."""
+    low = -parameter.largest if parameter.signed else parameter.smallest
+    return unknown.inside(low), unknown.inside(parameter.largest)
+
+
 def with_values(effects: Sequence[Switched], x: Array) -> list[Switched]:
     """The effects with the parameters of a fit's vector."""
     out, k = [], 0

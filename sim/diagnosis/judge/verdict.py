@@ -17,7 +17,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.meaning import LEAST_BESIDE, SMALL, without_meaning
+from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
 from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
@@ -40,7 +40,6 @@ SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
 CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
 LITTLE_LEFT = 0.2  # of the noise's variance
-BEYOND = 2.0  # times the largest size met: more has no physical meaning
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
 NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
@@ -186,6 +185,8 @@ def _worth(
     left = temperature if upstream else resistance
     if left is None or left.clean:
         return evidence, None
+    if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
+        return evidence, None  # the likelihood knows of what is left
     value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
@@ -326,7 +327,8 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
         sigma = chain.facts.noise.marginal(chain.record.output[rows], rows)
     else:
         assert chain.first is not None
-        sigma = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
+        noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
+        sigma = noise * np.sqrt(chain.first.channel.misfit)
     return float(np.mean((residual / sigma) ** 2))
 
 
@@ -336,7 +338,8 @@ def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:
-                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, BEYOND, least)
+                beyond = BEYOND if chain.first is None else min(BEYOND, most_of_what_is_met(chain.first.channel.misfit))
+                return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, beyond, least)
     return False
 
 

@@ -13,6 +13,10 @@ from sim.effects.effect import Switched
 SMALL = 0.2  # of the smallest size met
 LEAST_TIME = LEAST_BESIDE = 0.5  # the same of a time, and where the film is of another kind
 SHORT = 0.2  # of the sampling interval: shorter delays are one class
+BEYOND = 2.0  # times the largest size met: more has no physical meaning
+INSIDE = (
+    0.99  # the same beside what nothing explains, where a fit goes no further: at that end it stands in for a cause
+)
 ELSEWHERE = 3.0  # times beyond what is met, from which a parameter beside the size makes it another effect
 
 
@@ -36,8 +40,14 @@ def without_meaning(effect: Switched, interval_s: float, beyond: float = np.inf,
     return value < max(LEAST_TIME * p.smallest, SHORT * interval_s) if is_time else value < least * p.smallest
 
 
+def most_of_what_is_met(misfit: float) -> float:
+    """Times the largest size met, up to which an effect in a search of the first links may be followed up."""
+    return INSIDE if misfit > 1.0 else np.inf
+
+
 def has_meaning(search: TemperatureSearch | ResistanceSearch, fit: TemperatureFit | ResistanceFit) -> bool:
     """Whether every size that was found has a meaning; those assumed are the user's."""
     interval = search.channel.record.interval_s
+    beyond = most_of_what_is_met(search.channel.misfit) if isinstance(search, TemperatureSearch) else np.inf
     found = [Switched(search.effects[e.name], e.par) for e in fit.effects if e.name not in search.assumed]
-    return not any(without_meaning(e, interval) for e in found)
+    return not any(without_meaning(e, interval, beyond) for e in found)

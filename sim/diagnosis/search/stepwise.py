@@ -12,7 +12,7 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.joint_fit import widened
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
-from sim.diagnosis.search.temperature_search import TemperatureSearch
+from sim.diagnosis.search.temperature_search import TemperatureSearch, beside_misfit
 from sim.effects.effect import Reading, Switched, jumps
 
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
@@ -84,9 +84,9 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
             promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
             likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
             for other in search.budget.in_time(likely[:TRIED]):
-                value = search.fit(rest | {other}, fit).minus_log
-                if value < best - 1.0:
-                    best, changed = value, rest | {other}
+                trial = search.fit(rest | {other}, fit)
+                if trial.minus_log < best - 1.0 and (search.channel.misfit == 1.0 or has_meaning(search, trial)):
+                    best, changed = trial.minus_log, rest | {other}
         if changed == names:
             break
         names = changed
@@ -228,6 +228,11 @@ def select(chain: Chain, say: Progress) -> frozenset[str]:
         upstream = select_first_links(chain.first)
         if chain.renoised_first(upstream):
             upstream = select_first_links(chain.first, upstream)
+        beside = beside_misfit(chain.first, upstream) if chain.record.output is None else None
+        if beside is not None:
+            say("current to temperature, beside what nothing explains")
+            chain.first = beside
+            upstream = select_first_links(beside)
     names = upstream
     if chain.record.output is not None:
         names = upstream | _selected_last(chain, upstream, say)

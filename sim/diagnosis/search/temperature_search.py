@@ -10,7 +10,8 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.heat_balance import Stretch, rough_balances
-from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.misfit import misfit_of
+from sim.diagnosis.data.record import Record, driven_rows
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.views import FirstView
@@ -24,7 +25,9 @@ WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
 APART, DISTINCT = 1.001, 1.000001  # ratio of two jumps that are not one: of a search, and of its last steps
 LEFT = 1.05  # mean square residual over noise
+MISFIT = 3.0  # from which a likelihood is one beside what nothing explains; of a clean record it is 1 to 1.5
 NOTHING = 0.05  # of the smallest size met
+TOGETHER = 0.35, 0.75  # the same of several effects at once
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
 
@@ -48,12 +51,32 @@ class TemperatureSearch:
             self.fits[names] = self.channel.descend(self.base.parameters)
             return self.fits[names]
         begin = [near] if near is not None else [self.fit(names - {name}) for name in sorted(names)]
+        if self.channel.misfit > 1.0:
+            begin += [
+                fit for key, fit in self.fits.items() if key < names and len(names - key) == 1 and fit is not near
+            ]
         found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
+        if self.channel.misfit > 1.0 and not any(jumps(self.effects[name]) for name in names):
+            found += self._begun_together(names)
         best = self._exchanged(min(found, key=lambda fit: fit.minus_log))
         known = self.fits.get(names)
         if known is None or best.minus_log < known.minus_log:
             self.fits[names] = best
         return self.fits[names]
+
+    def _begun_together(self, names: frozenset[str]) -> list[TemperatureFit]:
+        """Descents from the plate alone with all of them at once: one by one the first takes what is the others'."""
+        found = []
+        for shares in itertools.product(TOGETHER, repeat=min(len(names), 2)):
+            effects = []
+            for k, name in enumerate(sorted(names)):
+                share = shares[min(k, len(shares) - 1)]
+                sizes = [p.smallest * (p.largest / p.smallest) ** share for p in self.effects[name].parameters]
+                effects.append(switched(self.effects[name], with_pinned(self.effects[name], sizes)))
+            begin = self.channel.awakened(self.channel.extended(self.base.parameters, effects))
+            found.append(self.channel.descend(begin, 30))
+        best = min(found, key=lambda fit: fit.minus_log)
+        return [self.channel.descend(best.parameters, 60)]
 
     def walked(self, names: frozenset[str]) -> None:
         """Look again for an effect whose cost jumps, where something is left: found without the others it may be some
@@ -122,6 +145,9 @@ class TemperatureSearch:
         values = np.sqrt(edges[:-1] * edges[1:])
         coarse = np.unique(np.searchsorted(edges, searched_values(effect), side="right") - 1)
         coarse = coarse[(coarse >= 0) & (coarse < values.size)]
+        if self.channel.misfit > 1.0:  # there a size stands in for a cause: none beyond what is met
+            met = coarse[values[coarse] <= effect.parameters[0].largest]
+            coarse = met if met.size else coarse[:1]
         begin = replace(fit, parameters=self.channel.awakened(fit.parameters))
         tried = {int(k): self.held(begin, effect, float(values[k]), FAR_STEPS) for k in coarse}
         at = min(tried, key=lambda k: tried[k].minus_log)
@@ -192,6 +218,19 @@ class TemperatureSearch:
             if size > 1e-9 and np.isfinite(size):
                 best = max(best, 0.5 * float(delta @ view.residual) ** 2 / size)
         return best
+
+
+def beside_misfit(search: TemperatureSearch, names: frozenset[str]) -> TemperatureSearch | None:
+    """A search that weighs the rows by what the fit with these effects leaves that nothing explains, its fits begun
+    anew from the plate alone; None where that fit leaves nothing."""
+    channel = search.channel
+    driven = driven_rows(channel.record)[channel.rows]
+    misfit = misfit_of(channel.residual(search.fit(names))[driven])
+    if misfit < MISFIT:
+        return None
+    channel = channel.with_misfit(misfit)
+    base = channel.descend(search.base.parameters)
+    return TemperatureSearch(channel, search.effects, base, search.assumed, search.budget)
 
 
 def cells(effect: Effect, record: Record, apart: float = APART) -> Array:

@@ -22,10 +22,11 @@ class FirstView:
     def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
         self._channel, self._fit, p = channel, fit, fit.parameters
         rows = channel.rows
-        self.residual = channel.residual(fit)
-        columns = channel.over(fit.jacobian[rows])
+        weight = np.sqrt(channel.weight)
+        self.residual = channel.residual(fit) * weight
+        columns = channel.over(fit.jacobian[rows]) * weight[:, None]
         moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        self._e = e = channel.over(moved) / 0.01
+        self._e = e = channel.over(moved) * weight / 0.01
         self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
         nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
         norms = np.linalg.norm(nuisance, axis=0)
@@ -43,7 +44,7 @@ class FirstView:
         others = [e for e in fit.effects if e.name != effect.name]
         trial = channel.extended(fit.parameters, [*others, effect])
         shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
-        delta = self._off_firsts(channel.over(shown[rows] - fit.shown_degC[rows]))
+        delta = self._off_firsts(channel.over(shown[rows] - fit.shown_degC[rows]) * np.sqrt(channel.weight))
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
 
 

@@ -10,7 +10,8 @@ from sim.diagnosis.search.chain import Chain
 
 
 def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
-    """One channel's residual in the rows that no fit has seen, over the noise."""
+    """One channel's residual in the rows that no fit has seen, over the noise; beside what no model explains, in the
+    measure of the fitted rows' likelihood."""
     record, rows = chain.record, unseen_rows(chain, last)
     if last:
         assert chain.facts is not None
@@ -18,8 +19,9 @@ def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
         return chain.facts.noise.on(rows, record.output[rows]).over(residual)
     assert chain.first is not None
     channel = chain.first.channel
+    residual = residual / np.sqrt(channel.misfit)
     if channel.noise.plain:
-        return residual / max(channel.sigma_K, 0.3 * record.step_K)
+        return np.asarray(residual / max(channel.sigma_K, 0.3 * record.step_K), dtype=np.float64)
     return channel.noise.on(rows, record.temperature_degC[rows]).over(residual)
 
 

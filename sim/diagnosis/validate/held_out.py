@@ -27,7 +27,8 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask 
     read = b is not None and other.output is not None
     last = chain.film_channel(names) if read else None
     fitted = FittedChain(a, b, last)
-    told = told_of(other)
+    error_K = chain.first.channel.error_K if chain.first is not None else 0.0
+    told = replace(told_of(other), error_K=error_K)
     if not read:
         told = replace(told, output=None)
     path = None if driven else measured_path(other)
