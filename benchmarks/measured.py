@@ -116,7 +116,7 @@ def later(data: Path, _: int) -> None:
 
 def lamp(data: Path, _: int) -> None:
     began = time.perf_counter()
-    found = diagnosed(read(data / "lamp_heating.csv", LAMP), plate="heater")[0]
+    found = diagnosed(read(data / "lamp_heating.csv", LAMP))[0]
     told("lamp_heating", "1.6 K", found, "temperature_K", began)
 
 

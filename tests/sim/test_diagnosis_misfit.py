@@ -16,6 +16,7 @@ from sim.diagnosis.data.misfit import misfit_of
 from sim.diagnosis.data.record import driven_rows, read_columns
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.diagnosis.extended_model import ExtendedModel
+from sim.diagnosis.judge.plate_kind import of_no_kind
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.temperature_search import beside_misfit
 from sim.diagnosis.validate.held_out import residuals_on
@@ -91,3 +92,19 @@ def test_one_run_of_a_real_plate_tells_of_another(measured: Path) -> None:
     assert alone.temperature_degC is not None
     left = (alone.temperature_degC - other["temperature_degC"])[~alone.fitted_rows]
     assert float(np.sqrt(np.nanmean(left**2))) == pytest.approx(error_K, rel=0.05)
+
+
+@pytest.mark.parametrize(("power", "pumps"), [(2.0, False), (1.0, True)])
+def test_heat_with_the_square_of_a_drive_is_of_no_kind(power: float, pumps: bool) -> None:
+    """A lamp's voltage: a Peltier plate that pumps nothing fits it best. What is linear in its drive may be either."""
+    rng = np.random.default_rng(4)
+    drive, degC = np.repeat(rng.uniform(0.2, 1.0, 30), 20), np.empty(600)
+    plate = 25.0
+    for k in range(degC.size):
+        degC[k] = plate + 0.05 * rng.standard_normal()
+        for _ in range(50):
+            plate += (1.2 * drive[k] ** power - 0.02 * (plate - 25.0)) / 50.0
+    record = read_columns({"time_s": np.arange(600.0), "temperature_degC": degC, "current_A": drive}, held_out=False)
+    first = temperature_search(record, ~record.held_out, catalogue(), ("peltier", "heater"))
+    chain = Chain(record, ~record.held_out, catalogue(), first=first)
+    assert of_no_kind(chain, frozenset()) is not pumps

@@ -15,6 +15,7 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
+from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
@@ -186,7 +187,7 @@ def _worth(
     if left is None or left.clean:
         return evidence, None
     if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
-        return evidence, None  # the likelihood knows of what is left
+        return evidence, (weak, NO_KIND) if of_no_kind(chain, names) else None  # the likelihood knows of what is left
     value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
