@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.command.many_arguments import add_engine_arguments, engine_choice
 from rig.command.record_arguments import (
+    add_effect_file_argument,
     add_json_argument,
     add_output_argument,
     add_record_arguments,
@@ -56,14 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         default="fitted",
         help="the film's memory at the first row is always fitted with the record",
     )
-    parser.add_argument(
-        "--effect-file",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="a Python file with an effect of one's own (repeatable)",
-    )
+    add_effect_file_argument(parser)
     parser.add_argument(
         "--assume",
         action="append",

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.command.record_arguments import add_effect_file_argument
 from rig.core.faults import fault
 from rig.daemon.handover import add_bench_argument, handed_over
 from rig.guard.line import Guard
@@ -36,14 +37,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="default runs/DATE/TIME_improve_ID")
     parser.add_argument("--yes", action="store_true", help="do not ask before the rig is heated")
-    parser.add_argument(
-        "--effect-file",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="a Python file with an effect of one's own (repeatable)",
-    )
+    add_effect_file_argument(parser)
     add_bench_argument(parser)
     add_unguarded_argument(parser)
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")

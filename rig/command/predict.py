@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.command.record_arguments import (
+    add_effect_file_argument,
     add_json_argument,
     add_record_arguments,
     read_records,
@@ -45,14 +46,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         choices=["current", "temperature"],
         help="what the film follows: the simulated plate or the thermometer; default: as the model says",
     )
-    parser.add_argument(
-        "--effect-file",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="a Python file with an effect of one's own that the model has (repeatable)",
-    )
+    add_effect_file_argument(parser, " that the model has")
     parser.add_argument("--out", type=Path, metavar="F", help="the record's columns with the predictions, CSV")
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, figures and prediction.json there")
     add_json_argument(parser)

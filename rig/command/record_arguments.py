@@ -53,6 +53,18 @@ def read_records(
     return records
 
 
+def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -> None:
+    """--effect-file FILE, repeatable. which: of what an effect of one's own is."""
+    parser.add_argument(
+        "--effect-file",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help=f"a Python file with an effect of one's own{which} (repeatable)",
+    )
+
+
 def add_json_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write the results as JSON; - is stdout")
 

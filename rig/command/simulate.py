@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rig.command.record_arguments import add_json_argument, writable_file
+from rig.command.record_arguments import add_effect_file_argument, add_json_argument, writable_file
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,14 +23,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[:param=value,...]",
         help="switch an effect of the catalogue on, as in film_lag:tau_s=3 (repeatable)",
     )
-    parser.add_argument(
-        "--effect-file",
-        action="append",
-        default=[],
-        type=Path,
-        metavar="FILE",
-        help="a Python file with an effect of one's own, to be switched on by --effect (repeatable)",
-    )
+    add_effect_file_argument(parser, ", to be switched on by --effect")
     parser.add_argument("--seed", type=int, metavar="N", help="of the noise; default: as configured")
     parser.add_argument("--out", type=Path, required=True, metavar="RECORD.csv")
     add_json_argument(parser)

@@ -11,6 +11,20 @@ from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memory, M
 
 MEMORYLESS = ("none", "tanh", "sin", "cos", "linear", "polynomial", "arrhenius")
 Rng = np.random.Generator
+TEN_OPERATORS = FilmModel(  # 0.8 of hysteresis about 60 degC, of a film that bends little besides
+    np.arange(1, 11) / 11.0,
+    np.full(10, 0.08),
+    Envelope("tanh", 0.2, -12.4),
+    Envelope("tanh", 0.2, -11.6),
+    Memoryless("linear", 1.0, 0.008, -0.48, -4.0),
+)
+THIRTY_OPERATORS = FilmModel(  # 1.5 of hysteresis about 57 degC, beside a curve of its own
+    np.arange(1, 31) / 30.0,
+    np.full(30, 0.05),
+    Envelope("tanh", 0.2, -11.6),
+    Envelope("tanh", 0.2, -11.2),
+    Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
+)
 
 
 def tanh_envelope(rng: Rng) -> Envelope:

@@ -11,19 +11,12 @@ from compensator.control.estimate import UNSTEADY_K_PER_S2, Estimate, corrected_
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
+from tests.compensator.film_models import TEN_OPERATORS as FILM
 
 PLATE = PlateModel(1.67e-3, 0.067, 0.0167, 25.0)
-FILM = FilmModel(
-    np.arange(1, 11) / 11.0,
-    np.full(10, 0.08),
-    Envelope("tanh", 0.2, -12.4),
-    Envelope("tanh", 0.2, -11.6),
-    Memoryless("linear", 1.0, 0.008, -0.48, -4.0),
-)
 PERIOD_S, NOISE_K, NOISE_DEC = 0.1, 0.01, 0.002
 
 

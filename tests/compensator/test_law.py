@@ -12,18 +12,12 @@ from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
-from compensator.hysteresis.film import Envelope, FilmModel, Memory, Memoryless
+from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
+from tests.compensator.film_models import THIRTY_OPERATORS as FILM
 
-FILM = FilmModel(
-    np.arange(1, 31) / 30.0,
-    np.full(30, 0.05),
-    Envelope("tanh", 0.2, -11.6),
-    Envelope("tanh", 0.2, -11.2),
-    Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
-)
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 AGE_S, ACTS_S = 0.04, 0.02
 

@@ -27,17 +27,10 @@ from compensator.control.whole_law import (
     share_within,
     worst_ms,
 )
-from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
+from tests.compensator.film_models import THIRTY_OPERATORS as FILM
 
-FILM = FilmModel(
-    np.arange(1, 31) / 30.0,
-    np.full(30, 0.05),
-    Envelope("tanh", 0.2, -11.6),
-    Envelope("tanh", 0.2, -11.2),
-    Memoryless("tanh", 0.4, 0.03, -1.6, -3.26),
-)
 PLATE = PlateModel(1.7e-3, 0.067, 0.017, 25.0)
 TIMING = Timing(0.1, 0.036, 0.017)
 NOISE_K, FIRST_DEGC, DEC_PER_S = 0.01, 58.0, 0.01

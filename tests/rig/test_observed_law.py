@@ -12,20 +12,13 @@ from benchmarks._tracked_plant import Plate
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Command, Inputs, LawState
-from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from rig.experiment.extended_model import chain_observer
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
+from tests.compensator.film_models import TEN_OPERATORS as FILM
 
-FILM = FilmModel(
-    np.arange(1, 11) / 11.0,
-    np.full(10, 0.08),
-    Envelope("tanh", 0.2, -12.4),
-    Envelope("tanh", 0.2, -11.6),
-    Memoryless("linear", 1.0, 0.008, -0.48, -4.0),
-)
 PLATE = PlateModel(0.05 / 30.0, 2.0 / 30.0, 0.5 / 30.0, 25.0)
 PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080
 TEST_A = 1e-4

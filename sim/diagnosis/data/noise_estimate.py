@@ -149,8 +149,8 @@ def _refined(x: Array, rows: Rows, rough: float) -> tuple[float, float]:
     for c in CORRELATIONS[1:]:
         together = np.array([float(product @ c ** np.abs(apart + lag)) for lag in PRODUCTS])
         two = np.stack((together, white), axis=1)
-        sizes = np.maximum(np.linalg.lstsq(two, np.array(found))[0], 0.0)
-        if sizes[0] == 0.0 or np.any(np.linalg.lstsq(two, np.array(found))[0] < 0.0):
+        sizes = np.linalg.lstsq(two, np.array(found))[0]
+        if sizes[0] <= 0.0 or sizes[1] < 0.0:
             sizes = np.array([float(together @ found) / float(together @ together), 0.0])
         left = float(np.sum((two @ sizes - found) ** 2))
         if left < least:

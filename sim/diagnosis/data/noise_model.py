@@ -28,10 +28,10 @@ Rows = NDArray[np.int64]
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
     """deviations: in the reading's unit, (steps,), each from its edge on (steps - 1,) of the readings; correlation: of
-    neighbouring rows, in the share of the variance that hangs together (rounding does not); weights: of each row of the
-    record in the likelihood, (rows,), None: 1, and the degrees of the
-    Student's t that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root
-    mean square of the noise over the record's readings."""
+    neighbouring rows, of that part of the variance (`shared`: which share) that goes on from row to row, as rounding
+    does not; weights: of each row of the record in the likelihood, (rows,), None: 1, and the degrees of the Student's t
+    that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root mean square
+    of the noise over the record's readings."""
 
     level: float
     edges: Array

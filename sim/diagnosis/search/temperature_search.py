@@ -19,6 +19,7 @@ from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jump
 
 ROUGH_STEPS = 12  # of a plate's start, of which the best goes on
 EXCHANGED_STEPS = 40  # of a fit that is compared with others, and has to have ended
+BEGUN_STEPS, ENDED_STEPS = 30, 60  # of several effects begun at once: until the starts differ; of the best, to its end
 FAR_STEPS = 10  # of all else, at values all over the range
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 WORSE_ON_END = 6  # cells that end a walk
@@ -74,9 +75,9 @@ class TemperatureSearch:
                 sizes = [p.smallest * (p.largest / p.smallest) ** share for p in self.effects[name].parameters]
                 effects.append(switched(self.effects[name], with_pinned(self.effects[name], sizes)))
             begin = self.channel.awakened(self.channel.extended(self.base.parameters, effects))
-            found.append(self.channel.descend(begin, 30))
+            found.append(self.channel.descend(begin, BEGUN_STEPS))
         best = min(found, key=lambda fit: fit.minus_log)
-        return [self.channel.descend(best.parameters, 60)]
+        return [self.channel.descend(best.parameters, ENDED_STEPS)]
 
     def walked(self, names: frozenset[str]) -> None:
         """Look again for an effect whose cost jumps, where something is left: found without the others it may be some
@@ -103,7 +104,7 @@ class TemperatureSearch:
             return self._searched(fit, effect)
         found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
-        best = self.channel.descend(best.parameters, 60)
+        best = self.channel.descend(best.parameters, ENDED_STEPS)
         if best.minus_log > fit.minus_log:  # nothing found that is better: begin where the effect is next to nothing
             nothing = [NOTHING * p.smallest for p in effect.parameters]
             if effect.inverse:
