@@ -183,9 +183,9 @@ def _as_any_process() -> Iterator[None]:
     """A local cluster's workers keep freed memory, as any process does, and nobody samples their stack. Dask has glibc
     give back whatever is freed (MALLOC_TRIM_THRESHOLD_) and looks at the stack a hundred times a second, for hours of
     large results that these cases do not have: a diagnosis, which makes many short-lived arrays of 50 kB to 1 MB, took
-    1.4 times the processor time. Its event loop looks at itself 50 times a second, each time taking the interpreter from
-    the case (2 % of it); once a second does. Source: Dask.distributed, "Worker memory management", "automatically trim
-    memory"; configuration reference, distributed.admin."""
+    1.4 times the processor time. Its event loop looks at itself 50 times a second, each time taking the interpreter
+    from the case (2 % of it); once a second does. Source: Dask.distributed, "Worker memory management", "automatically
+    trim memory"; configuration reference, distributed.admin."""
     import dask.config
 
     environment = dict(dask.config.get("distributed.nanny.pre-spawn-environ"))
