@@ -25,16 +25,17 @@ from sim.diagnosis.judge.verdict import (
 from sim.diagnosis.report.candidates import Candidate, candidates_of
 from sim.diagnosis.report.confounders import rivals_of
 from sim.diagnosis.report.intervals import intervals, vague_effects
-from sim.diagnosis.report.next_experiment import next_experiments
+from sim.diagnosis.report.next_experiment import LOG_CURRENTS, next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
-from sim.diagnosis.report.warnings import out_of_time, warnings_of
+from sim.diagnosis.report.warnings import decided_elsewhere, out_of_time, unlogged_currents, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
+from sim.diagnosis.validate.turns_between import most_by_turns
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -43,6 +44,7 @@ from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
+TURNS_LEFT = "no more than what the film remembers of turns of the temperature between the rows, which no row shows"
 
 
 def diagnose(
@@ -91,10 +93,11 @@ def diagnose(
             read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
             for other in holdout
         ]
-        judged = borne_out(chain, judged, others)
-        unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
+        told = borne_out(chain, judged, others)
+        elsewhere = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
+        unseen = UnseenRows(chain, elsewhere, told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
-        found = _diagnosis(chain, judged, unseen, say)
+        found = _diagnosis(chain, told.judged, unseen, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
         if base == "generalized_pi" and chain.record.output is not None:
@@ -210,7 +213,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
     noise = unseen.noise(names)
     channels = _channels(unseen, names, noise)
     say("candidates")
-    candidates = candidates_of(chain, judged, unseen.left, unseen.deciding, unseen.rows, noise)
+    candidates = candidates_of(chain, judged, unseen.left, unseen.parts, unseen.rows, noise)
     say("intervals")
     rivals = rivals_of(chain, names, judged)
     findings = _findings(chain, judged, unseen, rivals)
@@ -235,16 +238,21 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
     )
-    verdict = verdict_of(findings, unexplained, sparse is not None)
+    turns = _by_turns(chain, names, unexplained)
+    if turns:
+        unexplained["resistance_dec"] = TURNS_LEFT
+    verdict = verdict_of(findings, unexplained, sparse is not None or turns)
     if verdict == "too_short" and sparse is not None:
         next_experiment = [f"record {sparse.missing}", *next_experiment]
+    if record.early > 0.0:
+        next_experiment = [LOG_CURRENTS, *next_experiment]
     return Diagnosis(
         verdict,
         findings,
         channels,
         unexplained,
         film,
-        warnings_of(chain, names),
+        [*warnings_of(chain, names), *unlogged_currents(record), *decided_elsewhere(unseen.halves)],
         next_experiment,
         record,
         chain,
@@ -254,7 +262,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         upper_limits(chain, names),
         {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
         _rooms_degC(chain, names),
-        sum(other.record.rows for other in unseen.others),
+        unseen.halves,
     )
 
 
@@ -314,6 +322,14 @@ def _unexplained(
         if times > UNSEEN:
             unexplained[name] = f"held-out rows are predicted {times:.2g} times worse than the noise"
     return unexplained
+
+
+def _by_turns(chain: Chain, names: frozenset[str], unexplained: Mapping[str, str | None]) -> bool:
+    """Whether what is left of the film alone may be what it remembers of turns that no row shows."""
+    if unexplained["temperature_K"] is not None or unexplained["resistance_dec"] is None:
+        return False
+    z, _ = resistance_residual(chain, names)
+    return float(np.mean(z * z)) - 1.0 < most_by_turns(chain, names)
 
 
 def _lattice(chain: Chain) -> Finding | None:

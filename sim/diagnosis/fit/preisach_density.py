@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.noise_model import Whitening
+from sim.diagnosis.data.noise_model import Whitens
 from sim.diagnosis.data.record import Rows
 from sim.effects.effect import Switched
 from sim.model.film_columns import play_outputs
@@ -102,7 +102,7 @@ class Relays:
     gram: Array
 
     @classmethod
-    def of(cls, film: Array, every: Array, fitted: Rows, noise: Whitening) -> Relays:
+    def of(cls, film: Array, every: Array, fitted: Rows, noise: Whitens) -> Relays:
         """With the products."""
         chosen = noise.over(every[fitted])
         return cls(film, every, chosen, chosen.T @ chosen)
@@ -113,7 +113,7 @@ class Relays:
         empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
         return cls(empty, empty, nothing, nothing.T @ nothing)
 
-    def bent(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
+    def bent(self, slope: Array, fitted: Rows, noise: Whitens) -> Relays:
         """As they show where the reading changes by `slope` with the film's output, (rows,)."""
         return Relays.of(self.film, self.every * slope[:, None], fitted, noise)
 
@@ -127,7 +127,7 @@ class RelaysOfRecord:
     """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter; the last ones that
     were computed are kept, since the film's temperature moves with few of a fit's unknowns."""
 
-    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitening) -> None:
+    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitens) -> None:
         self.plane, self.taken_s, self.fitted, self.noise = plane, taken_s, fitted, noise
         self.none = Relays.none(taken_s.size, fitted)
         self._columns: tuple[FilmNodes, Array] | None = None

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.record import Record, Rows
+from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
@@ -25,7 +25,6 @@ from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
 from sim.diagnosis.validate.deciding_rows import over_noise, unseen_rows
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
-from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.effect import Switched
 
 WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clean records reach it
@@ -229,18 +228,6 @@ def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None)
         return True
     unseen = _unseen_square(chain, names, True)
     return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
-
-
-def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
-    """The effects that bend the reading of a film of another kind which another record shows not to be understood."""
-    bends = frozenset(n for n in names - chain.assumed if only_bends(chain.effects[n]))
-    if not bends or chain.facts is None or film_of_the_class(chain, names):
-        return frozenset()
-    left = residuals_on(chain, names, other).get("resistance_dec")
-    if left is None or other.output is None:
-        return frozenset()
-    square = np.nanmean((left / chain.facts.noise.marginal(np.nan_to_num(other.output))) ** 2)
-    return bends if np.sqrt(square) > UNSEEN else frozenset()
 
 
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:

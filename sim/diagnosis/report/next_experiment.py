@@ -21,6 +21,7 @@ SPLITS: dict[frozenset[str], str] = {
     frozenset({"heat_sink_warmup", "ambient_drift"}): "log the sink's and the ambient's temperature",
     frozenset({"creep", "film_drift"}): "a long dwell inside the transition after a sweep, then the first cycle again",
 }
+LOG_CURRENTS = "log a row whenever the current changes, or current_time_s with it: between the rows it is not known"
 
 
 def next_experiments(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim.diagnosis.data.between_rows import MOST
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
@@ -13,7 +14,7 @@ from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.segments import off_after_missing_rows
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.fit.film_memory import remembered
-from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
+from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -28,6 +29,7 @@ from sim.model.plate_path import PlatePath
 LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
+SHARE_STEPS, SHARE_STEP = 2, 0.05  # of a share that enters linearly, but for what the plate's numbers make of it
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -53,9 +55,31 @@ def temperature_search(
         record = record.without(lone, lone[:0])
         channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
+    if record.early > 0.0:
+        channel, base = _share_fitted(channel, base, fitted)
+        record = channel.record
     channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
+
+
+def _share_fitted(
+    channel: TemperatureChannel, base: TemperatureFit, fitted: Mask
+) -> tuple[TemperatureChannel, TemperatureFit]:
+    """The plate with what acts before its row fitted as well: on ramps, of which bends say nothing, it is a time by
+    which all is late."""
+    for _ in range(SHARE_STEPS):
+        record, rows, p = channel.record, channel.rows, base.parameters
+        moved = replace(record, early=record.early + SHARE_STEP)
+        other = TemperatureChannel(moved, fitted, channel.noise, record.step_K)
+        column = (other.simulate(p, p.x, p.first_degC)[1] - base.shown_degC) / SHARE_STEP
+        columns = np.concatenate((base.jacobian, column[:, None]), axis=1)[rows]
+        left = (record.temperature_degC - base.shown_degC)[rows]
+        more = float(np.linalg.lstsq(columns, left)[0][-1])
+        record = replace(record, early=min(max(record.early + more, 0.0), MOST))
+        channel = TemperatureChannel(record, fitted, channel.noise, record.step_K)
+        base = channel.descend(p)
+    return channel, base
 
 
 def rounds(effect: Effect) -> bool:
@@ -67,6 +91,9 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
     """The plate's temperature that drives the film."""
     channel, record = search.channel, search.channel.record
     rows = np.flatnonzero(record.temperature_used)
+    if channel.noise.walk is not None:
+        residual = record.temperature_degC[rows] - fit.shown_degC[rows]
+        return moved_path(record, fit.path, channel.noise.walk.smoothed(residual, rows, channel.sigma_K))
     if channel.sigma_K < channel.step_K:
         residual = channel.residual(fit) * channel.sigma_K
         rows = channel.rows
@@ -155,7 +182,7 @@ class Chain:
 
     def pair(self, names: frozenset[str]) -> Tied | None:
         """Both channels fitted as one; None where each is fitted for itself."""
-        if not self.together or self.first is None or self.record.output is None:
+        if not self.together or self.first is None or self.record.output is None or self.record.early > 0.0:
             return None
         if names not in self.pairs:
             upstream, _ = self.split(names)
