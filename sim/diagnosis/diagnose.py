@@ -14,7 +14,8 @@ from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.judge.elsewhere import borne_out
-from sim.diagnosis.judge.false_alarm import false_alarm
+from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
+from sim.diagnosis.judge.turns_between import TURNS, only_turns
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
     Verdict,
@@ -31,11 +32,10 @@ from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import decided_elsewhere, out_of_time, unlogged_currents, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
-from sim.diagnosis.search.chain import Chain, rounds, temperature_search
+from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.turns_between import most_by_turns
 from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -44,7 +44,6 @@ from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
-TURNS_LEFT = "no more than what the film remembers of turns of the temperature between the rows, which no row shows"
 
 
 def diagnose(
@@ -58,6 +57,7 @@ def diagnose(
     kinds: tuple[str, ...] = ("peltier",),
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
+    chosen_false_alarm: float = FALSE_ALARM,
     clock: Callable[[], float] = stopped,
     say: Progress = lambda text: None,
 ) -> Diagnosis:
@@ -69,11 +69,14 @@ def diagnose(
     (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
     all of them, so that what remains is the model's fault. assume: effects that are there, whatever the record says,
     and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the
-    clock (s, one that goes): what was found by then is judged and reported, with a warning. Raises ValueError, a line a
-    fault, where nothing can be said.
+    clock (s, one that goes): what was found by then is judged and reported, with a warning. chosen_false_alarm: the
+    share of records with nothing in them that may be given a name. Raises ValueError, a line a fault, where nothing can
+    be said.
     """
     if budget_s is not None and clock is stopped:
         raise ValueError("budget_s: needs a clock; expected clock=time.monotonic beside it")
+    if not SMALLEST <= chosen_false_alarm <= LARGEST:
+        raise ValueError(f"false alarm {chosen_false_alarm:g}: expected {SMALLEST:g} to {LARGEST:g}")
     began_s = clock()
     with threadpool_limits(limits=1):
         together, begins = joined((columns, *further)) if further else (columns, None)
@@ -82,6 +85,7 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
+        chain.false_alarm = chosen_false_alarm
         names = select(chain, say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
@@ -200,7 +204,7 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     span_name = f"span_{chain.record.quantity.unit}"
     before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
     gains = {"resistance_dec": gain(before, after, unseen.rows)}
-    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
+    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, _false_alarm(chain, evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
@@ -238,9 +242,8 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
     )
-    turns = _by_turns(chain, names, unexplained)
-    if turns:
-        unexplained["resistance_dec"] = TURNS_LEFT
+    if turns := only_turns(chain, names, unexplained):
+        unexplained["resistance_dec"] = TURNS
     verdict = verdict_of(findings, unexplained, sparse is not None or turns)
     if verdict == "too_short" and sparse is not None:
         next_experiment = [f"record {sparse.missing}", *next_experiment]
@@ -295,7 +298,8 @@ def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping
         gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]
-        findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
+        chance = _false_alarm(chain, evidence)
+        findings.append(Finding(name, parameters[name], evidence, chance, rivals.get(name, []), gains))
     return findings
 
 
@@ -324,14 +328,6 @@ def _unexplained(
     return unexplained
 
 
-def _by_turns(chain: Chain, names: frozenset[str], unexplained: Mapping[str, str | None]) -> bool:
-    """Whether what is left of the film alone may be what it remembers of turns that no row shows."""
-    if unexplained["temperature_K"] is not None or unexplained["resistance_dec"] is None:
-        return False
-    z, _ = resistance_residual(chain, names)
-    return float(np.mean(z * z)) - 1.0 < most_by_turns(chain, names)
-
-
 def _lattice(chain: Chain) -> Finding | None:
     """The thermometer's rounding, which the readings show by themselves."""
     record = chain.record
@@ -347,4 +343,9 @@ def _lattice(chain: Chain) -> Finding | None:
     evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))
     spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
     ci = (step - spread, step + spread)
-    return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, false_alarm(evidence), [], {})
+    return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, _false_alarm(chain, evidence), [], {})
+
+
+def _false_alarm(chain: Chain, evidence: float) -> float:
+    """How often a record with nothing in it would show so much for some effect."""
+    return false_alarm(evidence, candidates(chain.searched))

@@ -106,9 +106,7 @@ def test_a_plate_that_wanders_is_whitened() -> None:
 
 
 @pytest.mark.parametrize("clean", [True, False])
-def test_a_heater_is_tried_where_a_peltier_plate_leaves_something(
-    clean: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_heater_is_tried_where_a_peltier_plate_leaves_something(clean: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither a drive in ampere that never cools nor a duty says of which kind the plate is."""
     columns = steps_and_waves(4)
     columns["current_A"] -= np.min(columns["current_A"])
