@@ -93,10 +93,8 @@ def diagnose(
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
-        others = [
-            read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
-            for other in holdout
-        ]
+        others = [read_columns(other, held_out=False, quantity=quantity) for other in holdout]
+        others = [other.commanded_in_sight(known.values()) for other in others]
         told = borne_out(chain, judged, others)
         elsewhere = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
         unseen = UnseenRows(chain, elsewhere, told.halves)
