@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rig.analysis.diagnosed import _kinds
 from rig.files.record_file import Record
+from rig.report.diagnosis_words import left_over
 from sim.diagnosis.data.between_rows import MOST, acted_before
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
@@ -64,9 +65,12 @@ def test_a_clean_record_stays_clean(rows: int, own: bool) -> None:
     """Of this generator's closed loop with ramps and corners, and of `simulate`: "unexplained" as long as a current was
     taken to be held from row to row."""
     columns = steps_and_waves(2) if own else case("clean", 1).columns
-    document = diagnose(every(columns, rows)).document()
+    found = diagnose(every(columns, rows))
+    document = found.document()
     assert names(document) == set()
     assert document["verdict"] == "clean"
+    assert left_over(found)  # what the simulation is off by is said, and why
+    assert all("between the rows" in line for line in left_over(found))
     assert "current_between_rows" in {warning["code"] for warning in document["warnings"]}
     assert any("current_time_s" in text for text in document["next_experiment"])
 
