@@ -89,6 +89,15 @@ def test_the_same_is_named_at_another_sampling() -> None:
     covered(thinned, blind)
 
 
+@pytest.mark.long
+def test_an_ohmmeter_behind_a_thinned_log_is_named() -> None:
+    blind = case("one", 8)
+    assert set(blind.hidden) == {"meter_lag"}
+    document = diagnose({name: values[::2] for name, values in blind.columns.items()}).document()
+    assert names(document) == set(blind.hidden)
+    covered(document, blind)
+
+
 def test_a_plate_that_wanders_is_whitened() -> None:
     rng, size = np.random.default_rng(3), 20_000
     keep, added = np.full(size, 0.97), np.where(rng.random(size) < 0.05, 0.3, 0.01) ** 2

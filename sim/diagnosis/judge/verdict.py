@@ -178,8 +178,11 @@ def _worth(
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
         return evidence, (weak, "held-out rows are predicted far worse than the noise with it")
-    if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
-        return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
+    if not upstream and temperature is not None and evidence < BEHIND_UNKNOWN:
+        if not temperature.clean:
+            return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
+        if chain.record.early > 0.0:
+            return evidence, (evidence, "the plate's temperature between the rows, which drives the film, is not known")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
         return evidence, (weak, "the film is not understood, and may bend its output itself")
     left = temperature if upstream else resistance
