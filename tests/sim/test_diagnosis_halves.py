@@ -36,7 +36,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Any:
     """borne_out of sink and lag on some records, where the errors of each set of effects are given by half."""
 
     def ask(records: list[Record], errors: dict[frozenset[str], tuple[float, float]]) -> elsewhere.BorneOut:
-        known = halves_of(records, 20.0)
+        known = halves_of(records, [20.0] * len(records))
 
         def residuals_on(_: Any, names: frozenset[str], one: Record, __: Any) -> dict[str, NDArray[np.float64]]:
             k = next(k for k, record in enumerate(records) if record is one)
@@ -62,7 +62,7 @@ SINK_ALONE, LAG_ALONE = frozenset({SINK}), frozenset({LAG})
 
 def test_a_record_is_divided_into_blocks_as_long_as_it_hangs_together() -> None:
     record = other()
-    halves = halves_of([record], 40.0)
+    halves = halves_of([record], [40.0])
     (first,), (second,) = halves.first, halves.second
     assert not np.any(first & second)
     assert not np.any((first | second)[:31])  # to which room and first temperatures are fitted
@@ -70,12 +70,12 @@ def test_a_record_is_divided_into_blocks_as_long_as_it_hangs_together() -> None:
     edges = np.flatnonzero(np.diff(first[31:].astype(int)) != 0)
     assert set(np.diff(edges).tolist()) == {40}
     assert [part["half"] for part in halves.document()[:3]] == [1, 2, 1]
-    slow = halves_of([record], 1e4)  # three blocks of each half at least
+    slow = halves_of([record], [1e4])  # three blocks of each half at least
     assert [part["half"] for part in slow.document()] == [1, 2, 1, 2, 1, 2]
 
 
 def test_of_several_records_every_other_one_is_in_a_half() -> None:
-    halves = halves_of([other(), other(), other()], 20.0)
+    halves = halves_of([other(), other(), other()], [20.0] * 3)
     assert [bool(np.any(rows)) for rows in halves.first] == [True, False, True]
     assert [bool(np.any(rows)) for rows in halves.second] == [False, True, False]
 
@@ -97,7 +97,7 @@ def test_the_half_that_takes_a_name_away_does_not_judge(asked: Any, swapped: boo
     records = [other()]
     told = asked(records, errors)
     assert told.judged.fitted == LAG_ALONE
-    halves = halves_of(records, 20.0)
+    halves = halves_of(records, [20.0] * len(records))
     judging = halves.first[0] if swapped else halves.second[0]
     np.testing.assert_array_equal(told.halves.judging[0], judging)
     assert told.halves.folds == [{"deciding": ROWS - 31 - int(np.sum(judging)), "judging": int(np.sum(judging))}]
@@ -112,4 +112,4 @@ def test_halves_that_speak_against_different_names_are_told(asked: Any) -> None:
 
 
 def test_rows_that_are_not_asked_all_judge() -> None:
-    assert halves_of([other()], 20.0).folds == [{"deciding": 0, "judging": ROWS - 31}]
+    assert halves_of([other()], [20.0]).folds == [{"deciding": 0, "judging": ROWS - 31}]

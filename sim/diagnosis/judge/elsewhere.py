@@ -53,7 +53,7 @@ def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneO
     """What others of the same rig leave of a verdict."""
     if not others:
         return BorneOut(judged)
-    halves = halves_of(others, _correlated_s(chain, judged.fitted))
+    halves = halves_of(others, [_correlated_s(chain, judged.fitted, other) for other in others])
     driven = chain.first is not None and chain.first.channel.misfit > 1.0 and bool(judged.names)
     driven = driven and any(other.current_A is not None for other in others)
     if not driven and not _may_bend(chain, judged.fitted):
@@ -130,7 +130,11 @@ def _left_K(chain: Chain, names: frozenset[str], other: Record) -> Array:
     return residuals_on(chain, names, other, told_rows(other))["temperature_K"]
 
 
-def _correlated_s(chain: Chain, names: frozenset[str]) -> float:
-    """For how long what the fit leaves hangs together."""
+def _correlated_s(chain: Chain, names: frozenset[str], other: Record) -> float:
+    """For how long what is left hangs together: of the fit, and of the other record's prediction, which a room or a
+    sink of its own takes off its course for minutes."""
     z, rows = (resistance_residual if chain.first is None else temperature_residual)(chain, names)
-    return correlated_rows(z) * float(np.median(np.diff(chain.record.time_s[rows])))
+    longest = correlated_rows(z) * float(np.median(np.diff(chain.record.time_s[rows])))
+    for left in residuals_on(chain, names, other, told_rows(other)).values():
+        longest = max(longest, correlated_rows(left[np.isfinite(left)]) * other.interval_s)
+    return longest

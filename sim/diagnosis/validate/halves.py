@@ -1,8 +1,8 @@
 """Other records of the same rig in two halves, so that the rows that decide a name are not those that judge it.
 
-Of several records every other one; of a single one alternate blocks, as long as what a fit leaves hangs together: a
-shorter one would say what its neighbours say. Blocks and no halves in time: a heat sink shows late in a record, and its
-first half would not know of it.
+Of several records every other one; of a single one alternate blocks, as long as what is left of its prediction hangs
+together: a shorter one would say what its neighbours say. Blocks and no halves in time: a heat sink shows late in a
+record, and its first half would not know of it.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ class Halves:
         return found
 
 
-def halves_of(others: Sequence[Record], correlated_s: float) -> Halves:
-    """correlated_s: how long what is left of a prediction hangs together."""
+def halves_of(others: Sequence[Record], correlated_s: Sequence[float]) -> Halves:
+    """correlated_s: of each record, how long what is left of its prediction hangs together."""
     first, second = [], []
     for k, other in enumerate(others):
         left = ~told_rows(other)
-        odd = np.full(other.rows, k % 2 == 1) if len(others) > 1 else _odd_blocks(other, left, correlated_s)
+        odd = np.full(other.rows, k % 2 == 1) if len(others) > 1 else _odd_blocks(other, left, correlated_s[k])
         first.append(left & ~odd)
         second.append(left & odd)
     return Halves(tuple(others), tuple(first), tuple(second))
