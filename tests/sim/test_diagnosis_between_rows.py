@@ -89,6 +89,14 @@ def test_the_same_is_named_at_another_sampling() -> None:
     covered(thinned, blind)
 
 
+@pytest.mark.parametrize("name", ["radiative_loss", "heat_sink_warmup"])
+def test_a_simulation_that_wanders_speaks_against_no_name(name: str) -> None:
+    blind = case("one", 900, effect=name)
+    document = diagnose(every(blind.columns, 2)).document()
+    assert names(document) == {name}
+    assert document["verdict"] == "explained"
+
+
 @pytest.mark.long
 def test_an_ohmmeter_behind_a_thinned_log_is_named() -> None:
     blind = case("one", 8)

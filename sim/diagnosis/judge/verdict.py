@@ -325,7 +325,8 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
     else:
         assert chain.first is not None
         noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
-        sigma = noise * np.sqrt(chain.first.channel.misfit)
+        walk = chain.first.channel.noise.walk  # a simulation does not know where the plate wandered
+        sigma = np.hypot(noise * np.sqrt(chain.first.channel.misfit), 0.0 if walk is None else walk.deviation_K[rows])
     return float(np.mean((residual / sigma) ** 2))
 
 
