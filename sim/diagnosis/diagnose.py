@@ -32,6 +32,7 @@ from sim.diagnosis.report.warnings import out_of_time, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import Chain, rounds, temperature_search
+from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
@@ -80,7 +81,7 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
-        names = select(chain, say)
+        chain, names = select(chain, say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         judged = judge(chain, names)
@@ -112,13 +113,13 @@ def _chain(
     """What is searched on this record. Raises ValueError."""
     record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
     known, assumed = _assumed(known, assume, record)
-    chain = Chain(record, ~record.held_out, known, assumed=assumed, budget=budget)
+    first, as_read = None, record
     if record.current_A is not None:
-        chain.first = temperature_search(record, ~record.held_out, known, kinds, assumed, budget)
-        chain.record = chain.first.channel.record
+        first = temperature_search(record, known, kinds, assumed, budget)
+        record = first.channel.record
     elif record.output is None:
         raise ValueError(f"record: neither current_A nor {record.quantity.column}; expected at least one of them")
-    return chain
+    return Chain(record, known, first, assumed=assumed, budget=budget, as_read=as_read)
 
 
 def _assumed(
@@ -182,11 +183,10 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     b = chain.fits(names)[1]
     if b is None or chain.facts is None or chain.facts.basis.curve is None:
         return found
-    assumed, first = chain.assumed, chain.first
-    plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=first, assumed=assumed)
+    anew, upstream = replace(chain, together=False, budget=Budget()), chain.split(names)[0]
+    plain = with_film(replace(anew, relays=False), upstream)
     of_the_class = chain.score(names) - plain.score(names) < ABSORBS  # then nothing but D may stand in for what D does
-    relays = not of_the_class
-    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=relays, first=first, assumed=assumed)
+    bare = with_film(replace(anew, curve=False, relays=not of_the_class), upstream)
     evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
     if evidence < ABSORBS:
         return found

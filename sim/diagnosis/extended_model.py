@@ -91,8 +91,8 @@ def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
     shown = refit.channel.output[held] - refit.fit.shown[held]
     if refit.fit.parameters.has_relays or error > NOT_OF_THE_CLASS * rms(shown):
         solution, error = _mixed(refit, solution, error, fitted, held)
-    for _ in range(TURNS if refit.curved else 0):
-        refit.about(refit.signal(solution))
+    for _ in range(TURNS if refit.links.bends else 0):
+        refit = refit.about(refit.signal(solution))
         solution, error = _again(refit, solution, fitted, held)
     return solution, error
 

@@ -24,7 +24,6 @@ from compensator.identification.triangle import triangle
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.model.film_columns import classical_columns, operator_columns
-from sim.model.film_nodes import FilmNodes
 from sim.model.links import behind, columns_followed
 from sim.model.ohmmeter import Ohmmeter, shown_in_rows
 
@@ -81,26 +80,28 @@ def radii_of(shape: Array) -> Array:
 
 
 class FilmRefit:
-    """Solutions on the film's temperature and with the effects of one fit of the last links."""
+    """Solutions on the film's temperature and with the effects of one fit of the last links. target: what columns are
+    to add up to, (rows,); free: the constant, and what filters were behind by at the first row, (rows, 1 + filters)."""
 
-    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
+    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit, signal: Array | None = None) -> None:
+        """signal: the film's output at the nodes, about which the derivative is taken; None: that of the fit."""
         self.channel, self.fit = channel, fit
         self.links, found = channel.nodes(fit.parameters, fit.parameters.x)
-        nodes = found.everywhere()
-        self.nodes: FilmNodes = nodes
-        self.every = replace(nodes, taken=np.arange(nodes.time_s.size))
-        self.curved = self.links.bends
-        order = np.argsort(nodes.taken, kind="stable")
-        place = nodes.taken[order]
-        self.about(np.interp(np.arange(nodes.time_s.size), place, fit.film_output[order]))
-
-    def about(self, signal: Array) -> None:
-        """Take the derivative about this output of the film at the nodes."""
-        nodes = self.nodes
+        self.nodes = nodes = found.everywhere()
+        time = nodes.time_s
+        self.every = replace(nodes, taken=np.arange(time.size))
+        if signal is None:
+            order = np.argsort(nodes.taken, kind="stable")
+            signal = np.interp(np.arange(time.size), nodes.taken[order], fit.film_output[order])
         self._ohmmeter = Ohmmeter(self.links, nodes, signal)
         shown = shown_in_rows(self.links, nodes, signal)
-        self.target = self.channel.output - (shown - self.through(signal[:, None])[:, 0])
-        self.free = self._free()
+        self.target = channel.output - (shown - self.through(signal[:, None])[:, 0])
+        parts = [np.ones((time.size, 1)), *(behind(e, time) for e in self.links.hysteretic_part)]
+        self.free = np.concatenate([*(self.through(part) for part in parts), self._ohmmeter.late], axis=1)
+
+    def about(self, signal: Array) -> FilmRefit:
+        """The same about another output of the film."""
+        return FilmRefit(self.channel, self.fit, signal)
 
     def through(self, columns: Array) -> Array:
         """Parts of the film's output (nodes, k) as the ohmmeter shows them (rows, k)."""
@@ -111,13 +112,6 @@ class FilmRefit:
         for creep in self.links.hysteretic_part:
             columns = columns_followed(creep, self.nodes.time_s, columns)
         return columns
-
-    def _free(self) -> Array:
-        """The constant, and what filters were behind by at the first row."""
-        time = self.nodes.time_s
-        parts = [self.through(np.ones((time.size, 1)))]
-        parts += [self.through(behind(e, time)) for e in self.links.hysteretic_part]
-        return np.concatenate([*parts, self._ohmmeter.late], axis=1)
 
     def plays(self, shape: Array) -> Array:
         """Operators of one pair of envelopes as the ohmmeter shows them, (rows, operators)."""

@@ -77,6 +77,12 @@ class ResistanceChannel:
         other.path = path
         return other
 
+    def elsewhere(self, record: Record) -> ResistanceChannel:
+        """The same film over all rows of another record, its path to be given yet."""
+        every = np.ones(record.rows, dtype=np.bool_)
+        noise, basis = self.noise.elsewhere(), self.basis
+        return ResistanceChannel(record, self.path, every, noise, basis, self.relays, self.spacing)
+
     # -- the model at one x
 
     @staticmethod

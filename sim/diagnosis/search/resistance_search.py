@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
@@ -61,10 +62,10 @@ class KnownShape:
         return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ResistanceSearch:
-    """Fits of the last links by the names of their effects, each computed once. assumed: the effects that the user
-    knows are there; budget: of time, for the search."""
+    """Fits of the last links. assumed: the effects that the user knows are there; budget: of time, for the search. What
+    was found so far: fits, the best by the names of their effects; shapes, the envelopes last searched for globally."""
 
     channel: ResistanceChannel
     effects: dict[str, Effect]
@@ -72,7 +73,7 @@ class ResistanceSearch:
     assumed: frozenset[str] = frozenset()
     budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
-    known_shape: KnownShape | None = None
+    shapes: deque[KnownShape] = field(default_factory=lambda: deque(maxlen=1))
 
     def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
         """The best fit with exactly these effects; `near`: one to begin from."""
@@ -178,11 +179,11 @@ class ResistanceSearch:
             return fit
         _, nodes = channel.nodes(p, p.x)
         film = channel.output - (fit.shown - fit.film_output)  # as an ohmmeter without its effects would read it
-        known = self.known_shape
-        if known is None or not known.serves(nodes, film, channel):
+        known = next((shape for shape in self.shapes if shape.serves(nodes, film, channel)), None)
+        if known is None:
             thin = thinned_path(nodes, film, channel.fitted, p.start)
             known = KnownShape(nodes, film, starting_shape(thin, channel.basis.curve is not None)[0])
-            self.known_shape = known
+            self.shapes.append(known)
         x = p.x.copy()
         x[:4] = known.shape
         prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.joint_fit import widened
+from sim.diagnosis.search.learned import first_renoised, last_renoised, with_film
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, beside_misfit
@@ -220,44 +222,53 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
     return names
 
 
-def select(chain: Chain, say: Progress) -> frozenset[str]:
-    """The effects that the whole record asks for."""
-    upstream: frozenset[str] = frozenset()
+def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
+    """The effects that the whole record asks for; and the chain with what was learned and found on the way. The one
+    given stays as it was."""
+    chain, upstream = chain.apart(), frozenset[str]()
     if chain.first is not None:
-        say("current to temperature")
-        upstream = select_first_links(chain.first)
-        if chain.renoised_first(upstream):
-            upstream = select_first_links(chain.first, upstream)
-        beside = beside_misfit(chain.first, upstream) if chain.record.output is None else None
-        if beside is not None:
-            say("current to temperature, beside what nothing explains")
-            chain.first = beside
-            upstream = select_first_links(beside)
-    names = upstream
-    if chain.record.output is not None:
-        names = upstream | _selected_last(chain, upstream, say)
-        if chain.first is not None:
-            say("both together")
-            names = _joint(chain, names)
-            chain.together = True
-            names = _told_by_the_film(chain, names)
-    return names
+        chain, upstream = _selected_first(chain, chain.first, say)
+    if chain.record.output is None:
+        return chain, upstream
+    chain, downstream = _selected_last(chain, upstream, say)
+    if chain.first is None:
+        return chain, downstream
+    say("both together")
+    names = _joint(chain, upstream | downstream)
+    chain = replace(chain, together=True)
+    return chain, _told_by_the_film(chain, names)
 
 
-def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
+def _selected_first(chain: Chain, first: TemperatureSearch, say: Progress) -> tuple[Chain, frozenset[str]]:
+    """The effects of the first links, the noise weighed anew once they are known; beside what nothing explains where
+    there is no film to tell more."""
+    say("current to temperature")
+    names = select_first_links(first)
+    learned = first_renoised(chain, names)
+    if learned.first is not None and learned is not chain:
+        chain, first = learned, learned.first
+        names = select_first_links(first, names)
+    beside = beside_misfit(first, names) if chain.record.output is None else None
+    if beside is None:
+        return chain, names
+    say("current to temperature, beside what nothing explains")
+    return replace(chain, first=beside), select_first_links(beside)
+
+
+def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> tuple[Chain, frozenset[str]]:
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
-    names, search = frozenset[str](), chain.last(upstream)
+    chain, names = with_film(chain, upstream), frozenset[str]()
     if chain.facts is not None and chain.facts.sparse is not None:
-        return search.assumed  # the film between two rows may do what any effect does
+        return chain, chain.last(upstream).assumed  # the film between two rows may do what any effect does
     for steps in (1, MOST_EFFECTS):
-        before = names
+        before, changed = names, False
         names = select_last_links(chain.last(upstream), names, steps, say)
-        understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
-        changed = understood and chain.renoised(upstream | names)
+        if 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows:
+            chain, changed = last_renoised(chain, upstream | names)
         if names == before and not changed:
             break  # the same search would find the same
-    return select_last_links(chain.last(upstream), names, say=say) if changed else names
+    return chain, select_last_links(chain.last(upstream), names, say=say) if changed else names
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:

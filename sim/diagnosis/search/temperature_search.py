@@ -32,10 +32,10 @@ TOGETHER = 0.35, 0.75  # the same of several effects at once
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class TemperatureSearch:
-    """Fits of the first links by the names of their effects, each computed once. assumed: the effects that the user
-    knows are there; budget: of time, for the search."""
+    """Fits of the first links. assumed: the effects that the user knows are there; budget: of time, for the search.
+    fits: what was found so far, the best by the names of their effects."""
 
     channel: TemperatureChannel
     effects: dict[str, Effect]
@@ -231,7 +231,7 @@ def beside_misfit(search: TemperatureSearch, names: frozenset[str]) -> Temperatu
         return None
     channel = channel.with_misfit(misfit)
     base = channel.descend(search.base.parameters)
-    return TemperatureSearch(channel, search.effects, base, search.assumed, search.budget)
+    return replace(search, channel=channel, base=base, fits={})
 
 
 def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
