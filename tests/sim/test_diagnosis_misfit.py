@@ -13,7 +13,7 @@ from rig.analysis.predicted import predicted
 from rig.files.model_file import read_model, write_model
 from rig.files.record_file import ColumnMapping, Record, read_record
 from sim.diagnosis.data.misfit import misfit_of
-from sim.diagnosis.data.record import driven_rows, read_columns
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.diagnosis.extended_model import ExtendedModel
 from sim.diagnosis.judge.plate_kind import of_no_kind
@@ -22,6 +22,7 @@ from sim.diagnosis.search.temperature_search import beside_misfit
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.catalogue import catalogue
 from sim.model.own_fit import told_rows
+from sim.model.recorded import driven_rows
 
 PLATE = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")
 NAMES = frozenset({"heat_sink_warmup", "sensor_lag"})

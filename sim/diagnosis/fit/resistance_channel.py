@@ -27,7 +27,7 @@ from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_point import LinearProblem, Point
-from sim.diagnosis.fit.preisach_density import RelaysOfRecord
+from sim.diagnosis.fit.preisach_density import Relays, RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
@@ -206,21 +206,22 @@ class ResistanceChannel:
         creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
         late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
         signal = self.own_output(links, nodes, x, c, late[:creeps])
-        signal = signal + self._plane.signal(links, nodes, c[c.size - self.relay_count(p) :])
+        relays = c[c.size - self.relay_count(p) :]
+        signal = signal + self._plane.signal(links, nodes, relays, point.problem.relays)
         return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
 
     def predict_from(
-        self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None
+        self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None, near: Relays | None = None
     ) -> tuple[Array, Array]:
         """What is shown, and the film's own output, with p's effects and the coefficients of a fit that has all of them
         but one; rows. late: how far each filter of the hysteretic part and of log R is behind at the first row, by
-        effect; one that is not named, by nothing; None: as in the fit."""
+        effect; one that is not named, by nothing; None: as in the fit. near: the fit's relays, if known."""
         links, nodes = self.nodes(p, p.x)
         c = fit.coefficients
         late = self.late_dec(fit) if late is None else late
         relays = c[c.size - self.relay_count(fit.parameters) :]
         signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
-        signal = signal + self._plane.signal(links, nodes, relays)
+        signal = signal + self._plane.signal(links, nodes, relays, self._plane.none if near is None else near)
         shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
         return shown, nodes.of_rows(signal)
 
@@ -301,7 +302,6 @@ class ResistanceChannel:
             point.shown,
             point.film_output,
             point.evidence,
-            self.noise.level,
             point.coefficients,
             jacobian.copy(),
             0.5 * float(residual @ residual),

@@ -46,7 +46,6 @@ class ResistanceFit:
     shown: Array
     film_output: Array
     score: float
-    sigma_dec: float
     coefficients: Array
     jacobian: Array
     minus_log: float

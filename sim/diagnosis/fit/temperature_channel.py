@@ -17,7 +17,7 @@ from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
 from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Mask, Record, Rows, driven_rows
+from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.known_beforehand import known_beforehand
 from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
 from sim.diagnosis.fit.plate_parameters import HEATER, PELTIER, ROOM_K, PlateParameters
@@ -34,7 +34,7 @@ from sim.model.links import Links, links_of
 from sim.model.own_fit import APART_K, first_readings
 from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
-from sim.model.recorded import COARSE, Spacing
+from sim.model.recorded import COARSE, Spacing, driven_rows
 
 DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
@@ -44,14 +44,14 @@ ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joul
 @dataclass(frozen=True, eq=False)
 class TemperatureFit:
     """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
-    were fitted; sigma_K: the noise; jacobian: d shown / d x (rows, unknowns), in K; converged."""
+    were fitted; sigma_K: the noise; jacobian: d shown / d x (rows, unknowns), in K; curvature: of the likelihood, over
+    the noise."""
 
     parameters: PlateParameters
     path: PlatePath
     shown_degC: Array
     minus_log: float
     sigma_K: float
-    step_K: float
     jacobian: Array
     curvature: Array
 
@@ -102,7 +102,7 @@ class TemperatureChannel:
         self.anew: Rows = np.union1d(anew_rows(record), record.joined)
         self._record_of = np.searchsorted(record.joined, self.anew, side="right")
         self._known_nodes: dict[bytes, Nodes] = {}
-        self.weight = np.where(driven_rows(record)[self.rows], 1.0 / misfit, 1.0)
+        self.weight = np.where(driven_rows(record, record.joined)[self.rows], 1.0 / misfit, 1.0)
 
     def with_misfit(self, misfit: float) -> TemperatureChannel:
         """The same rows, of which so many say as much as one."""
@@ -302,7 +302,7 @@ class TemperatureChannel:
         minus_log = float(self.weight @ like.minus_log)
         if self.misfit > 1.0:  # there sizes that nobody meets count against an effect
             minus_log -= self.priors(final)
-        return TemperatureFit(final, path, shown, minus_log, self.sigma_K, self.step_K, jacobian, like.curvature)
+        return TemperatureFit(final, path, shown, minus_log, self.sigma_K, jacobian, like.curvature)
 
     def _slopes(
         self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.levenberg_marquardt import Damping, Linearized, damped_step
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
@@ -28,10 +30,12 @@ LARGEST_STEP = 0.1
 LARGEST_MOVE = 1.5  # of an unknown in a step, as in the channels' own fits
 SETTLED = 0.02  # log-likelihood that one more step would bring
 TURNS = 4
-SHARES = (1.0, 0.4, 0.1)  # of a step, until one is better
+DAMPING = Damping(first=1e-9, least=1e-9, more=30.0, least_after_failure=0.1, trials=3)  # undamped while that gains
+TINY = 1e-30  # of a diagonal: what changes nothing does not move
 FILM_STEPS = 2
 HELD_STEPS = 6  # until everything else has followed an effect that is held
 SMALL_SHARE = 0.03  # of a starting value
+_Ends = tuple[TemperatureFit, ResistanceFit, ResistanceChannel]  # of both fits, the last one's on the first one's path
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +154,7 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
 
 
 def _solved(normal: Array, right: Array) -> Array:
-    norm = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    norm = np.sqrt(np.maximum(np.diag(normal), TINY))
     damped = 0.5 * (normal + normal.T) / np.outer(norm, norm)
     damped[np.diag_indices_from(damped)] += 1e-9
     return np.asarray(cho_solve(cho_factor(damped, check_finite=False), right / norm) / norm, dtype=np.float64)
@@ -158,20 +162,27 @@ def _solved(normal: Array, right: Array) -> Array:
 
 def settled(begin: Tied) -> Tied:
     """Step after step, until one more brings nothing."""
-    best = begin
+    best, level, first = begin, DAMPING.first, begin.first
+
+    def cost(at: _Ends) -> float:
+        a, b, _ = at
+        return a.minus_log - b.score - first.priors(a.parameters)
+
     for _ in range(TURNS):
-        move, gain = best.step()
-        if not gain > SETTLED:
+        if not best.step()[1] > SETTLED:
             break
-        better = _moved(best, move)
+        scale = np.maximum(np.diag(best.normal), TINY)
+        about = Linearized(best.normal, best.gradient, scale, partial(_moved, best))
+        ends, level = damped_step((best.a, best.b, best.last), cost, about, level, DAMPING)
+        better = tied(first, ends[2], ends[0], ends[1]) if ends[0] is not best.a else None
         if better is None:
             break
         best = better
     return best
 
 
-def _moved(at: Tied, move: Array) -> Tied | None:
-    """The fits after a step, or a part of it; None where none is better."""
+def _moved(at: Tied, move: Array) -> _Ends:
+    """The fits after a step, the film's own unknowns followed."""
     p, q = at.a.parameters, at.b.parameters
     low, high, _ = at.first.bounds(p)
     low_R, high_R, _ = at.last.bounds(q)
@@ -179,15 +190,12 @@ def _moved(at: Tied, move: Array) -> Tied | None:
     longest = float(np.max(np.abs(np.concatenate((move[:m], move[n:])))))
     move = move * min(1.0, LARGEST_MOVE / longest)
     log, log_R = logarithmic([*p.base, *unknowns_of(p.effects)], m), logarithmic(at.last.unknowns(q), q.x.size)
-    for share in SHARES:
-        x = np.clip(p.x + along_values(share * move[:m], log), low, high)
-        a = at.first.at(replace(p, x=x, first_degC=p.first_degC + share * move[m:n]))
-        x_R = np.clip(q.x + along_values(share * move[n:], log_R), low_R, high_R)
-        channel = at.last.on(a.path)
-        b = channel.descend(replace(q, x=x_R), FILM_STEPS)
-        if at.first.priors(a.parameters) - a.minus_log + b.score > at.score + at.first.priors(p):
-            return tied(at.first, channel, a, replace(b, plain=b.parameters))
-    return None
+    x = np.clip(p.x + along_values(move[:m], log), low, high)
+    a = at.first.at(replace(p, x=x, first_degC=p.first_degC + move[m:n]))
+    x_R = np.clip(q.x + along_values(move[n:], log_R), low_R, high_R)
+    last = at.last.on(a.path)
+    b = last.descend(replace(q, x=x_R), FILM_STEPS)
+    return a, replace(b, plain=b.parameters), last
 
 
 def widened(at: Tied, effect: Switched) -> Tied | None:

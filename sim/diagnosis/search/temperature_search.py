@@ -11,11 +11,12 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.data.misfit import misfit_of
-from sim.diagnosis.data.record import Record, driven_rows
+from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
+from sim.model.recorded import driven_rows
 
 ROUGH_STEPS = 12  # of a plate's start, of which the best goes on
 EXCHANGED_STEPS = 40  # of a fit that is compared with others, and has to have ended
@@ -225,7 +226,7 @@ def beside_misfit(search: TemperatureSearch, names: frozenset[str]) -> Temperatu
     """A search that weighs the rows by what the fit with these effects leaves that nothing explains, its fits begun
     anew from the plate alone; None where that fit leaves nothing."""
     channel = search.channel
-    driven = driven_rows(channel.record)[channel.rows]
+    driven = driven_rows(channel.record, channel.record.joined)[channel.rows]
     misfit = misfit_of(channel.residual(search.fit(names))[driven])
     if misfit < MISFIT:
         return None

@@ -74,6 +74,7 @@ class View:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
         channel, fit, rows = self._channel, self._fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
-        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
+        trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
+        shown = channel.predict_from(trial, fit, near=near)[0]
         delta = self._point.off(channel.over(shown[rows] - self._point.shown[rows])[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
