@@ -44,6 +44,7 @@ from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
+SHOWN = 0.002  # of a channel's error: an effect that changes less of it does not show there
 
 
 def diagnose(
@@ -192,7 +193,7 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
         return found
     curve = chain.facts.basis.curve
     path = chain.film_channel(names).path
-    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
+    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)  # D is smooth
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
     span_name = f"span_{chain.record.quantity.unit}"
     before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
@@ -263,7 +264,7 @@ def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
     fit = chain.fits(names)[0]
     if fit is None:
         return []
-    room = float(fit.parameters.plate()[4])
+    room = float(fit.parameters.plate()[-1])
     return [room, *(room + fit.parameters.rooms_K).tolist()]
 
 
@@ -285,7 +286,7 @@ def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping
     for name in judged.names:
         rest = unseen.left(names - {name})
         gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
-        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
+        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > SHOWN * g.rmse_before}
         evidence = judged.evidence[name]
         findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
     return findings
@@ -321,14 +322,16 @@ def _lattice(chain: Chain) -> Finding | None:
     record = chain.record
     step = record.step_K
     sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
-    noise_K = float(np.hypot(sigma_K, step / np.sqrt(12.0)))
+    noise_K = float(np.hypot(sigma_K, step / np.sqrt(12.0)))  # of an error that is uniform over a step, too
     if step <= 0.0 or step < 0.5 * noise_K:
         return None
     values = record.temperature_degC[record.temperature_used]
     index = np.round(values / step)
-    step = float(index @ values / (index @ index)) if np.max(np.abs(values - index * step)) < 0.2 * step else step
+    if np.max(np.abs(values - index * step)) < 0.2 * step:  # further off they lie on no lattice through 0
+        step = float(index @ values / (index @ index))
     rows = float(values.size)
-    evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))
-    spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
+    evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))  # less noise shows in no reading
+    apart = float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0)
+    spread = max(1e-6 * step, 4.0 * apart)  # a file's last digit; four deviations, to be sure
     ci = (step - spread, step + spread)
     return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, false_alarm(evidence), [], {})

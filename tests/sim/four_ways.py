@@ -120,7 +120,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     a = TemperatureFit(begun, path, degC, 0.0, 0.01, np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
     basis, coefficients = the_fits_film()
-    film = ResistanceChannel(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
+    film = ResistanceChannel.of(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
     x = np.concatenate((SHAPE, values_inside(last), np.zeros(film.filters_behind(last))))
     q = FilmParameters(tuple(last), x, FilmStart("cooled", FIRST_DEGC))
     filters = sum(e.effect.link == "ohmmeter" or e.name == "creep" for e in last)

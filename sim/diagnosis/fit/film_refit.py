@@ -21,6 +21,7 @@ from compensator.identification.mixed_envelopes import Dictionary
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, radius_floor
 from compensator.identification.triangle import triangle
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.model.film_columns import classical_columns, operator_columns
@@ -60,13 +61,13 @@ class Refit:
             down = tuple(Envelope("tanh", a, -a * (c - h)) for a, c, h in rows)
             d = self.form.memoryless(self.coefficients, self.theta, self.offset)
             return FilmModel(np.zeros(kept.size), w, up, down, d, "mixed_envelopes", "minus_log10_ohm", start)  # type: ignore[arg-type]
-        log_r, c_r, log_l, c_l = (float(v) for v in self.theta[:4])
+        log_r, c_r, log_l, c_l = (float(v) for v in self.theta[:ENVELOPES])
         return FilmModel(
-            radii_of(self.theta[:4])[kept],
+            radii_of(self.theta[:ENVELOPES])[kept],
             self.weights[kept],
             Envelope("tanh", math.exp(log_r), -math.exp(log_r) * c_r),
             Envelope("tanh", math.exp(log_l), -math.exp(log_l) * c_l),
-            self.form.memoryless(self.coefficients, self.theta[4:], self.offset),
+            self.form.memoryless(self.coefficients, self.theta[ENVELOPES:], self.offset),
             "generalized_pi" if self.form.name == "none" else "extended_generalized_pi",
             "minus_log10_ohm",
             start,  # type: ignore[arg-type]
@@ -125,7 +126,7 @@ class FilmRefit:
         self, rows: Integers, form: Form, theta: Array, operators: Array, dictionary: Dictionary | None = None
     ) -> Refit:
         """The best weights and coefficients over some rows."""
-        shape = theta if dictionary is not None else theta[4:]
+        shape = theta if dictionary is not None else theta[ENVELOPES:]
         d = self.through(form.columns(self.nodes.film_degC, shape)) if form.name != "none" else self.free[:, :0]
         free = np.concatenate((self.free[:, 1:], d), axis=1)
         columns = np.concatenate((free, operators, self.target[:, None]), axis=1)[rows]
@@ -143,7 +144,8 @@ class FilmRefit:
         """The film's output at the nodes, as a solution has it."""
         nodes, o = self.nodes, fit.operators
         if o is None:
-            columns, shape = operator_columns(self.every, fit.theta[:4], radii_of(fit.theta[:4])), fit.theta[4:]
+            envelopes, shape = fit.theta[:ENVELOPES], fit.theta[ENVELOPES:]
+            columns = operator_columns(self.every, envelopes, radii_of(envelopes))
         else:
             columns, shape = classical_columns(self.every, o.centre, o.slope, o.half_width), fit.theta
         d = fit.form.columns(nodes.film_degC, shape) @ fit.coefficients
@@ -151,7 +153,7 @@ class FilmRefit:
 
     def residual(self, rows: Integers, fit: Refit, operators: Array) -> Array:
         """What a solution leaves in other rows, without what filters were behind by."""
-        shape = fit.theta if fit.operators is not None else fit.theta[4:]
+        shape = fit.theta if fit.operators is not None else fit.theta[ENVELOPES:]
         d = self.through(fit.form.columns(self.nodes.film_degC, shape)) if fit.form.name != "none" else None
         shown = fit.offset * self.free[rows, 0] + operators[rows] @ fit.weights
         if d is not None:

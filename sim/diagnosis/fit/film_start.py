@@ -10,6 +10,7 @@ from compensator.identification.multistart import search
 from compensator.identification.rows import Path
 from compensator.identification.variable_projection import equal_structure
 from sim.diagnosis.data.record import Mask
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 
@@ -54,4 +55,4 @@ def starting_shape(path: Path, curve: bool) -> tuple[Array, float]:
     low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
     form = Form(SMOOTH if curve else "none", False, low, high)
     found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form.name]
-    return found.theta[:4].copy(), found.square
+    return found.theta[:ENVELOPES].copy(), found.square

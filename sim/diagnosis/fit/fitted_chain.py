@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.film_equations import FilmEquations
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureFit
 from sim.model.links import Links, links_of
@@ -23,11 +23,11 @@ SAME_DEC = 1e-7  # from round to round
 @dataclass(frozen=True, eq=False)
 class FittedChain:
     """The fits of both ends as a chain that runs over a record, its film in the fit's own terms. last: the equations of
-    b over that record (`ResistanceChannel.elsewhere`); spacing: of the plate's nodes."""
+    b over that record (`FilmEquations.elsewhere`); spacing: of the plate's nodes."""
 
     a: TemperatureFit | None
     b: ResistanceFit | None
-    last: ResistanceChannel | None
+    last: FilmEquations | None
     spacing: Spacing = COARSE
 
     @property

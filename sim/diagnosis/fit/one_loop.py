@@ -38,7 +38,7 @@ def shifted_branches(channel: ResistanceChannel, p: FilmParameters, least_dec: f
     other = channel.descend(replace(p, prior=prior), STEPS)
     for _ in range(ROUNDS):
         noise = ohmmeter_noise(channel, other, least_dec, 0.0)
-        channel = ResistanceChannel(record, channel.path, channel.fitted, noise, channel.basis)
+        channel = ResistanceChannel.of(record, channel.path, channel.fitted, noise, channel.basis)
         other = channel.descend(replace(p, prior=prior), STEPS)
     sigma = channel.noise.marginal(channel.output[rows], rows)
     worse, better = (float(np.sum(((channel.output - f.shown)[rows] / sigma) ** 2)) for f in (own, other))

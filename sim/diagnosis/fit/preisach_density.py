@@ -60,7 +60,7 @@ class RelayPlane:
         )
         amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
         variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
-        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))
+        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
         mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
         mix /= math.sqrt(float(np.sum(mix * mix)))
         return cls(np.tile(centre, WIDTHS), np.tile(slope, WIDTHS), np.repeat(half_width, CENTRES), mix)
@@ -143,27 +143,18 @@ class RelaysOfRecord:
         same = known.nodes is not None and nodes.same_film(known.nodes)
         if not same or not _same(known.through, through):
             columns = known.columns if same else self.plane.columns(nodes)
-            film = self._through(columns, links.hysteretic_part)
+            film = followed_by(links.hysteretic_part, self.taken_s, columns)
             plain = replace(self.none, nodes=nodes, columns=columns, film=film, through=through)
-            known = plain.shown_as(self._through(film, links.meter_lags), self.fitted, self.noise)
+            known = plain.shown_as(followed_by(links.meter_lags, self.taken_s, film), self.fitted, self.noise)
             self._last.append(known)
         return known
 
-    def signal(self, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays) -> Array:
-        """What the relays add to the film's output at the points. near: those of a fit, which may be at the same
-        temperature of the film."""
-        if not coefficients.size:
-            return np.zeros(nodes.points.size)
-        if near.nodes is not None and nodes.same_film(near.nodes):
-            signal = near.columns @ coefficients
-        else:
-            signal = self.plane.signal(nodes, coefficients)
-        return nodes.at_points(self._through(signal[:, None], links.hysteretic_part)[:, 0])
 
-    def _through(self, columns: Array, effects: Effects) -> Array:
-        for effect in effects:
-            columns = columns_followed(effect, self.taken_s, columns)
-        return columns
+def followed_by(effects: Effects, taken_s: Array, columns: Array) -> Array:
+    """Behind filters, one after the other."""
+    for effect in effects:
+        columns = columns_followed(effect, taken_s, columns)
+    return columns
 
 
 def _same(one: Sequence[Switched], other: Sequence[Switched]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.effects.effect import Switched, at_the_terminals
 from sim.model.record_own import FilmStart
@@ -30,7 +31,7 @@ class FilmParameters:
     def bending(self) -> list[int]:
         """Which of x bend the reading as a function of the resistance."""
         bends = [at_the_terminals(e.effect) for e in self.effects for q in e.effect.parameters if not q.choices]
-        return [4 + k for k, bent in enumerate(bends) if bent]
+        return [ENVELOPES + k for k, bent in enumerate(bends) if bent]
 
     def with_relays(self, relay_dec: float) -> FilmParameters:
         """The same with relays of this prior's width, or none at 0."""

@@ -38,6 +38,10 @@ from sim.model.recorded import COARSE, Spacing, driven_rows
 
 DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
+FIRST_STEP_K = 0.01  # of first temperatures in difference quotients: the plate is next to linear in them
+FAR = 20.0  # of a body's or filter's own temperature, in units of `APART_K`: further off none is
+STEPS, SETTLED = 40, 1e-3  # of a descent, which costs little; log-likelihood that the last one gains
+STEP = 1e-3  # of them in difference quotients, the same
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
@@ -115,7 +119,8 @@ class TemperatureChannel:
         """By how much a model of this fit is off, as if it were in each row by itself; 0: by no more than the noise."""
         if self.misfit <= 1.0:
             return 0.0
-        return float(np.hypot(self.sigma_K, self.step_K / np.sqrt(12.0)) * np.sqrt(self.misfit))
+        rounding_K = self.step_K / np.sqrt(12.0)  # of an error that is uniform over a step
+        return float(np.hypot(self.sigma_K, rounding_K) * np.sqrt(self.misfit))
 
     def over(self, values: Array) -> Array:
         """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
@@ -126,7 +131,7 @@ class TemperatureChannel:
         readings = self.record.temperature_degC[self.rows]
         if self.noise.plain:
             return likelihood(readings, shown[self.rows], self.sigma_K, self.step_K)
-        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)
+        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)  # a trial far off has a square
         return Likelihood(0.5 * z * z, z, np.ones_like(z))
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
@@ -187,7 +192,7 @@ class TemperatureChannel:
         end = x.size - self._owns(p.effects)
         effects = with_values(p.effects, x[len(p.base) : end])
         p = replace(p, x=x)
-        ambient, rooms = p.plate()[4], np.append(0.0, p.rooms_K)[self._record_of]
+        ambient, rooms = p.plate()[-1], np.append(0.0, p.rooms_K)[self._record_of]
         apart = APART_K * x[end:].reshape(-1, self.anew.size)
         flows = links_of(effects).plate
         place = [k for k, e in enumerate(flows) if has_own(e)]
@@ -208,8 +213,8 @@ class TemperatureChannel:
         alike: a dead band that is held is simulated a hundred times."""
         moved = b"".join(e.name.encode() + e.par.tobytes() for e in links.commands)
         if moved not in self._known_nodes:
-            plain = self._known_nodes.get(b"")
-            self._known_nodes = {} if plain is None else {b"": plain}
+            for other in self._known_nodes.keys() - {b""}:
+                del self._known_nodes[other]
             self._known_nodes[moved] = plate_nodes(self.record, links, self.spacing)
         return self._known_nodes[moved]
 
@@ -232,15 +237,15 @@ class TemperatureChannel:
         """Least, largest and step of each unknown."""
         unknowns = [*p.base, *unknowns_of(p.effects)]
         own = p.x.size - len(unknowns)
-        low = np.array([u.low for u in unknowns] + [-20.0] * own)
-        high = np.array([u.high for u in unknowns] + [20.0] * own)
+        low = np.array([u.low for u in unknowns] + [-FAR] * own)
+        high = np.array([u.high for u in unknowns] + [FAR] * own)
         if self.misfit > 1.0:  # there a size stands in for a cause: none beyond what is met
             for k, (u, q) in enumerate(zip(unknowns_of(p.effects), fitted_sizes(p.effects), strict=True), len(p.base)):
                 high[k] = u.inside(q.largest)
                 low[k] = -high[k] if q.signed else low[k]
-        return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
+        return low, high, np.array([u.step for u in unknowns] + [STEP] * own)
 
-    def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
+    def descend(self, p: PlateParameters, steps: int = STEPS, tolerance: float = SETTLED) -> TemperatureFit:
         """The local minimum reached from p."""
         low, high, h = self.bounds(p)
         log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
@@ -253,8 +258,8 @@ class TemperatureChannel:
         def linearized(at: _Trial) -> Linearized[_Trial]:
             x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, x, first, shown, high, h, jacobian)
-            by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
-            e = self.over(by_first) / 0.01
+            by_first = self.simulate(p, x, first + FIRST_STEP_K)[1][self.rows] - shown[self.rows]
+            e = self.over(by_first) / FIRST_STEP_K
             like = self.likelihood(shown)
             j = self.over(jacobian[self.rows])
             w, pulled = self.weight * like.curvature, self.weight * like.pull
@@ -263,13 +268,13 @@ class TemperatureChannel:
             gradient[index] -= scale * away
             normal = (w[:, None] * j).T @ j
             normal[index, index] += scale * scale
-            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9
+            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9  # > 0 of one without readings
             pull = np.bincount(self.stretch, e * pulled, self.stretches)
             cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
             held_at_bounds(reduced, right, x, low, high)
-            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
+            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)  # > 0 beside rounding
 
             def moved(move: Array) -> _Trial:
                 to = np.clip(x + along_values(np.clip(move, -LONGEST_MOVE, LONGEST_MOVE), log), low, high)

@@ -12,7 +12,8 @@ from sim.diagnosis.data.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
 
 LEAST_LEFT = 0.2  # of a value, after a step
-BEYOND = 30.0  # how far outside the sizes met a fit may go
+BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
+STEP = 1e-3  # of a difference quotient, of a value or its usual size: curvature and rounding are both below 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,10 @@ class Unknown:
 
 def positive(name: str, smallest: float, largest: float) -> Unknown:
     """A number > 0 between two bounds."""
-    return Unknown(name, True, 1.0, float(np.log(smallest)), float(np.log(largest)), 1e-3)
+    return Unknown(name, True, 1.0, float(np.log(smallest)), float(np.log(largest)), STEP)
 
 
-def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, step: float = 1e-3) -> Unknown:
+def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, step: float = STEP) -> Unknown:
     """A number of either sign and a usual size."""
     return Unknown(name, False, scale, low / scale, high / scale, step)
 
@@ -50,8 +51,8 @@ def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
     name = f"{effect.name}.{parameter.name}"
     if parameter.signed:
         scale = float(np.sqrt(parameter.smallest * parameter.largest))
-        return free(name, scale, -10.0 * parameter.largest, 10.0 * parameter.largest)
-    return positive(name, parameter.smallest / BEYOND, parameter.largest * 10.0)
+        return free(name, scale, -ABOVE * parameter.largest, ABOVE * parameter.largest)
+    return positive(name, parameter.smallest / BEYOND, parameter.largest * ABOVE)
 
 
 def fitted_parameters(effect: Effect) -> list[Parameter]:

@@ -118,6 +118,7 @@ def _why(judged: Verdict, names: frozenset[str], left: float) -> str:
 
 def _share_left(candidate: Candidate) -> float:
     """Of the named set's error, in the channel that gains most."""
+    # > 0: of a simulated record an error may be 0
     return min(candidate.rmse_holdout[c] / max(candidate.rmse_named[c], 1e-300) for c in candidate.rmse_named)
 
 

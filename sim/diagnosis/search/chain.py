@@ -29,6 +29,7 @@ from sim.effects.effect import Effect
 from sim.model.plate_path import PlatePath
 
 LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
+OF_STEP = 0.3  # of a step: the deviation of a uniform error
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
 
@@ -45,7 +46,7 @@ def temperature_search(
     used = record.temperature_degC[record.temperature_used]
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
-        rough = max(rough, 0.3 * record.step_K)
+        rough = max(rough, OF_STEP * record.step_K)
     fitted, white = ~record.held_out, NoiseModel.white(rough)
     channel = TemperatureChannel(record, fitted, white, record.step_K)
     base = base_fit(channel, record, kinds)
@@ -118,7 +119,7 @@ class Chain:
     def _search_on(self, path: PlatePath) -> ResistanceSearch:
         record, facts = self.record, self.facts
         assert facts is not None
-        channel = ResistanceChannel(record, path, ~record.held_out, facts.noise, facts.basis, self.relays)
+        channel = ResistanceChannel.of(record, path, ~record.held_out, facts.noise, facts.basis, self.relays)
         mine = {n: e for n, e in self.effects.items() if e.link in ("film", "ohmmeter")}
         if record.test_current_A is None:
             mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}

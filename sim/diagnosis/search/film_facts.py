@@ -14,7 +14,7 @@ from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise
-from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_memory import remembered
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
@@ -58,7 +58,7 @@ def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True
     assert record.output is not None
     fitted, output = ~record.held_out, np.nan_to_num(record.output)
     used = record.output_used & fitted
-    best, shape, least = FilmStart("heated"), np.zeros(4), np.inf
+    best, shape, least = FilmStart("heated"), np.zeros(ENVELOPES), np.inf
     for start in (FilmStart("heated"), FilmStart("cooled")):
         thin = thinned_path(film_nodes(record, path, Links(), [], None, start), output, used, start)
         found, square = starting_shape(thin, curve)
@@ -67,7 +67,7 @@ def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True
     thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
     noise = NoiseModel.white(max(quick_noise(output[used]), LEAST_NOISE_DEC))
     basis = FilmBasis.over(record, path, *transition(thin), curve)
-    channel = ResistanceChannel(record, path, fitted, noise, basis)
+    channel = ResistanceChannel.of(record, path, fitted, noise, basis)
     fit = channel.descend(FilmParameters((), shape, best))
     for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
         start = remembered(channel, fit.parameters)
@@ -86,4 +86,4 @@ def _weighed(channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_
     quiet = float(np.quantile(noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
     lone = strays(output, shown.shown, record.output_used, least_noise(noise, output))
     prior = PriorWidths() if other is None else other.parameters.prior
-    return FilmFacts(channel.basis, p.x[:4], p.start, noise, prior, sparse_loop(record, quiet), lone)
+    return FilmFacts(channel.basis, p.x[:ENVELOPES], p.start, noise, prior, sparse_loop(record, quiet), lone)

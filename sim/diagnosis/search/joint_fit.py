@@ -19,20 +19,21 @@ from compensator.identification.levenberg_marquardt import Damping, Linearized, 
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
-from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K, TemperatureChannel, TemperatureFit
 from sim.diagnosis.fit.unknowns import along_values, logarithmic, unknowns_of
 from sim.diagnosis.search.temperature_search import held_effect, starting_values
+from sim.diagnosis.search.views import NOTHING
 from sim.effects.effect import Effect, Switched, switched
 
 MOST_STRETCHES = 30  # each costs two simulations a step
 MOVED = 0.3  # of the noise, over all readings of the thermometer: the step of a difference quotient
-LARGEST_STEP = 0.1
+LARGEST_STEP = 0.1  # the same of an unknown that hardly shows
 LARGEST_MOVE = 1.5  # of an unknown in a step, as in the channels' own fits
 SETTLED = 0.02  # log-likelihood that one more step would bring
-TURNS = 4
+TURNS = 4  # steps: from fits that have ended each for itself
 DAMPING = Damping(first=1e-9, least=1e-9, more=30.0, least_after_failure=0.1, trials=3)  # undamped while that gains
 TINY = 1e-30  # of a diagonal: what changes nothing does not move
-FILM_STEPS = 2
+FILM_STEPS = 2  # of the film, which follows the plate's step
 HELD_STEPS = 6  # until everything else has followed an effect that is held
 SMALL_SHARE = 0.03  # of a starting value
 _Ends = tuple[TemperatureFit, ResistanceFit, ResistanceChannel]  # of both fits, the last one's on the first one's path
@@ -74,7 +75,7 @@ class Tied:
         """Slopes and residuals of both channels' rows, one below the other, in units of the noise."""
         root = np.sqrt(self.weight_T)
         columns = np.concatenate((root[:, None] * self.over_T, self.free_R))
-        return columns, np.concatenate((self.pull_T / np.maximum(root, 1e-9), self.z))
+        return columns, np.concatenate((self.pull_T / np.maximum(root, 1e-9), self.z))  # > 0
 
     def promised(self, effect: Effect) -> tuple[float, Switched]:
         """Log-likelihood that one more effect of the first links may bring with everything else free (score test from a
@@ -89,7 +90,7 @@ class Tied:
                 continue
             size = float(d_T @ (self.weight_T * d_T)) + float(d_R @ free) - float(cross @ _solved(self.normal, cross))
             along = float(d_T @ self.pull_T) + float(d_R @ self.z) - float(cross @ _solved(self.normal, self.gradient))
-            if not size > 1e-9 or not np.isfinite(size):
+            if not size > NOTHING or not np.isfinite(size):
                 continue
             times = along / size
             if (times > 0.0 or effect.parameters[0].signed) and 0.5 * along * times > best:
@@ -123,7 +124,7 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
     _, high, _ = first.bounds(p)
     over_T, over_R = [*by_x.T], []
     for k in range(p.x.size):
-        h = min(MOVED / max(float(norm[k]), 1e-9), LARGEST_STEP)
+        h = min(MOVED / max(float(norm[k]), TINY), LARGEST_STEP)
         h = h if p.x[k] + h <= high[k] else -h
         x = p.x.copy()
         x[k] += h
@@ -131,10 +132,10 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
         over_R.append(last.over((last.on(path).predict(q, q.x, point) - shown)[film_rows]) / h)
     for k in range(p.first_degC.size):
         firsts = p.first_degC.copy()
-        firsts[k] += 0.01
+        firsts[k] += FIRST_STEP_K
         path, readings = first.simulate(p, p.x, firsts)
-        over_T.append(first.over((readings - a.shown_degC)[rows]) / 0.01)
-        over_R.append(last.over((last.on(path).predict(q, q.x, point) - shown)[film_rows]) / 0.01)
+        over_T.append(first.over((readings - a.shown_degC)[rows]) / FIRST_STEP_K)
+        over_R.append(last.over((last.on(path).predict(q, q.x, point) - shown)[film_rows]) / FIRST_STEP_K)
     for column in b.jacobian[film_rows].T:
         over_T.append(np.zeros(rows.size))
         over_R.append(last.over(column))
@@ -156,7 +157,7 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
 def _solved(normal: Array, right: Array) -> Array:
     norm = np.sqrt(np.maximum(np.diag(normal), TINY))
     damped = 0.5 * (normal + normal.T) / np.outer(norm, norm)
-    damped[np.diag_indices_from(damped)] += 1e-9
+    damped[np.diag_indices_from(damped)] += DAMPING.first
     return np.asarray(cho_solve(cho_factor(damped, check_finite=False), right / norm) / norm, dtype=np.float64)
 
 

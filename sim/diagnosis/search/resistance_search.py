@@ -10,17 +10,18 @@ from itertools import combinations, product
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_memory import begun, remembered
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.budget import Budget
-from sim.diagnosis.search.views import View
+from sim.diagnosis.search.views import NOTHING, View
 from sim.effects.effect import Effect, Parameter, Reading, Switched, Warming, at_the_terminals, switched
 from sim.model.film_nodes import FilmNodes
 
 FEWEST_ROWS = 30  # on either side of a threshold
-QUICK_STEPS = 4
+QUICK_STEPS = 4  # of a descent that is compared with others alike
 SIZES = 4  # of an effect that are looked at
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
@@ -28,11 +29,11 @@ AS_GOOD = 1.2
 WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
-RELAY_STEPS = 6
+RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
-PAIR_SIZES = 7
+PAIR_SIZES = 7  # of each of two effects: 49 pairs
 TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
@@ -96,9 +97,8 @@ class ResistanceSearch:
         promise = promise or self.promise(near, name)
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
-        found = []
-        for start in self.starts(plain, others, name, promise.start):
-            found.append(self.channel.descend(start, QUICK_STEPS))
+        begin = self.starts(plain, others, name, promise.start)
+        found = [self.channel.descend(start, QUICK_STEPS) for start in begin]
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
     def finish(self, quick: ResistanceFit) -> ResistanceFit:
@@ -136,13 +136,13 @@ class ResistanceSearch:
     ) -> list[FilmParameters]:
         """Where to begin: of the likely values and those over the range, the ones at which the film fits best with its
         envelopes as they are."""
-        channel = self.channel
-        tried: list[tuple[float, int, FilmParameters]] = []
-        for start in (*likely, *starts_of(self.effects[name], channel, FINER)):
-            p = channel.extended(plain.with_relays(0.0), [*others, start])
-            tried.append((channel.point(p, p.x).cost, len(tried), p))
-        tried.sort()
-        return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]
+        sizes, bare = (*likely, *starts_of(self.effects[name], self.channel, FINER)), plain.with_relays(0.0)
+        tried = self._best_of([self.channel.extended(bare, [*others, size]) for size in sizes])
+        return [p for cost, p in tried if cost <= AS_GOOD * tried[0][0]]
+
+    def _best_of(self, begin: Sequence[FilmParameters]) -> list[tuple[float, FilmParameters]]:
+        """Those few at which the film fits best with its envelopes as they are, and the costs."""
+        return sorted(((self.channel.point(p, p.x).cost, p) for p in begin), key=lambda found: found[0])[:BEGUN]
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
         """To the end: first as if the film were of the class, then with relays where that leaves something."""
@@ -185,7 +185,7 @@ class ResistanceSearch:
             known = KnownShape(nodes, film, starting_shape(thin, channel.basis.curve is not None)[0])
             self.shapes.append(known)
         x = p.x.copy()
-        x[:4] = known.shape
+        x[:ENVELOPES] = known.shape
         prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)
         other = channel.descend(replace(p, x=x, prior=prior), WHOLE_STEPS)
         return other if other.score > fit.score else fit
@@ -269,7 +269,7 @@ class ResistanceSearch:
         for trial in starts_of(effect, self.channel, sizes):
             delta = view.left_of(trial)
             size, along = float(delta @ delta), float(delta @ view.residual)
-            if not size > 1e-9 or not np.isfinite(size):
+            if not size > NOTHING or not np.isfinite(size):
                 continue
             if along > 0.0 or any(par.signed for par in effect.parameters):
                 best = max(best, 0.5 * along * along / size)
@@ -290,7 +290,7 @@ class ResistanceSearch:
             for one, other in product(*columns):
                 both = np.stack((one, other), axis=1)
                 if np.all(np.isfinite(both)):
-                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]
+                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]  # 0 of what does the same
                     if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
                         promised.append(pair)
                         break
@@ -300,13 +300,9 @@ class ResistanceSearch:
 
     def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
         """A plain fit with these two as well, from the sizes of both at which the film fits best."""
-        begin: list[tuple[float, int, FilmParameters]] = []
-        for two in product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair)):
-            trial = self.channel.extended(p, [*p.effects, *two])
-            begin.append((self.channel.point(trial, trial.x).cost, len(begin), trial))
-        begin.sort()
-        fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
-        best = max(fits, key=lambda fit: fit.score)
+        sizes = product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair))
+        begin = self._best_of([self.channel.extended(p, [*p.effects, *two]) for two in sizes])
+        best = max((self.channel.descend(trial, WHOLE_STEPS) for _, trial in begin), key=lambda fit: fit.score)
         return replace(best, plain=best.parameters)
 
 
@@ -327,12 +323,13 @@ def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) ->
         elif p.signed:
             values = np.geomspace(p.smallest, p.largest, sizes)[::2]
             axes.append([float(v) for v in (*-values[::-1], *values)])
-        else:
+        else:  # three values of what an effect has besides its size
             axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
     heated = isinstance(effect.form, Warming) and effect.form.heated and not effect.parameters[0].choices
     if heated and channel.record.test_current_A is not None:
         ohm = channel.record.quantity.ohm(channel.output[channel.rows])
         power = channel.record.test_current_A[channel.rows] ** 2 * ohm
-        largest = max(float(np.max(power)), 1e-30)
+        largest = max(float(np.max(power)), 1e-30)  # > 0
+        # warmer by so many K at the largest power, within 1 to 1e5 K/W: any film on any substrate
         axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
     return [switched(effect, list(values)) for values in product(*axes)]

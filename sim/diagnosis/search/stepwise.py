@@ -74,7 +74,7 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
 
 def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozenset[str]:
     """Swaps and removals until none is better."""
-    for _ in range(4):
+    for _ in range(4):  # nearly all end in the second turn
         best, changed = search.fit(names).minus_log, names
         for name in search.budget.in_time(sorted(names - search.assumed)):
             rest = names - {name}
@@ -201,7 +201,7 @@ def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[st
 
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     names = _best_timed(search, names)
-    for _ in range(3):
+    for _ in range(3):  # as above; each costs much more
         best = search.fit(names)
         too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
         if len(names) < 2 or search.channel.mean_square(best) > too_much_left:
@@ -212,7 +212,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
             if best.score - fit.score < entry_of(best):
                 return _improved_last(search, names - {name})
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
-                continue  # nothing else can do as much and leave nothing
+                continue  # nothing else can do as much and leave nothing (0.5 a row is the noise's own)
             other = _one_more(search, fit, frozenset({name}))
             if other is not None and other.score > (changed or best).score + 1.0:
                 changed = other
@@ -280,7 +280,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """What delays temperature and what delays resistance look alike in one channel: try each in place of the other."""
     first = chain.first
     assert first is not None
-    for _ in range(3):
+    for _ in range(3):  # as above; each costs much more
         upstream, downstream = chain.split(names)
         moving = [n for n in first.effects if first.effects[n].link != "plate"]
         timing = sorted((downstream & TIMING) - chain.assumed)
