@@ -32,6 +32,7 @@ LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, ro
 OF_STEP = 0.3  # of a step: the deviation of a uniform error
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
+FALSE_ALARM = 0.01  # of records with nothing in them that may be given a name, where nobody chose another share
 
 
 def temperature_search(
@@ -94,8 +95,9 @@ class Chain:
 
     record: less the readings that a fit has shown to be lone; as_read: with them, None where there are none. first: of
     the first links; facts: of the film (`learned.with_film`). assumed: effects that the user knows are there, which no
-    search takes out; budget: of time. curve, relays: whether the film may have a D(T), and be of another kind.
-    together: whether both channels are fitted as one, where the simulated temperature drives the film.
+    search takes out; budget: of time; false_alarm: the share of records with nothing in them that may be given a name.
+    curve, relays: whether the film may have a D(T), and be of another kind. together: whether both channels are fitted
+    as one, where the simulated temperature drives the film.
     """
 
     record: Record
@@ -104,6 +106,7 @@ class Chain:
     facts: FilmFacts | None = None
     assumed: frozenset[str] = frozenset()
     budget: Budget = field(default_factory=Budget)
+    false_alarm: float = FALSE_ALARM
     as_read: Record | None = None
     curve: bool = True
     relays: bool = True
@@ -120,15 +123,26 @@ class Chain:
         record, facts = self.record, self.facts
         assert facts is not None
         channel = ResistanceChannel.of(record, path, ~record.held_out, facts.noise, facts.basis, self.relays)
-        mine = {n: e for n, e in self.effects.items() if e.link in ("film", "ohmmeter")}
-        if record.test_current_A is None:
-            mine = {n: e for n, e in mine.items() if not getattr(e.form, "heated", False)}
-        base = FilmParameters((), facts.shape, facts.start, facts.prior)
+        base, mine = FilmParameters((), facts.shape, facts.start, facts.prior), self._of_the_film
         return ResistanceSearch(channel, mine, base, self.assumed & mine.keys(), self.budget)
+
+    @property
+    def _of_the_film(self) -> dict[str, Effect]:
+        """The effects of the last links that this record can show."""
+        mine = {n: e for n, e in self.effects.items() if e.link in ("film", "ohmmeter")}
+        known = self.record.test_current_A is not None
+        return {n: e for n, e in mine.items() if known or not getattr(e.form, "heated", False)}
 
     def path(self, upstream: frozenset[str]) -> PlatePath:
         """The plate's temperature that drives the film: simulated with these effects, or measured."""
         return measured_path(self.record) if self.first is None else path_of(self.first, self.first.fit(upstream))
+
+    @property
+    def searched(self) -> list[Effect]:
+        """The effects among which the searches choose."""
+        first = self.first.effects if self.first is not None else {}
+        last = self._of_the_film if self.facts is not None else {}
+        return [e for n, e in (*first.items(), *last.items()) if n not in self.assumed]
 
     @property
     def path_K(self) -> float:
