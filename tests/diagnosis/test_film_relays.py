@@ -128,11 +128,11 @@ def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> No
     apart = chain.score(names)
     assert chain.fits(names)[1].parameters.has_relays  # type: ignore[union-attr]
     chain = replace(chain, together=True)
-    pair = chain.pair(names)
-    assert pair is not None
-    assert not pair.b.parameters.has_relays
-    assert pair.score > apart + 100.0
-    for fit in (pair.a, pair.b):
+    joint = chain.joint(names)
+    assert joint is not None
+    assert not joint.b.parameters.has_relays
+    assert joint.score > apart + 100.0
+    for fit in (joint.a, joint.b):
         for effect in fit.effects:
             (truth,) = blind.hidden[effect.name].values()
             assert float(effect.par[0]) == pytest.approx(truth, rel=0.02)

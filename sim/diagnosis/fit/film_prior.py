@@ -48,7 +48,7 @@ class PriorWidths:
 
     @property
     def is_of_relays(self) -> bool:
-        """Whether there is no film of the class to begin with."""
+        """Whether there is no Prandtl-Ishlinskii film to begin with."""
         return self.most_weight_dec < WEIGHT_DEC[1]
 
     @property

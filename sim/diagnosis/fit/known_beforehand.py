@@ -1,4 +1,4 @@
-"""What is known of a plate before its record is read: a laboratory's room, bodies near it, sizes as one meets them.
+"""What is known of a plate before its record is read: a laboratory's room, bodies near it, typical sizes.
 
 Where a fit leaves nothing, this hardly counts beside thousands of readings. Where it leaves something that no model
 explains, it is what keeps a room from -15 degC and a delay from ten seconds.

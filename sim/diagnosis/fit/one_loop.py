@@ -28,7 +28,7 @@ BETTER = 8.0  # log-likelihood of the rows that decide
 
 def shifted_branches(channel: ResistanceChannel, p: FilmParameters, least_dec: float) -> ResistanceFit | None:
     """The fit of a film of relays, weighed by the noise that it shows; None where the rows that decide do not ask for
-    it. p: of the film of the class; least_dec: the noise at least."""
+    it. p: of the Prandtl-Ishlinskii film; least_dec: the noise at least."""
     record = channel.record
     rows = np.flatnonzero(record.deciding & record.output_used)
     if not rows.size:

@@ -108,7 +108,7 @@ class Relays:
 
     @classmethod
     def none(cls, rows: int, fitted: Rows) -> Relays:
-        """A film of the class has none."""
+        """A Prandtl-Ishlinskii film has none."""
         empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
         return cls(None, empty, empty, empty, nothing, nothing.T @ nothing)
 
@@ -117,8 +117,8 @@ class Relays:
         chosen = noise.over(every[fitted])
         return replace(self, every=every, fitted=chosen, gram=chosen.T @ chosen)
 
-    def bent(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
-        """As they show where the reading changes by `slope` with the film's output, (rows,)."""
+    def seen_by(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
+        """As they show in a reading that changes by `slope` with the film's output, (rows,)."""
         return self.shown_as(self.every * slope[:, None], fitted, noise)
 
     @property

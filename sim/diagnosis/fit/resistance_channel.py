@@ -1,8 +1,8 @@
 """The fit of the last links to the ohmmeter's readings, by the simulation error over the whole record.
 
 The equations are `film_equations`; here are the readings, their noise, and the cost. The relays have a normal prior
-whose width the record itself decides: a film of the class needs none, and so it goes to nothing; a film of any other
-kind uses them, and no effect has to stand in for it. All coefficients are linear and are eliminated (variable
+whose width the record itself decides: a Prandtl-Ishlinskii film needs none, and so it goes to nothing; a film of any
+other kind uses them, and no effect has to stand in for it. All coefficients are linear and are eliminated (variable
 projection); envelopes and effects' parameters are searched for by a damped Gauss-Newton descent.
 """
 
@@ -91,8 +91,8 @@ class ResistanceChannel(FilmEquations):
                 of_relays = coefficients[coefficients.size - relays.count :]
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
             ohmmeter = Ohmmeter(links, nodes, signal)
-            bent = ohmmeter.slope is not None and relays.count
-            shown = relays.bent(ohmmeter.slope[nodes.rows], rows, self.whitening) if bent else relays  # type: ignore[index]
+            sloped = ohmmeter.slope is not None and relays.count
+            shown = relays.seen_by(ohmmeter.slope[nodes.rows], rows, self.whitening) if sloped else relays  # type: ignore[index]
             at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
@@ -139,13 +139,13 @@ class ResistanceChannel(FilmEquations):
         p, point = self._settled(p, point, SETTLE if settle else 0)
         damping = DAMPING.first
         jacobian = np.zeros((self.record.rows, x.size))
-        bending = p.bending if p.has_relays else []
+        nonlinear = p.nonlinear if p.has_relays else []
 
         def loss(at: Point) -> float:
-            return -at.evidence if bending else at.cost
+            return -at.evidence if nonlinear else at.cost
 
         for iteration in range(steps):
-            room = self._slopes(p, point, high, h, bending, jacobian)
+            room = self._slopes(p, point, high, h, nonlinear, jacobian)
             j = self.over(jacobian[self.rows])
             residual = self._over_noise(point.shown)
             cross = point.along(j)
@@ -182,7 +182,7 @@ class ResistanceChannel(FilmEquations):
         return self.point(p, np.clip(point.x + np.clip(move, -1.0, 1.0), low, high), point.coefficients)
 
     def _slopes(
-        self, p: FilmParameters, point: Point, high: Array, h: Array, bending: list[int], jacobian: Array
+        self, p: FilmParameters, point: Point, high: Array, h: Array, nonlinear: list[int], jacobian: Array
     ) -> Array:
         """d shown / d x by difference quotients, into jacobian (rows, unknowns); returned is by how much the room that
         the coefficients leave changes with those of x that bend the reading."""
@@ -191,7 +191,7 @@ class ResistanceChannel(FilmEquations):
             moved = point.x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
             jacobian[:, k] = (self.predict(p, moved, point) - base) / (moved[k] - point.x[k])
-            if k in bending:
+            if k in nonlinear:
                 other = self.point(p, moved, point.coefficients)
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])
         return room

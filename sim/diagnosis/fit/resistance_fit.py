@@ -28,7 +28,7 @@ class FilmParameters:
         return self.prior.relay_dec > 0.0
 
     @property
-    def bending(self) -> list[int]:
+    def nonlinear(self) -> list[int]:
         """Which of x bend the reading as a function of the resistance."""
         bends = [at_the_terminals(e.effect) for e in self.effects for q in e.effect.parameters if not q.choices]
         return [ENVELOPES + k for k, bent in enumerate(bends) if bent]
@@ -54,7 +54,7 @@ class ResistanceFit:
 
     @property
     def without_relays(self) -> FilmParameters:
-        """Those of the film of the class that it began from, or its own."""
+        """Those of the Prandtl-Ishlinskii film that it began from, or its own."""
         return self.plain or self.parameters.with_relays(0.0)
 
     @property

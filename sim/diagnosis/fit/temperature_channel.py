@@ -76,8 +76,8 @@ class _Trial:
 
 
 class TemperatureChannel:
-    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
-    readings of white noise lie on.
+    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the quantization
+    of readings with white noise.
 
     misfit: how many rows say as much as one of independent noise would: what no model explains goes on from row to row
     (`sim.diagnosis.data.misfit`). Above 1 the likelihood of the rows since a current first drove the plate is taken

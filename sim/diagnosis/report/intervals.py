@@ -43,9 +43,9 @@ def _deviations(columns: Array, z: Array) -> Array:
 
 def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale; None without them."""
-    pair = chain.pair(names)
-    if pair is not None:
-        return _deviations(*pair.columns())[: pair.a.parameters.x.size]
+    joint = chain.joint(names)
+    if joint is not None:
+        return _deviations(*joint.columns())[: joint.a.parameters.x.size]
     a, _ = chain.fits(names)
     if a is None or chain.first is None:
         return None
@@ -70,10 +70,11 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     first = first_deviations(chain, names)
     if a is not None and first is not None:
         out |= _by_name(list(a.effects), first[len(a.parameters.base) :])
-    pair = chain.pair(names)
-    if pair is not None:
-        p = pair.a.parameters
-        out |= _by_name(list(pair.b.effects), _deviations(*pair.columns())[p.x.size + p.first_degC.size + ENVELOPES :])
+    joint = chain.joint(names)
+    if joint is not None:
+        p = joint.a.parameters
+        begin = p.x.size + p.first_degC.size + ENVELOPES
+        out |= _by_name(list(joint.b.effects), _deviations(*joint.columns())[begin:])
     elif b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)

@@ -22,7 +22,7 @@ from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.film_facts import FilmFacts
-from sim.diagnosis.search.joint_fit import Tied, settled, tied
+from sim.diagnosis.search.joint_fit import JointFit, joint_fit, settled
 from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, base_fit
 from sim.effects.effect import Effect
@@ -30,8 +30,8 @@ from sim.model.plate_path import PlatePath
 
 LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
 OF_STEP = 0.3  # of a step: the deviation of a uniform error
-AGAIN_STEPS = 2  # of a film of the class, on the simulated path
-PROMISED = 0.5  # of what relays and a corrected path bring
+AGAIN_STEPS = 2  # of a Prandtl-Ishlinskii film, on the simulated path
+EXPECTED = 0.5  # of what relays and a corrected path bring
 FALSE_ALARM = 0.01  # of records with nothing in them that may be given a name, where nobody chose another share
 
 
@@ -43,7 +43,7 @@ def temperature_search(
     budget: Budget | None = None,
 ) -> TemperatureSearch:
     """The first links' base fit, weighed by the thermometer's own noise. Its record is without what that fit shows to
-    be lone readings. assumed: effects known to be there."""
+    be outliers. assumed: effects known to be there."""
     used = record.temperature_degC[record.temperature_used]
     rough = max(quick_noise(used), LEAST_NOISE_K)
     if record.step_K > 0.0:
@@ -51,9 +51,9 @@ def temperature_search(
     fitted, white = ~record.held_out, NoiseModel.white(rough)
     channel = TemperatureChannel(record, fitted, white, record.step_K)
     base = base_fit(channel, record, kinds)
-    lone = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
-    if lone.size:
-        record = record.without(lone, lone[:0])
+    outliers = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
+    if outliers.size:
+        record = record.without(outliers, outliers[:0])
         channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
     channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
@@ -62,7 +62,7 @@ def temperature_search(
 
 
 def rounds(effect: Effect) -> bool:
-    """Whether the effect is a lattice of readings, which is seen and not fitted."""
+    """Whether the effect is a quantization of readings, which is seen and not fitted."""
     return bool(getattr(effect.form, "rounding", False))
 
 
@@ -81,11 +81,11 @@ def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
 @dataclass(frozen=True, eq=False)
 class Found:
     """The fits of the last links and of both ends that were found so far. searches: of the last links, by the first
-    links' effects, which give the path; pairs: both channels fitted as one, None where each is fitted for itself;
+    links' effects, which give the path; joint: both channels fitted as one, None where each is fitted for itself;
     relayed: the effects beside which relays were tried though little is left."""
 
     searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
-    pairs: dict[frozenset[str], Tied | None] = field(default_factory=dict)
+    joint: dict[frozenset[str], JointFit | None] = field(default_factory=dict)
     relayed: set[frozenset[str]] = field(default_factory=set)
 
 
@@ -93,9 +93,9 @@ class Found:
 class Chain:
     """What is known of both ends, either of which may be missing, and what was found of them.
 
-    record: less the readings that a fit has shown to be lone; as_read: with them, None where there are none. first: of
-    the first links; facts: of the film (`learned.with_film`). assumed: effects that the user knows are there, which no
-    search takes out; budget: of time; false_alarm: the share of records with nothing in them that may be given a name.
+    record: less the readings that a fit has shown to be outliers; as_read: with them, None where there are none.
+    first: of the first links; facts: of the film (`learned.with_film`). assumed: effects that the user knows are there,
+    which no search takes out; budget: of time; false_alarm: the share of clean records that may be given a name.
     curve, relays: whether the film may have a D(T), and be of another kind. together: whether both channels are fitted
     as one, where the simulated temperature drives the film.
     """
@@ -160,33 +160,34 @@ class Chain:
 
     def fits(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
         """The best fits with exactly these effects."""
-        pair = self.pair(names)
-        return (pair.a, pair.b) if pair is not None else self._one_by_one(names)
+        joint = self.joint(names)
+        return (joint.a, joint.b) if joint is not None else self._one_by_one(names)
 
-    def pair(self, names: frozenset[str]) -> Tied | None:
+    def joint(self, names: frozenset[str]) -> JointFit | None:
         """Both channels fitted as one; None where each is fitted for itself."""
         if not self.together or self.first is None or self.record.output is None:
             return None
-        pairs = self.found.pairs
-        if names not in pairs:
+        known = self.found.joint
+        if names not in known:
             upstream, _ = self.split(names)
             a, b = self._one_by_one(names)
             assert a is not None
             assert b is not None
-            pairs[names] = self._tied(self.last(upstream).channel, a, b)
-        return pairs[names]
+            known[names] = self._jointly(self.last(upstream).channel, a, b)
+        return known[names]
 
-    def _tied(self, channel: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
-        """Both fits as one; None where the film is of another kind, or needs another path than the simulated one. A
-        film of the class on a path that is a little off looks like one of another kind, or the path as if it had to be
-        corrected: there a step over both ends has to promise much of what relays and correction bring."""
+    def _jointly(self, channel: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> JointFit | None:
+        """Both fits as one; None where the film is of another kind, or needs another path than the simulated one.
+        A Prandtl-Ishlinskii film on a path that is a little off looks like one of another kind, or the path as if it
+        had to be corrected: there a step over both ends has to be expected to bring much of what relays and correction
+        bring."""
         assert self.first is not None
         near = b
         if channel.path is not a.path or b.parameters.has_relays:
             channel = channel.on(a.path)
             near = channel.descend(b.without_relays, AGAIN_STEPS)
-        begin = tied(self.first.channel, channel, a, near)
-        if begin is None or begin.step()[1] < PROMISED * (b.score - near.score):
+        begin = joint_fit(self.first.channel, channel, a, near)
+        if begin is None or begin.step()[1] < EXPECTED * (b.score - near.score):
             return None
         found = settled(begin)
         return found if found.score >= b.score - a.minus_log else None
@@ -199,11 +200,11 @@ class Chain:
         plain = self.film_channel(names).descend(b.without_relays)
         return b.score - plain.score
 
-    def keep(self, names: frozenset[str], pair: Tied) -> None:
-        """Remember a pair, if it is the best with its effects."""
-        known = self.pair(names)
-        if known is None or pair.score > known.score:
-            self.found.pairs[names] = pair
+    def keep(self, names: frozenset[str], fit: JointFit) -> None:
+        """Remember a joint fit, if it is the best with its effects."""
+        known = self.joint(names)
+        if known is None or fit.score > known.score:
+            self.found.joint[names] = fit
 
     def followed(self, names: frozenset[str], quick: ResistanceFit) -> None:
         """Follow a fit of some steps to the end, where the known fit with these effects, which may have begun from
@@ -211,12 +212,12 @@ class Chain:
         known = self.fits(names)[1]
         if known is not None and quick.score > known.score:
             self.last(self.split(names)[0]).finish(quick)
-            self.found.pairs.pop(names, None)
+            self.found.joint.pop(names, None)
 
     def film_channel(self, names: frozenset[str]) -> ResistanceChannel:
         """The channel that the last links' fit with these effects is of."""
-        pair = self.pair(names)
-        return pair.last if pair is not None else self.last(self.split(names)[0]).channel
+        joint = self.joint(names)
+        return joint.last if joint is not None else self.last(self.split(names)[0]).channel
 
     def _one_by_one(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
         upstream, downstream = self.split(names)
@@ -235,9 +236,9 @@ class Chain:
     def loses(self, names: frozenset[str], name: str) -> float:
         """By how much the log-likelihood falls without one of the effects, everything else following.
 
-        What an effect of the last links brings may be what a film of another kind does, which one of the class plus the
-        effect can be fitted to almost as well: both fits may have relays. The one without it begins from the one with
-        it, too, for two fits of such a film may differ by more.
+        What an effect of the last links brings may be what a film of another kind does, which a Prandtl-Ishlinskii one
+        plus the effect can be fitted to almost as well: both fits may have relays. The one without it begins from the
+        one with it, too, for two fits of such a film may differ by more.
         """
         upstream, downstream = self.split(names)
         if name in downstream:
@@ -257,7 +258,7 @@ class Chain:
             return
         self.found.relayed.add(names)
         if self.last(upstream).relayed(downstream).score > b.score:
-            self.found.pairs[names] = None
+            self.found.joint[names] = None
 
     def score(self, names: frozenset[str]) -> float:
         """Log-likelihood of both channels, up to a constant of the record."""

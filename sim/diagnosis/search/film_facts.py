@@ -33,7 +33,7 @@ BETTER_SQUARE = 0.97  # times the mean square, from which the second memory is t
 
 
 def least_noise(noise: NoiseModel, output: Array) -> Array | float:
-    """The noise at least among which a reading is lone: as it is at such readings, where it is not the same at all."""
+    """The least noise by which an outlier is told: as it is at such readings, where it is not the same at all."""
     return LEAST_NOISE_DEC if noise.plain else noise.marginal(np.nan_to_num(output))
 
 
@@ -41,7 +41,7 @@ def least_noise(noise: NoiseModel, output: Array) -> Array | float:
 class FilmFacts:
     """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, how
     large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, and rows
-    whose readings are lone."""
+    whose readings are outliers."""
 
     basis: FilmBasis
     shape: Array
@@ -49,7 +49,7 @@ class FilmFacts:
     noise: NoiseModel
     prior: PriorWidths
     sparse: SparseLoop | None
-    strays: Rows
+    outliers: Rows
 
 
 def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True, path_K: float = 0.0) -> FilmFacts:
@@ -78,12 +78,12 @@ def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True
 
 
 def _weighed(channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_K: float) -> FilmFacts:
-    """What the fit shows: the noise, lone readings, and whether a single loop's branches are shifted copies."""
+    """What the fit shows: the noise, outliers, and whether a single loop's branches are shifted copies."""
     record, output, used, p = channel.record, channel.output, channel.fitted, fit.parameters
     other = shifted_branches(channel, p, LEAST_NOISE_DEC) if relays and one_loop(record) else None
     shown = fit if other is None else other
     noise = ohmmeter_noise(channel, shown, LEAST_NOISE_DEC, path_K)
     quiet = float(np.quantile(noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
-    lone = strays(output, shown.shown, record.output_used, least_noise(noise, output))
+    outliers = strays(output, shown.shown, record.output_used, least_noise(noise, output))
     prior = PriorWidths() if other is None else other.parameters.prior
-    return FilmFacts(channel.basis, p.x[:ENVELOPES], p.start, noise, prior, sparse_loop(record, quiet), lone)
+    return FilmFacts(channel.basis, p.x[:ENVELOPES], p.start, noise, prior, sparse_loop(record, quiet), outliers)

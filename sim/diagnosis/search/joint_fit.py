@@ -40,7 +40,7 @@ _Ends = tuple[TemperatureFit, ResistanceFit, ResistanceChannel]  # of both fits,
 
 
 @dataclass(frozen=True, eq=False)
-class Tied:
+class JointFit:
     """Both fits, and both channels' slopes by all unknowns: the plate's, first temperatures, envelopes and the film's
     effects. over_T, over_R: in units of the noise, (rows, unknowns); free_R: what is left of over_R once the film's
     coefficients may follow; pull_T, z: what the rows ask for; normal, gradient: of the log-likelihood, priors included.
@@ -77,7 +77,7 @@ class Tied:
         columns = np.concatenate((root[:, None] * self.over_T, self.free_R))
         return columns, np.concatenate((self.pull_T / np.maximum(root, 1e-9), self.z))  # > 0
 
-    def promised(self, effect: Effect) -> tuple[float, Switched]:
+    def score_test(self, effect: Effect) -> tuple[float, Switched]:
         """Log-likelihood that one more effect of the first links may bring with everything else free (score test from a
         small size), and the effect at the size at which it does."""
         best, at = 0.0, switched(effect, [p.smallest for p in effect.parameters])
@@ -108,7 +108,9 @@ class Tied:
         return d_T, d_R, self.point.off(d_R[:, None])[:, 0]
 
 
-def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, b: ResistanceFit) -> Tied | None:
+def joint_fit(
+    first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, b: ResistanceFit
+) -> JointFit | None:
     """Both fits with their slopes; None where the film is of another kind, the record in too many stretches, or a slope
     without an end."""
     if b.parameters.has_relays or first.stretches > MOST_STRETCHES:
@@ -149,7 +151,7 @@ def tied(first: TemperatureChannel, last: ResistanceChannel, a: TemperatureFit, 
     normal[index, index] += scale * scale
     if not (np.all(np.isfinite(normal)) and np.all(np.isfinite(gradient))):
         return None
-    return Tied(
+    return JointFit(
         first, last, a, b, point, shown, columns_T, like.curvature, like.pull, columns_R, free_R, z, normal, gradient
     )
 
@@ -161,7 +163,7 @@ def _solved(normal: Array, right: Array) -> Array:
     return np.asarray(cho_solve(cho_factor(damped, check_finite=False), right / norm) / norm, dtype=np.float64)
 
 
-def settled(begin: Tied) -> Tied:
+def settled(begin: JointFit) -> JointFit:
     """Step after step, until one more brings nothing."""
     best, level, first = begin, DAMPING.first, begin.first
 
@@ -175,14 +177,14 @@ def settled(begin: Tied) -> Tied:
         scale = np.maximum(np.diag(best.normal), TINY)
         about = Linearized(best.normal, best.gradient, scale, partial(_moved, best))
         ends, level = damped_step((best.a, best.b, best.last), cost, about, level, DAMPING)
-        better = tied(first, ends[2], ends[0], ends[1]) if ends[0] is not best.a else None
+        better = joint_fit(first, ends[2], ends[0], ends[1]) if ends[0] is not best.a else None
         if better is None:
             break
         best = better
     return best
 
 
-def _moved(at: Tied, move: Array) -> _Ends:
+def _moved(at: JointFit, move: Array) -> _Ends:
     """The fits after a step, the film's own unknowns followed."""
     p, q = at.a.parameters, at.b.parameters
     low, high, _ = at.first.bounds(p)
@@ -199,12 +201,12 @@ def _moved(at: Tied, move: Array) -> _Ends:
     return a, replace(b, plain=b.parameters), last
 
 
-def widened(at: Tied, effect: Switched) -> Tied | None:
+def widened(at: JointFit, effect: Switched) -> JointFit | None:
     """The fits with one more effect of the first links, from a value of it at which everything else has followed."""
     held = Switched(held_effect(effect.effect), effect.par)
     near = at.first.descend(at.first.extended(at.a.parameters, [*at.a.effects, held]), HELD_STEPS)
     a = at.first.at(at.first.extended(near.parameters, [*at.a.effects, effect]))
     channel = at.last.on(a.path)
     b = channel.descend(at.b.parameters, FILM_STEPS)
-    begin = tied(at.first, channel, a, replace(b, plain=b.parameters))
+    begin = joint_fit(at.first, channel, a, replace(b, plain=b.parameters))
     return settled(begin) if begin is not None else None

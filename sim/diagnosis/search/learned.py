@@ -1,6 +1,6 @@
 """What is learned of a record on the way: another chain, searched anew where that matters.
 
-The noise is told from what a fit leaves, and so are lone readings and missing rows; with more effects known it is told
+The noise is estimated from what a fit leaves, and so are outliers and missing rows; with more effects known it is known
 better. Each function takes a chain and the effects by which it learns, and gives the chain that knows.
 """
 
@@ -25,20 +25,20 @@ NEAR_STEPS = 10  # of a fit that only the weights of its rows have changed for
 def with_film(chain: Chain, upstream: frozenset[str]) -> Chain:
     """With the film's facts, of the path behind these effects of the first links; nothing of the film found yet."""
     facts = film_facts(chain.record, chain.path(upstream), chain.curve, chain.relays, chain.path_K)
-    record = chain.record.without(facts.strays[:0], facts.strays)
+    record = chain.record.without(facts.outliers[:0], facts.outliers)
     return replace(chain, record=record, as_read=chain.as_read or chain.record, facts=facts, found=Found())
 
 
 def first_renoised(chain: Chain, upstream: frozenset[str]) -> Chain:
     """With the first channel weighed by the noise that the fit with these effects leaves, without the readings that it
-    shows to be lone, in stretches that begin where it shows that a row is missing; the same chain where nothing
-    changes. What a fit with too few effects took for lone comes back. The film is not known yet."""
+    shows to be outliers, in stretches that begin where it shows that a row is missing; the same chain where nothing
+    changes. What a fit with too few effects took for an outlier comes back. The film is not known yet."""
     old, before = chain.first, chain.record
     assert old is not None
     whole, fit = chain.as_read or before, old.fit(upstream)
     noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K)
-    lone = strays(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
-    record = whole.without(lone, lone[:0])
+    outliers = strays(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
+    record = whole.without(outliers, outliers[:0])
     left = np.where(record.temperature_used, (before.temperature_degC - fit.shown_degC) / noise.level, np.nan)
     off = off_after_missing_rows(left, before.time_s, before.first_rows)
     same = np.array_equal(record.temperature_used, before.temperature_used) and not off.size
@@ -62,11 +62,11 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
         return chain, False
     whole, channel = chain.as_read or before, chain.last(upstream).channel
     noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K)
-    lone = strays(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
+    outliers = strays(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
     start, used = remembered(channel, b.parameters), before.output_used
     same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start
-    same = same and not np.any(used[lone])
-    record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), lone)
+    same = same and not np.any(used[outliers])
+    record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers)
     if same and np.array_equal(record.output_used, used):
         return chain, False
     chain = replace(chain, record=record, facts=replace(facts, noise=noise, start=start), found=Found())

@@ -34,13 +34,13 @@ RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
 PAIR_SIZES = 7  # of each of two effects: 49 pairs
-TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
+TWO_AT_ONCE = 8.0  # log-likelihood from which two effects at once are tried
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
+class ScoreTest:
     """How much an effect may bring: gain of the log-likelihood, and the values to begin from; beside: the gain and the
     values with the film as the fit has it, relays and all."""
 
@@ -92,12 +92,12 @@ class ResistanceSearch:
             kept.append(starts_of(self.effects[name], self.channel)[0])
         return self.keep(self.whole(self.channel.extended(near.parameters, kept)))
 
-    def quick(self, near: ResistanceFit, name: str, promise: Promise | None = None) -> ResistanceFit:
-        """A few steps with one more effect, from the values that promise most, as if the film were of the class."""
-        promise = promise or self.promise(near, name)
+    def quick(self, near: ResistanceFit, name: str, test: ScoreTest | None = None) -> ResistanceFit:
+        """A few steps with one more effect, from the values of the best score test, without relays."""
+        test = test or self.score_test(near, name)
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
-        begin = self.starts(plain, others, name, promise.start)
+        begin = self.starts(plain, others, name, test.start)
         found = [self.channel.descend(start, QUICK_STEPS) for start in begin]
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
@@ -145,11 +145,11 @@ class ResistanceSearch:
         return sorted(((self.channel.point(p, p.x).cost, p) for p in begin), key=lambda found: found[0])[:BEGUN]
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
-        """To the end: first as if the film were of the class, then with relays where that leaves something."""
+        """To the end: first as a Prandtl-Ishlinskii film, then with relays where that leaves something."""
         return self._wide(self.plain(parameters))
 
     def plain(self, parameters: FilmParameters) -> ResistanceFit:
-        """To the end as if the film were of the class."""
+        """To the end as if the film were a Prandtl-Ishlinskii one."""
         fit = self._remembered(self._reshaped(self.channel.descend(parameters.with_relays(0.0), WHOLE_STEPS)))
         return replace(fit, plain=fit.parameters)
 
@@ -205,8 +205,8 @@ class ResistanceSearch:
         return self.keep(best)
 
     def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
-        """One more effect from where it does the most of the relays' work: a film of the class with it if that leaves
-        nothing, else beside the fit's relays; kept."""
+        """One more effect from where it does the most of the relays' work: beside a Prandtl-Ishlinskii film if that
+        leaves nothing, else beside the fit's relays; kept."""
         plain = self.plain(self.quick(fit, name).parameters)
         if self.channel.mean_square(plain) <= RELAYS_FROM:
             return self.keep(plain)
@@ -250,19 +250,19 @@ class ResistanceSearch:
         fit = self.fit(names)
         return self.keep(self._relayed(fit)) if not fit.parameters.has_relays else fit
 
-    def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
-        """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
+    def score_tests(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, ScoreTest]:
+        """What each effect may bring, seen from the fit, and from the same without relays."""
         seen = [fit]
         if fit.plain is not None and fit.parameters.has_relays:
             seen.append(self.channel.descend(fit.plain, 1))
         found = {}
         for name in names:
-            each = [self.promise(f, name) for f in seen]
+            each = [self.score_test(f, name) for f in seen]
             best = max(each, key=lambda p: p.gain)
-            found[name] = Promise(best.gain, best.start, (each[0].gain, each[0].start))
+            found[name] = ScoreTest(best.gain, best.start, (each[0].gain, each[0].start))
         return found
 
-    def promise(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> Promise:
+    def score_test(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> ScoreTest:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
         view, effect = View(self.channel, fit), self.effects[name]
         best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
@@ -275,15 +275,15 @@ class ResistanceSearch:
                 best = max(best, 0.5 * along * along / size)
             if along - 0.5 * size > nearest:  # what this very size would bring
                 nearest, start = along - 0.5 * size, trial
-        return Promise(best, start)
+        return ScoreTest(best, start)
 
     def two_at_once(self, fit: ResistanceFit) -> ResistanceFit | None:
         """The best fit with two more effects of the ohmmeter's terminals: what one bends the other may straighten, so
-        that neither shows alone. None where no two promise anything."""
+        that neither shows alone. None where no two pass a score test."""
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
-        view, promised = View(self.channel, plain), []
+        view, passing = View(self.channel, plain), []
         for pair in combinations(others, 2):
             starts = [starts_of(self.effects[name], self.channel) for name in pair]
             columns = [[view.left_of(start) for start in of_one] for of_one in starts]
@@ -291,11 +291,11 @@ class ResistanceSearch:
                 both = np.stack((one, other), axis=1)
                 if np.all(np.isfinite(both)):
                     share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]  # 0 of what does the same
-                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
-                        promised.append(pair)
+                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_AT_ONCE:
+                        passing.append(pair)
                         break
         p = plain.parameters.with_relays(0.0)
-        ends = [self._two(p, pair) for pair in promised]
+        ends = [self._two(p, pair) for pair in passing]
         return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
 
     def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:

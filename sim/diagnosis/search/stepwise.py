@@ -20,13 +20,13 @@ from sim.effects.effect import Reading, Switched, jumps
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
-PROMISING = 4.0
+PASSES = 4.0
 MOST_EFFECTS = 4  # one more than the blind cases ever hide
 TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
-HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
+HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
@@ -56,9 +56,9 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
         fit = search.fit(names)
         others = [n for n in search.effects if n not in names]
         rough = 2.0 * fit.minus_log / search.channel.rows.size > ROUGH
-        promise = {n: search.promise(fit, n) for n in others}
-        order = sorted(others, key=lambda n: -promise[n])
-        tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
+        scores = {n: search.score_test(fit, n) for n in others}
+        order = sorted(others, key=lambda n: -scores[n])
+        tried = order if rough else [n for n in order if scores[n] > PASSES][:TRIED]
         found = {n: search.fit(names | {n}, fit) for n in search.budget.in_time(tried)}
         gains = {n: fit.minus_log - f.minus_log for n, f in found.items() if has_meaning(search, f)}
         if not gains or max(gains.values()) < ENTRY:
@@ -83,8 +83,8 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
                 return _improved_first(search, rest)
             if not rest:
                 continue  # the only one was the best of all
-            promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
-            likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
+            scores = {n: search.score_test(fit, n) for n in search.effects if n not in names}
+            likely = sorted((n for n in scores if scores[n] >= PASSES), key=lambda n: -scores[n])
             for other in search.budget.in_time(likely[:TRIED]):
                 trial = search.fit(rest | {other}, fit)
                 if trial.minus_log < best - 1.0 and (search.channel.misfit == 1.0 or has_meaning(search, trial)):
@@ -141,16 +141,16 @@ def select_last_links(
 def _one_more(
     search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()
 ) -> ResistanceFit | None:
-    """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
+    """The best fit with one more effect: some steps for each that tests, to the end for the few that look best."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
     if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYED:
         return _one_more_beside(search, fit, others)
     rough = search.channel.mean_square(fit) > ROUGH
-    promises = search.promises(fit, others)
-    tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    tests = search.score_tests(fit, others)
+    tried = sorted((n for n in others if rough or tests[n].gain > PASSES), key=lambda n: -tests[n].gain)
     budget = search.budget
-    quick = [search.quick(fit, n, promises[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
+    quick = [search.quick(fit, n, tests[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
     ends = [e for e in ends if np.isfinite(e.score) and has_meaning(search, e)]
@@ -162,7 +162,7 @@ def _one_more(
     found = [search.widened(e) for e in budget.in_time(ends[:WIDENED])]
     far = search.channel.mean_square(fit) > FAR_FROM_NOISE
     if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
-        likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
+        likely = [p.beside for p in tests.values() if p.beside is not None and p.beside[0] > PASSES]
         begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
@@ -173,9 +173,9 @@ def _one_more(
 
 def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
     """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
-    promises = {n: search.promise(fit, n, FINER) for n in others}
-    likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
-    found = [search.beside(fit, promises[n].start) for n in search.budget.in_time(likely[:TRIED])]
+    tests = {n: search.score_test(fit, n, FINER) for n in others}
+    likely = sorted((n for n in others if tests[n].gain > PASSES), key=lambda n: -tests[n].gain)
+    found = [search.beside(fit, tests[n].start) for n in search.budget.in_time(likely[:TRIED])]
     for name in search.budget.in_time(others):
         if isinstance(search.effects[name].form, Reading):
             found.append(search.in_their_place(fit, name))
@@ -236,7 +236,7 @@ def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
     say("both together")
     names = _joint(chain, upstream | downstream)
     chain = replace(chain, together=True)
-    return chain, _told_by_the_film(chain, names)
+    return chain, _of_both_channels(chain, names)
 
 
 def _selected_first(chain: Chain, first: TemperatureSearch, say: Progress) -> tuple[Chain, frozenset[str]]:
@@ -289,7 +289,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
         for n in moving:
             if n in upstream or not timing or chain.budget.over(SEARCHING):
                 continue
-            if first.promise(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
+            if first.score_test(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
                 options.append(upstream | {n})
         for a in moving:
             for b in moving:
@@ -309,20 +309,20 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     return names
 
 
-def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+def _of_both_channels(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
     while len(names - chain.assumed) < MOST_EFFECTS:
-        pair = chain.pair(names)
-        if pair is None or chain.first is None:
+        joint = chain.joint(names)
+        if joint is None or chain.first is None:
             return names
         found: dict[str, tuple[float, Switched]] = {}
         for name, effect in chain.first.effects.items():
             if name not in names and not jumps(effect):
-                found[name] = pair.promised(effect)
+                found[name] = joint.score_test(effect)
         likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
         best, value = names, chain.score(names) + ENTRY
         for name in chain.budget.in_time(likely):
-            trial = widened(pair, found[name][1])
+            trial = widened(joint, found[name][1])
             if trial is None or not has_meaning(chain.first, trial.a):
                 continue
             chain.keep(names | {name}, trial)

@@ -201,7 +201,7 @@ class TemperatureSearch:
         held = Switched(held_effect(effect), np.array([value]))
         return self.channel.descend(self.channel.extended(fit.parameters, [*others, held]), steps)
 
-    def promise(self, fit: TemperatureFit, name: str) -> float:
+    def score_test(self, fit: TemperatureFit, name: str) -> float:
         """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
         effect = self.effects[name]
