@@ -66,18 +66,6 @@ def rounds(effect: Effect) -> bool:
     return bool(getattr(effect.form, "rounding", False))
 
 
-def path_of(search: TemperatureSearch, fit: TemperatureFit) -> PlatePath:
-    """The plate's temperature that drives the film."""
-    channel, record = search.channel, search.channel.record
-    rows = np.flatnonzero(record.temperature_used)
-    if channel.sigma_K < channel.step_K:
-        residual = channel.residual(fit) * channel.sigma_K
-        rows = channel.rows
-    else:
-        residual = record.temperature_degC[rows] - fit.shown_degC[rows]
-    return corrected_path(record, fit, residual, rows, channel.noise.correlation)
-
-
 @dataclass(frozen=True, eq=False)
 class Found:
     """The fits of the last links and of both ends that were found so far. searches: of the last links, by the first
@@ -135,7 +123,14 @@ class Chain:
 
     def path(self, upstream: frozenset[str]) -> PlatePath:
         """The plate's temperature that drives the film: simulated with these effects, or measured."""
-        return measured_path(self.record) if self.first is None else path_of(self.first, self.first.fit(upstream))
+        if self.first is None:
+            return measured_path(self.record)
+        channel, fit = self.first.channel, self.first.fit(upstream)
+        rows, residual = channel.rows, channel.residual(fit) * channel.sigma_K
+        if channel.sigma_K >= channel.step_K:
+            rows = np.flatnonzero(channel.record.temperature_used)
+            residual = (channel.record.temperature_degC - fit.shown_degC)[rows]
+        return corrected_path(channel.record, fit, residual, rows, channel.noise.correlation)
 
     @property
     def searched(self) -> list[Effect]:
