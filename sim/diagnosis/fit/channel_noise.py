@@ -22,9 +22,8 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     record, rows = channel.record, channel.rows
     step, residual = record.step_K, record.temperature_degC - fit.shown_degC
     if step <= DITHERED * quick_noise(residual[rows]):
-        fitted = np.zeros(record.rows, dtype=np.bool_)
-        fitted[rows] = True
-        model = noise_of(residual, record.temperature_degC, record.temperature_used, fitted, least_K, stepped=False)
+        used, readings = record.temperature_used, record.temperature_degC
+        model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
         if not model.plain or step == 0.0:
             return model
     sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)

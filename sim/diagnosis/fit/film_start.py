@@ -27,11 +27,7 @@ def thinned_path(nodes: FilmNodes, output: Array, used: Mask, start: FilmStart) 
     at = nodes.taken[rows]
     step = np.sign(np.diff(v))
     turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
-    needed = np.zeros(v.size, dtype=np.bool_)
-    needed[0] = True
-    needed[turn] = True
-    needed[at] = True
-    index = np.flatnonzero(needed)
+    index = np.unique(np.concatenate(([0], turn, at)))
     inputs = v[index]
     position = np.searchsorted(index, at)
     order = np.argsort(position, kind="stable")

@@ -84,10 +84,9 @@ class TemperatureChannel(PlateEquations):
         self.noise, self.sigma_K = noise, noise.level
         self.step_K = step_K if noise.plain else 0.0
         self.misfit = misfit
-        self.rows = np.flatnonzero(fitted & record.temperature_used)
-        stretch = np.zeros(record.rows, dtype=np.int64)
-        stretch[record.first_rows] = 1
-        self.stretch = np.cumsum(stretch)[self.rows] - 1
+        self.fitted = fitted & record.temperature_used
+        self.rows = np.flatnonzero(self.fitted)
+        self.stretch = np.searchsorted(record.first_rows, self.rows, side="right") - 1
         self.stretches = record.first_rows.size
         begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
         self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
@@ -95,9 +94,7 @@ class TemperatureChannel(PlateEquations):
 
     def with_misfit(self, misfit: float) -> TemperatureChannel:
         """The same rows, of which so many say as much as one."""
-        fitted = np.zeros(self.record.rows, dtype=np.bool_)
-        fitted[self.rows] = True
-        return TemperatureChannel(self.record, fitted, self.noise, self.step_K, self.spacing, misfit)
+        return TemperatureChannel(self.record, self.fitted, self.noise, self.step_K, self.spacing, misfit)
 
     @property
     def error_K(self) -> float:

@@ -24,7 +24,7 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
             search = chain.last(upstream)
             fit = search.fit(downstream)
             others = [n for n in search.effects if n not in rest]
-            gains = {n: p.gain for n, p in search.score_tests(fit, others).items()}
+            gains = {n: max(t.gain for t in each) for n, each in search.score_tests(fit, others).items()}
         else:
             assert chain.first is not None
             first = chain.first.fit(upstream)

@@ -41,12 +41,10 @@ RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes 
 
 @dataclass(frozen=True, eq=False)
 class ScoreTest:
-    """How much an effect may bring: gain of the log-likelihood, and the values to begin from; beside: the gain and the
-    values with the film as the fit has it, relays and all."""
+    """How much an effect may bring: gain of the log-likelihood, and the values to begin from."""
 
     gain: float
     start: Switched
-    beside: tuple[float, Switched] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +86,7 @@ class ResistanceSearch:
         if len(missing) == 1:
             return self.finish(self.quick(near, missing[0]))
         kept = [e for e in near.effects if e.name in names]
-        for name in missing:
-            kept.append(starts_of(self.effects[name], self.channel)[0])
+        kept += [starts_of(self.effects[name], self.channel)[0] for name in missing]
         return self.keep(self.whole(self.channel.extended(near.parameters, kept)))
 
     def quick(self, near: ResistanceFit, name: str, test: ScoreTest | None = None) -> ResistanceFit:
@@ -250,17 +247,12 @@ class ResistanceSearch:
         fit = self.fit(names)
         return self.keep(self._relayed(fit)) if not fit.parameters.has_relays else fit
 
-    def score_tests(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, ScoreTest]:
-        """What each effect may bring, seen from the fit, and from the same without relays."""
+    def score_tests(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, list[ScoreTest]]:
+        """What each effect may bring: seen from the fit, and, where that has relays, from the same without."""
         seen = [fit]
         if fit.plain is not None and fit.parameters.has_relays:
             seen.append(self.channel.descend(fit.plain, 1))
-        found = {}
-        for name in names:
-            each = [self.score_test(f, name) for f in seen]
-            best = max(each, key=lambda p: p.gain)
-            found[name] = ScoreTest(best.gain, best.start, (each[0].gain, each[0].start))
-        return found
+        return {name: [self.score_test(f, name) for f in seen] for name in names}
 
     def score_test(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> ScoreTest:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
@@ -283,19 +275,10 @@ class ResistanceSearch:
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
-        view, passing = View(self.channel, plain), []
-        for pair in combinations(others, 2):
-            starts = [starts_of(self.effects[name], self.channel) for name in pair]
-            columns = [[view.left_of(start) for start in of_one] for of_one in starts]
-            for one, other in product(*columns):
-                both = np.stack((one, other), axis=1)
-                if np.all(np.isfinite(both)):
-                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]  # 0 of what does the same
-                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_AT_ONCE:
-                        passing.append(pair)
-                        break
-        p = plain.parameters.with_relays(0.0)
-        ends = [self._two(p, pair) for pair in passing]
+        view, p = View(self.channel, plain), plain.parameters.with_relays(0.0)
+        left = {name: [view.left_of(start) for start in starts_of(self.effects[name], self.channel)] for name in others}
+        pairs = [(one, two) for one, two in combinations(others, 2) if _pass(view.residual, left[one], left[two])]
+        ends = [self._two(p, pair) for pair in pairs]
         return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
 
     def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
@@ -304,6 +287,17 @@ class ResistanceSearch:
         begin = self._best_of([self.channel.extended(p, [*p.effects, *two]) for two in sizes])
         best = max((self.channel.descend(trial, WHOLE_STEPS) for _, trial in begin), key=lambda fit: fit.score)
         return replace(best, plain=best.parameters)
+
+
+def _pass(residual: Array, one: list[Array], two: list[Array]) -> bool:
+    """Whether two effects, at some of their sizes, pass a score test together, both with the sign that they have.
+    residual; one, two: of each size what it changes; all in the fitted rows, over the noise."""
+    for both in (np.stack(columns, axis=1) for columns in product(one, two)):
+        if np.all(np.isfinite(both)):
+            share = np.linalg.lstsq(both, residual, rcond=1e-6)[0]  # 0 of what does the same
+            if np.all(share > 0.0) and 0.5 * float(residual @ (both @ share)) > TWO_AT_ONCE:
+                return True
+    return False
 
 
 def thresholds_inside(threshold: Parameter, channel: ResistanceChannel) -> tuple[float, ...]:

@@ -20,7 +20,7 @@ from sim.effects.effect import Reading, Switched, jumps
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
-PASSES = 4.0
+PASSES = 4.0  # of a score test: log-likelihood from which an effect is tried
 MOST_EFFECTS = 4  # one more than the blind cases ever hide
 TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
@@ -141,16 +141,17 @@ def select_last_links(
 def _one_more(
     search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()
 ) -> ResistanceFit | None:
-    """The best fit with one more effect: some steps for each that tests, to the end for the few that look best."""
+    """The best fit with one more effect: some steps for each that passes a score test, to the end for the best few."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
     if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYED:
         return _one_more_beside(search, fit, others)
     rough = search.channel.mean_square(fit) > ROUGH
     tests = search.score_tests(fit, others)
-    tried = sorted((n for n in others if rough or tests[n].gain > PASSES), key=lambda n: -tests[n].gain)
+    best = {n: max(each, key=lambda test: test.gain) for n, each in tests.items()}
+    tried = sorted((n for n in others if rough or best[n].gain > PASSES), key=lambda n: -best[n].gain)
     budget = search.budget
-    quick = [search.quick(fit, n, tests[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
+    quick = [search.quick(fit, n, best[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
     ends = [e for e in ends if np.isfinite(e.score) and has_meaning(search, e)]
@@ -162,8 +163,8 @@ def _one_more(
     found = [search.widened(e) for e in budget.in_time(ends[:WIDENED])]
     far = search.channel.mean_square(fit) > FAR_FROM_NOISE
     if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
-        likely = [p.beside for p in tests.values() if p.beside is not None and p.beside[0] > PASSES]
-        begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
+        likely = [beside for beside, *_ in tests.values() if beside.gain > PASSES]
+        begin = [test.start for test in sorted(likely, key=lambda test: -test.gain)[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
         found += [search.beside(fit, start) for start in budget.in_time(begin)]
