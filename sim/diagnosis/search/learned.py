@@ -47,8 +47,8 @@ def first_renoised(chain: Chain, upstream: frozenset[str]) -> Chain:
     record = record.begun_also(off)
     channel = TemperatureChannel(record, ~record.held_out, noise, record.step_K)
     base = replace(old.base, parameters=channel.in_its_stretches(old.base))
-    known = {names: known for names, known in old.fits.items() if names <= upstream}
-    fits = {names: channel.descend(channel.in_its_stretches(fit), NEAR_STEPS) for names, fit in known.items()}
+    near = {key: channel.in_its_stretches(known) for key, known in old.fits.items() if key <= upstream}
+    fits = {key: channel.descend(p, NEAR_STEPS) for key, p in near.items()}
     first = replace(old, channel=channel, base=base, fits=fits)
     return replace(chain, record=record, as_read=whole.begun_also(off), first=first)
 
