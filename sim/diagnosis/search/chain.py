@@ -58,7 +58,7 @@ def temperature_search(
         base = channel.descend(base.parameters)
     channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
-    return TemperatureSearch(channel, mine, base, assumed & mine.keys(), budget or Budget())
+    return TemperatureSearch(channel, mine, base, assumed.intersection(mine), budget or Budget())
 
 
 def rounds(effect: Effect) -> bool:
@@ -112,7 +112,7 @@ class Chain:
         assert facts is not None
         channel = ResistanceChannel.of(record, path, ~record.held_out, facts.noise, facts.basis, self.relays)
         base, mine = FilmParameters((), facts.shape, facts.start, facts.prior), self._of_the_film
-        return ResistanceSearch(channel, mine, base, self.assumed & mine.keys(), self.budget)
+        return ResistanceSearch(channel, mine, base, self.assumed.intersection(mine), self.budget)
 
     @property
     def _of_the_film(self) -> dict[str, Effect]:

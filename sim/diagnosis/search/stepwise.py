@@ -232,12 +232,13 @@ def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
     if chain.record.output is None:
         return chain, upstream
     chain, downstream = _selected_last(chain, upstream, say)
-    if chain.first is None:
-        return chain, downstream
-    say("both together")
-    names = _joint(chain, upstream | downstream)
-    chain = replace(chain, together=True)
-    return chain, _of_both_channels(chain, names)
+    names = upstream | downstream
+    if chain.first is not None:
+        say("both together")
+        names = _joint(chain, names)
+        chain = replace(chain, together=True)
+        names = _of_both_channels(chain, names)
+    return chain, names
 
 
 def _selected_first(chain: Chain, first: TemperatureSearch, say: Progress) -> tuple[Chain, frozenset[str]]:
