@@ -21,7 +21,7 @@ from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.preisach_density import Relays, followed_by
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
+from sim.diagnosis.fit.unknowns import Unknown, envelope_unknowns, unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns
 from sim.model.film_nodes import FilmNodes, film_nodes
@@ -33,7 +33,6 @@ from sim.model.recorded import Spacing
 
 FAR_BEHIND = 20.0  # K: of a filter at the first row, more than a plate moves in its time constant
 STEP_BEHIND = 1e-2  # K, the same of a difference quotient
-STEEP = (0.5, 200.0)  # least and most of a flank's slope, over the range of temperatures
 
 
 def straight_readings(record: Record) -> Array:
@@ -126,15 +125,21 @@ class FilmEquations:
             signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
         return np.asarray(c[0] + signal, dtype=np.float64)
 
-    def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
-        """What is shown at another x with the point's coefficients."""
+    def of_relays(self, p: FilmParameters, x: Array, point: Point) -> tuple[Links, FilmNodes, Array]:
+        """Effects and film at another x, and what the relays add: all that the envelopes leave alone."""
         links, nodes = self.nodes(p, x)
+        first = point.coefficients.size - self.relay_count(p)
+        return links, nodes, self._signal_of(links, nodes, point.coefficients[first:], point.problem.relays)
+
+    def predict(
+        self, p: FilmParameters, x: Array, point: Point, relays: tuple[Links, FilmNodes, Array] | None = None
+    ) -> Array:
+        """What is shown at another x with the point's coefficients. relays: as `of_relays` has them, where known."""
+        links, nodes, of_relays = self.of_relays(p, x, point) if relays is None else relays
         c = point.coefficients
         creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
         late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
-        signal = self.own_output(links, nodes, x, c, late[:creeps])
-        relays = c[c.size - self.relay_count(p) :]
-        signal = signal + self._of_relays(links, nodes, relays, point.problem.relays)
+        signal = self.own_output(links, nodes, x, c, late[:creeps]) + of_relays
         return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
 
     def predict_from(
@@ -148,11 +153,11 @@ class FilmEquations:
         late = self.late_dec(fit) if late is None else late
         relays = c[c.size - self.relay_count(fit.parameters) :]
         signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
-        signal = signal + self._of_relays(links, nodes, relays, near)
+        signal = signal + self._signal_of(links, nodes, relays, near)
         shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
         return shown, nodes.of_rows(signal)
 
-    def _of_relays(self, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None) -> Array:
+    def _signal_of(self, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None) -> Array:
         """What the relays add to the film's output at the points. near: those of a fit, which may be at the same
         temperature of the film."""
         if not coefficients.size:
@@ -183,9 +188,4 @@ class FilmEquations:
 
     def unknowns(self, p: FilmParameters) -> list[Unknown]:
         """Of the envelopes and of the effects."""
-        t = self.path.plate_degC
-        low_T, high_T = float(np.min(t)), float(np.max(t))
-        span = high_T - low_T
-        a = positive("a", STEEP[0] / span, STEEP[1] / span)
-        c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
-        return [a, c, a, c, *unknowns_of(p.effects)]
+        return [*envelope_unknowns(self.path.plate_degC), *unknowns_of(p.effects)]

@@ -19,7 +19,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
 from sim.diagnosis.data.noise_model import NoiseModel, Whitening
 from sim.diagnosis.data.record import Mask, Record, Rows
-from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_equations import FilmEquations, straight_readings
 from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.diagnosis.fit.preisach_density import RelaysOfRecord
@@ -78,9 +78,12 @@ class ResistanceChannel(FilmEquations):
         links, nodes = self.nodes(p, x)
         relays = self.plane.at(links, nodes) if self.relay_count(p) else self.plane.none
         signals = self._signals(links, nodes, x)
-        rows, y = self.rows, self.output
-        coefficients = guess
+        rows, y, coefficients = self.rows, self.output, guess
         film = nodes.of_rows(signals)
+        if links.linear:
+            at_rows = Ohmmeter(links, nodes, np.empty(0)).columns(signals)
+            problem = LinearProblem.of(at_rows, np.zeros(y.size), film, relays, y, rows, self.whitening, None)
+            return problem.solved(x, p.prior.precision(self.basis, problem))
         least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if links.bends else (1, 1)
         before = math.inf
         for turn in range(most):
@@ -186,11 +189,13 @@ class ResistanceChannel(FilmEquations):
     ) -> Array:
         """d shown / d x by difference quotients, into jacobian (rows, unknowns); returned is by how much the room that
         the coefficients leave changes with those of x that bend the reading."""
-        base, room = self.predict(p, point.x, point), np.zeros(point.x.size)
+        relays, room = self.of_relays(p, point.x, point), np.zeros(point.x.size)
+        base = self.predict(p, point.x, point, relays)
         for k in range(point.x.size):
             moved = point.x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-            jacobian[:, k] = (self.predict(p, moved, point) - base) / (moved[k] - point.x[k])
+            change = self.predict(p, moved, point, relays if k < ENVELOPES else None) - base
+            jacobian[:, k] = change / (moved[k] - point.x[k])
             if k in nonlinear:
                 other = self.point(p, moved, point.coefficients)
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])

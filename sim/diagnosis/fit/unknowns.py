@@ -13,6 +13,7 @@ from sim.effects.effect import Effect, Parameter, Switched
 
 LEAST_LEFT = 0.2  # of a value, after a step
 BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
+STEEP = (0.5, 200.0)  # least and most of a flank's slope, over the range of temperatures
 STEP = 1e-3  # of a difference quotient, of a value or its usual size: curvature and rounding are both below 1e-6
 
 
@@ -44,6 +45,15 @@ def positive(name: str, smallest: float, largest: float) -> Unknown:
 def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, step: float = STEP) -> Unknown:
     """A number of either sign and a usual size."""
     return Unknown(name, False, scale, low / scale, high / scale, step)
+
+
+def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
+    """Steepness and centre of either branch's envelope, over a record's temperatures."""
+    low_T, high_T = float(np.min(plate_degC)), float(np.max(plate_degC))
+    span = high_T - low_T
+    a = positive("a", STEEP[0] / span, STEEP[1] / span)
+    c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
+    return [a, c, a, c]
 
 
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
