@@ -12,7 +12,7 @@ import math
 import random
 import shutil
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,8 @@ dwell_s = 2.0
 @dataclass(frozen=True)
 class Run:
     """One run of a film: name, as the table knows it; way: how the target is given (`resistance`, or as a temperature
-    by `inverse` or `look_up`); the rest as in the configuration."""
+    by `inverse` or `look_up`); left: how somebody has left the film (`leave_behind`); the rest as in the
+    configuration."""
 
     name: str
     law: str = "full"
@@ -73,6 +74,7 @@ class Run:
     ms: float | None = None
     repeat: int = 1
     memory: str = ""
+    left: str = "other branch"
 
 
 @dataclass(frozen=True)
@@ -132,14 +134,25 @@ def course(low: float, high: float, seed: int, first: float | None = None) -> tu
     return times, values
 
 
-def leave_behind(film: Any, seed: int) -> float:
-    """Somebody takes the film through its loop: from an end, turning round at random levels of its middle 80 %, and
-    leaves it at the last of them. The temperature there, degC."""
+def up_to(end_s: float, times: list[float], values: list[float]) -> tuple[list[float], list[float]]:
+    """The beginning of a course."""
+    rows = [(t, y) for t, y in zip(times, values, strict=True) if t < end_s]
+    rows.append((end_s, float(np.interp(end_s, times, values))))
+    return [t for t, _ in rows], [y for _, y in rows]
+
+
+def leave_behind(film: Any, seed: int, left: str) -> float:
+    """Somebody takes the film into its loop and leaves it there. The temperature there, degC.
+
+    left: "turns": from an end, turning round at random levels of its middle 80 %. "other branch": straight from the
+    cold to a level, where a model that says `initial = "cooled"`, as the format has it by default, has every operator
+    elsewhere.
+    """
     low, high = middle_of(film)
     chance = random.Random(1000 + seed)
-    degC = chance.choice((25.0, HOT_DEGC))
+    degC = chance.choice((25.0, HOT_DEGC)) if left == "turns" else 25.0
     log_ohm = film.log_ohm(degC)
-    for _ in range(LEFT_TURNS):
+    for _ in range(LEFT_TURNS if left == "turns" else 1):
         level = chance.uniform(low, high)
         way = 1.0 if log_ohm > level else -1.0  # heating lowers the resistance
         while way * (log_ohm - level) > 0.0:
@@ -155,7 +168,7 @@ def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
         return EffectPlant(WRONG, true, film.seed, start_s, Hidden(sensor_lag_s=WRONG_LAG_S), film.noise)
     plant = TrackedPlant(NOMINAL, true, film.seed, start_s, film.noise)
     if run.memory:
-        plant.degC = leave_behind(true, film.seed)
+        plant.degC = leave_behind(true, film.seed, run.left)
         plant.log_ohm = true.log_ohm(plant.degC)
     return plant
 
@@ -196,6 +209,13 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
         low, high = middle_of(FILMS[film.kind](film.seed))
         first = min(max(plant_of(film, run, 0.0).log_ohm, low), high)
     times, values = course(*span(FILMS[film.kind](film.seed)), film.seed, first)
+    if run.memory:
+        times, values = up_to(UNKNOWN_S, times, values)
+        model = "LEFT.toml"
+        whole = read_model(folder / "MODEL.toml", needs=("film", "plate"))
+        assert whole.film is not None
+        initial = "cooled" if run.left == "other branch" else whole.film.initial
+        write_model(folder / model, replace(whole, film=replace(whole.film, initial=initial)))
     if run.exact:
         model = "EXACT.toml"
         write_model(folder / model, exact_model(film))
@@ -212,8 +232,7 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
     text = bench.command("run", model)
     if text:
         return f"{run.name}: {text} "
-    until_s = UNKNOWN_S if run.memory else times[-1]
-    errors = [error(bench.plants[-1], begin + before_s, times, values, until_s) for begin in bench.begin_s]
+    errors = [error(bench.plants[-1], begin + before_s, times, values) for begin in bench.begin_s]
     found.errors[run.name], found.repetitions[run.name] = errors[-1], [rms for rms, _ in errors]
     return ""
 
@@ -228,7 +247,7 @@ def wrong_error(film: Film, run: Run, folder: Path, times: list[float], values: 
     law, _ = law_and_design("full", read_configuration(path).content, model.film, model.plate)
     state = placed(plant, law, model.film, values[0], HOT_DEGC)
     driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
-    return error(plant, SETTLE_S, times, values, times[-1])
+    return error(plant, SETTLE_S, times, values)
 
 
 class Bench:
@@ -298,11 +317,9 @@ def write_temperatures(folder: Path, run: Run, times: list[float], values: list[
     (folder / "target.csv").write_text("\n".join(["time_s,setpoint_degC", *rows]) + "\n")
 
 
-def error(
-    plant: TrackedPlant, begin_s: float, times: list[float], values: list[float], until_s: float | None = None
-) -> tuple[float, float]:
-    """RMS and largest, in n, of the film itself over the target, or until then."""
+def error(plant: TrackedPlant, begin_s: float, times: list[float], values: list[float]) -> tuple[float, float]:
+    """RMS and largest, in n, of the film itself over the target."""
     time, _, log_ohm = np.array(plant.course).T
-    grid = np.arange(0.0, times[-1] if until_s is None else until_s, 0.05)
+    grid = np.arange(0.0, times[-1], 0.05)
     off = np.interp(begin_s + grid, time, log_ohm) - np.interp(grid, times, values)
     return float(np.sqrt(np.mean(off**2))) / NOISE_DEC, float(np.max(np.abs(off))) / NOISE_DEC
