@@ -14,12 +14,12 @@ import shutil
 import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks._beside_the_plant import driven, placed
 from benchmarks._hidden_effects import EffectPlant, Hidden
+from benchmarks._left_films import COLD_DEGC, HOT_DEGC, leave_behind, middle_of, span, up_to
 from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheClass, Plate, TrackedPlant
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
@@ -29,7 +29,6 @@ from rig.experiment.tracking import law_and_design
 from rig.files.configuration import read_configuration
 from rig.files.model_file import Model, read_model, write_model
 
-HOT_DEGC, COLD_DEGC = 85.0, 35.0
 RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
 SINE_DEC, SINE_S = 0.8, 300.0
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
@@ -37,7 +36,7 @@ NOMINAL = Plate()
 WRONG = Plate(seebeck=0.04, resistance=2.4, conductance=0.6, ambient_degC=30.0)  # S -20 %, R_e, G +20 %, room +5 K
 WRONG_LAG_S, SETTLE_S = 2.0, 30.0
 FROM_HOT_S = 90.0  # of a wanted temperature: the way down from the hot end, before the target begins
-UNKNOWN_S, LEFT_TURNS = 300.0, 4
+UNKNOWN_S = 300.0
 
 CONFIGURATION = (
     SIMULATED_BENCH
@@ -98,19 +97,6 @@ class Found:
     text: str = ""
 
 
-def span(film: Any) -> tuple[float, float]:
-    """The film's range of log10 R over the calibration's temperatures: of its major loop."""
-    up = [film.log_ohm(t) for t in np.arange(COLD_DEGC, HOT_DEGC, 0.1)]
-    down = [film.log_ohm(t) for t in np.arange(HOT_DEGC, COLD_DEGC, -0.1)]
-    return max(min(up), min(down)), min(max(up), max(down))
-
-
-def middle_of(film: Any) -> tuple[float, float]:
-    """The middle 80 % of it."""
-    low, high = span(film)
-    return low + 0.1 * (high - low), high - 0.1 * (high - low)
-
-
 def course(low: float, high: float, seed: int, first: float | None = None) -> tuple[list[float], list[float]]:
     """Times and wanted log10 R within the middle 80 % of a range; first: where it begins."""
     chance = random.Random(seed)
@@ -132,33 +118,6 @@ def course(low: float, high: float, seed: int, first: float | None = None) -> tu
         times.append(begin + k * SINE_S / 600)
         values.append(middle + 0.5 * SINE_DEC * math.sin(2.0 * math.pi * k / 600))
     return times, values
-
-
-def up_to(end_s: float, times: list[float], values: list[float]) -> tuple[list[float], list[float]]:
-    """The beginning of a course."""
-    rows = [(t, y) for t, y in zip(times, values, strict=True) if t < end_s]
-    rows.append((end_s, float(np.interp(end_s, times, values))))
-    return [t for t, _ in rows], [y for _, y in rows]
-
-
-def leave_behind(film: Any, seed: int, left: str) -> float:
-    """Somebody takes the film into its loop and leaves it there. The temperature there, degC.
-
-    left: "turns": from an end, turning round at random levels of its middle 80 %. "other branch": straight from the
-    cold to a level, where a model that says `initial = "cooled"`, as the format has it by default, has every operator
-    elsewhere.
-    """
-    low, high = middle_of(film)
-    chance = random.Random(1000 + seed)
-    degC = chance.choice((25.0, HOT_DEGC)) if left == "turns" else 25.0
-    log_ohm = film.log_ohm(degC)
-    for _ in range(LEFT_TURNS if left == "turns" else 1):
-        level = chance.uniform(low, high)
-        way = 1.0 if log_ohm > level else -1.0  # heating lowers the resistance
-        while way * (log_ohm - level) > 0.0:
-            degC += way * 0.02
-            log_ohm = film.log_ohm(degC)
-    return degC
 
 
 def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
