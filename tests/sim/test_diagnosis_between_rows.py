@@ -145,6 +145,6 @@ def test_a_heater_is_tried_where_a_peltier_plate_leaves_something(clean: bool, m
 
     monkeypatch.setattr(TemperatureChannel, "start", counted)
     record = replace(read_columns(columns), early=0.0)
-    found = temperature_search(record, ~record.held_out, catalogue(), kinds)
+    found = temperature_search(record, catalogue(), kinds)
     assert found.base.parameters.kind == "peltier"
     assert ("heater" in begun) is not clean

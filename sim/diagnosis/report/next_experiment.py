@@ -31,9 +31,10 @@ def next_experiments(
     unexplained: Sequence[str],
     has_current: bool,
     has_test_current: bool,
+    logs_currents: bool = True,
 ) -> list[str]:
-    """In the order in which they help."""
-    found: list[str] = []
+    """In the order in which they help. logs_currents: whether each change of the current is in the record."""
+    found: list[str] = [] if logs_currents else [LOG_CURRENTS]
     for name in names:
         for rival in rivals.get(name, []):
             pair = frozenset({name, rival})
