@@ -5,9 +5,9 @@
 Plate, films, target and noise are those of `benchmark tracking`. For each film the rig is calibrated, and the full law
 runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s that it knows exactly. What the film
 model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings, as
-late as they reach the film: a period, the readings' age, and the delay. The predictor is a Kalman filter for a random
-walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is the least that
-any law leaves which corrects this model so; plate and turning points cost nothing in it.
+late as they reach the film: half a period, the readings' age, and the delay. The predictor is a Kalman filter for a
+random walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is about the
+least that a law can leave which corrects this model so; plate and turning points cost nothing in it.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _on_one_delay(
     driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
     grid, true_log_ohm, off = model_error(model.film, plant)
     used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
-    least = predicted(true_log_ohm, off, used, delay_s + PERIOD_S + sum(AGES_S))
+    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
     return error(plant, SETTLE_S, times, values, times[-1])[0], least
 
 
