@@ -9,7 +9,7 @@ kills    a sweep is killed in all its parts, one kind after the other, each `--k
          been computed again.
 memory   the largest resident size (VmHWM) of the sweep's own process over `--cases` short experiments.
 speed    `--diagnoses` diagnoses of 6,000 rows on all cores, over the time of the same on one core divided by their
-         number; beside it the machine's own loss, two bare processes at once over one.
+         number; beside it the machine's own loss: the same cases in bare processes, one a core, over one process.
 trend    series of 60 nights with a change of three intervals half-way, and without one: found within three nights, told
          falsely on any night.
 """
@@ -28,7 +28,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +227,17 @@ def _diagnose(seed: int) -> tuple[str, float]:
     return json.dumps(document["effects"], default=float, sort_keys=True), time.perf_counter() - began
 
 
+def _bare_s(seeds: list[int], cores: int) -> float:
+    """The time of the same cases in processes that know nothing of one another, one a core, each with its share of
+    the seeds, summed: it is longer than in one process, because they share the machine's memory."""
+    with ExitStack() as stack:
+        pools = [stack.enter_context(ProcessPoolExecutor(1)) for _ in range(cores)]
+        for pool in pools:
+            pool.submit(_diagnose, seeds[0]).result()  # compiled
+        shares = [pool.map(_diagnose, seeds[k::cores]) for k, pool in enumerate(pools)]
+        return sum(seconds for share in shares for _, seconds in share)
+
+
 def speed(count: int, engines: list[str]) -> bool:
     """Engines over the bare work."""
     from rig.many.cases import Case, each_ended
@@ -241,12 +252,8 @@ def speed(count: int, engines: list[str]) -> bool:
         began = time.perf_counter()
         alone = list(pool.map(_diagnose, seeds))
         one_s = time.perf_counter() - began
-    few = seeds[: max(2, count // 10)]
-    alone_s = sum(seconds for _, seconds in alone[: len(few)])
-    with ProcessPoolExecutor(cores) as pool:
-        list(pool.map(_diagnose, seeds[:cores]))
-        both = list(pool.map(_diagnose, [seed for seed in few for _ in range(cores)], chunksize=1))
-    loss = sum(seconds for _, seconds in both) / cores / alone_s
+    alone_s = sum(seconds for _, seconds in alone)
+    loss = _bare_s(seeds, cores) / alone_s
     print(f"{count} diagnoses: {one_s:.0f} s in one process; the machine's own loss with {cores} processes: {loss:.3f}")
     good = True
     for engine in engines:

@@ -23,6 +23,7 @@ from rig.files.record_file import Record
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.result import Diagnosis
+from sim.diagnosis.search.chain import FALSE_ALARM
 
 
 def diagnosed(
@@ -34,11 +35,13 @@ def diagnosed(
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
     further: Sequence[Record] = (),
+    false_alarm: float | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> tuple[Diagnosis, ExtendedModel]:
     """The diagnosis of one record, with the film's form found; output: of the film, as in a model file; assume:
     effects that are there, with the parameters that are known; budget_s: how long it may take; further: records
-    of the same rig, diagnosed with it as one. Raises Faults where nothing can be said."""
+    of the same rig, diagnosed with it as one; false_alarm: the share of records with nothing in them that may be given
+    a name, None: `FALSE_ALARM`. Raises Faults where nothing can be said."""
     together = [record, *further]
     output = rising(together, output, say)
     telling = [telling_columns(one, output) for one in together]
@@ -54,6 +57,7 @@ def diagnosed(
             kinds=_kinds(record, plate),
             assume=assume,
             budget_s=budget_s,
+            chosen_false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
             clock=time.monotonic,
             say=say,
         )

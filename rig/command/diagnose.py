@@ -67,6 +67,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "how long a record may take: what was found by then is reported"
     parser.add_argument("--budget", type=float, metavar="SECONDS", help=text)
+    text = "of records with nothing in them, the share that may be given a name (default 0.01)"
+    parser.add_argument("--false-alarm", type=float, metavar="SHARE", help=text)
     parser.add_argument("--report", type=Path, metavar="DIR", help="report.html, diagnosis.json and model.toml there")
     parser.add_argument("--out", type=Path, metavar="MODEL.toml", help="the extended model")
     add_engine_arguments(parser)
@@ -90,12 +92,19 @@ def main(options: argparse.Namespace) -> int:
 
     if options.budget is not None and not options.budget > 0.0:
         raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
+    if options.false_alarm is not None:
+        from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST
+
+        if not SMALLEST <= options.false_alarm <= LARGEST:
+            expected = f"expected a share from {SMALLEST:g} to {LARGEST:g}"
+            raise fault("--false-alarm", f"{options.false_alarm:g}", expected)
     if options.assume:
         from rig.files.effect_tables import assumed_effects
 
         assumed_effects(options.assume)
     own = tuple(path.absolute() for path in options.effect_file)
-    asked = Asked(_base(options), options.output, options.plate, own, tuple(options.assume), options.budget)
+    how = (options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm)
+    asked = Asked(_base(options), *how)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)

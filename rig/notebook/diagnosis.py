@@ -63,6 +63,7 @@ def diagnose(
     plate: Literal["peltier", "heater"] | None = None,
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
+    false_alarm: float | None = None,
     effect_files: Iterable[Path | str] = (),
     say: Callable[[str], None] = lambda text: None,
 ) -> RecordDiagnosis:
@@ -71,6 +72,7 @@ def diagnose(
     record: a `Record`, or what `read_record` reads; further: more of the same rig, diagnosed with it as one. holdout:
     other records of the rig, on which the gain is measured. base: the film's model. plate: its kind, None: what the
     drive allows. assume: effects that are there, with the parameters that are known. budget_s: how long it may take.
+    false_alarm: the share of records with nothing in them that may be given a name, None: 1 %.
     effect_files: effects of one's own. say: called with what is being done. Raises Faults.
     """
     add_effect_files(Path(path) for path in effect_files)
@@ -79,6 +81,6 @@ def diagnose(
     known = assumed([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
     others = [as_record(one) for one in holdout]
     one, *more = [as_record(source) for source in (record, *further)]
-    found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, say)
+    found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, false_alarm, say)
     effects = {f.name: {name: value for name, (value, _) in f.parameters.items()} for f in found.findings}
     return RecordDiagnosis(found.verdict, effects, model_of(extended), tuple(lines(found)), found.document(), found)

@@ -14,7 +14,7 @@ from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.judge.elsewhere import borne_out
-from sim.diagnosis.judge.false_alarm import false_alarm
+from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
     Verdict,
@@ -31,7 +31,7 @@ from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import out_of_time, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
-from sim.diagnosis.search.chain import Chain, rounds, temperature_search
+from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_search
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
@@ -56,6 +56,7 @@ def diagnose(
     kinds: tuple[str, ...] = ("peltier",),
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
+    chosen_false_alarm: float = FALSE_ALARM,
     clock: Callable[[], float] = stopped,
     say: Progress = lambda text: None,
 ) -> Diagnosis:
@@ -67,11 +68,14 @@ def diagnose(
     (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
     all of them, so that what remains is the model's fault. assume: effects that are there, whatever the record says,
     and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the
-    clock (s, one that goes): what was found by then is judged and reported, with a warning. Raises ValueError, a line a
-    fault, where nothing can be said.
+    clock (s, one that goes): what was found by then is judged and reported, with a warning. chosen_false_alarm: the
+    share of records with nothing in them that may be given a name. Raises ValueError, a line a fault, where nothing can
+    be said.
     """
     if budget_s is not None and clock is stopped:
         raise ValueError("budget_s: needs a clock; expected clock=time.monotonic beside it")
+    if not SMALLEST <= chosen_false_alarm <= LARGEST:
+        raise ValueError(f"false alarm {chosen_false_alarm:g}: expected {SMALLEST:g} to {LARGEST:g}")
     began_s = clock()
     with threadpool_limits(limits=1):
         together, begins = joined((columns, *further)) if further else (columns, None)
@@ -80,6 +84,7 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
+        chain.false_alarm = chosen_false_alarm
         names = select(chain, say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
@@ -197,7 +202,7 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     span_name = f"span_{chain.record.quantity.unit}"
     before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
     gains = {"resistance_dec": gain(before, after, unseen.rows)}
-    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, false_alarm(evidence), [], gains)
+    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, _false_alarm(chain, evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
@@ -287,7 +292,8 @@ def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping
         gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
         evidence = judged.evidence[name]
-        findings.append(Finding(name, parameters[name], evidence, false_alarm(evidence), rivals.get(name, []), gains))
+        chance = _false_alarm(chain, evidence)
+        findings.append(Finding(name, parameters[name], evidence, chance, rivals.get(name, []), gains))
     return findings
 
 
@@ -331,4 +337,9 @@ def _lattice(chain: Chain) -> Finding | None:
     evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))
     spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
     ci = (step - spread, step + spread)
-    return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, false_alarm(evidence), [], {})
+    return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, _false_alarm(chain, evidence), [], {})
+
+
+def _false_alarm(chain: Chain, evidence: float) -> float:
+    """How often a record with nothing in it would show so much for some effect."""
+    return false_alarm(evidence, candidates(chain.searched))

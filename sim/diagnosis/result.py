@@ -94,7 +94,7 @@ class Diagnosis:
                     "parameters": _values(f.parameters),
                     "evidence": f.evidence,
                     "false_alarm": f.false_alarm,
-                    "false_alarm_kind": "bound",  # of clean records none reached any evidence: one over their number
+                    "false_alarm_kind": "bound",
                     "indistinguishable_from": f.indistinguishable_from,
                     "gain": {
                         channel: {

@@ -14,7 +14,7 @@ from numba import njit
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
-from sim.effects.lag import first_order_lag
+from sim.effects.lag import first_order_lag, first_order_lag_of_columns
 
 
 @njit(cache=True)
@@ -27,11 +27,20 @@ def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> Non
         out[k] = values[k] + par[0] * (out[k] - values[k])
 
 
+@njit(cache=True)
+def run_columns(par: Array, time: Array, values: Array, out: Array) -> None:
+    """The same of many parts."""
+    first_order_lag_of_columns(par[1], time, values, out)
+    for k in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            out[k, j] = values[k, j] + par[0] * (out[k, j] - values[k, j])
+
+
 EFFECT = Effect(
     "creep",
     "film",
     (Parameter("share", 0.02, 0.3), Parameter("tau_s", 50.0, 2000.0)),
-    Filter(run, "hysteretic_part"),
+    Filter(run, "hysteretic_part", run_columns),
     "a share of the film switches late",
     "longer dwells; a slow against a fast loop",
     order=3,

@@ -74,10 +74,13 @@ class Filter:
     """run(par, time_s, values, state, out): out follows values; state, shape (1,), is where it is, in and out.
 
     target: the thermometer's temperature, the film's temperature, the film's hysteretic part, or log R.
+    columns(par, time_s, values, out): the same for every column of values, (nodes, columns), at rest before the first
+    node; None: `run` takes one after the other.
     """
 
     run: Any
     target: Literal["thermometer", "film_temperature", "hysteretic_part", "log_resistance"]
+    columns: Any = None
 
 
 @dataclass(frozen=True)

@@ -31,3 +31,21 @@ def first_order_lag(tau: float, time: Array, values: Array, state: Array, out: A
                 x = values[k] - ramp + (x - values[k - 1] + ramp) * math.exp(-dt / tau)
         out[k] = x
     state[0] = x
+
+
+@njit(cache=True)
+def first_order_lag_of_columns(tau: float, time: Array, values: Array, out: Array) -> None:
+    """The same for each column of values, (nodes, columns), at rest before the first node, to the bit: the nodes'
+    exponentials are computed once for all of them."""
+    out[0] = values[0]
+    for k in range(1, values.shape[0]):
+        dt = time[k] - time[k - 1]
+        if dt <= 0.0:
+            out[k] = out[k - 1]
+        elif tau <= 1e-9:
+            out[k] = values[k]
+        else:
+            decay = math.exp(-dt / tau)
+            for j in range(values.shape[1]):
+                ramp = tau * (values[k, j] - values[k - 1, j]) / dt
+                out[k, j] = values[k, j] - ramp + (out[k - 1, j] - values[k - 1, j] + ramp) * decay

@@ -12,7 +12,7 @@ from numba import njit
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
-from sim.effects.lag import first_order_lag
+from sim.effects.lag import first_order_lag, first_order_lag_of_columns
 
 
 @njit(cache=True)
@@ -21,11 +21,17 @@ def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> Non
     first_order_lag(par[0], time, values, state, out)
 
 
+@njit(cache=True)
+def run_columns(par: Array, time: Array, values: Array, out: Array) -> None:
+    """The same of many."""
+    first_order_lag_of_columns(par[0], time, values, out)
+
+
 EFFECT = Effect(
     "meter_lag",
     "ohmmeter",
     (Parameter("tau_s", 0.2, 10.0),),
-    Filter(run, "log_resistance"),
+    Filter(run, "log_resistance", run_columns),
     "the ohmmeter follows the resistance late",
     "switch the meter's filter off, integrate for a shorter time, shorter cables",
     order=2,

@@ -77,6 +77,11 @@ class Links:
         """Whether what is shown is a curved function of the resistance: leads or a shunt."""
         return any(at_the_terminals(e.effect) for e in (*self.ohmmeter, *self.readings))
 
+    @property
+    def linear(self) -> bool:
+        """Whether what is shown is linear in the film's own output, through filters alone."""
+        return not self.bends and not self.readings
+
     def sent(self, time_s: Array, current_A: Array) -> tuple[Array, Array]:
         """When commands act, and what acts; in the order of time."""
         for e in self.commands:
@@ -119,6 +124,10 @@ def columns_followed(effect: Switched, time_s: Array, columns: Array) -> Array:
     """Each of (nodes, columns) through a filter that was at rest before the first node."""
     form = effect.effect.form
     assert isinstance(form, Filter)
+    if form.columns is not None:
+        together = np.empty(columns.shape)
+        form.columns(effect.par, time_s, np.ascontiguousarray(columns), together)
+        return together
     out = np.empty_like(columns.T)
     for k, column in enumerate(np.ascontiguousarray(columns.T)):
         form.run(effect.par, time_s, column, np.array([column[0]]), out[k])

@@ -29,7 +29,7 @@ from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.film_point import LinearProblem, Point
 from sim.diagnosis.fit.preisach_density import RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of, values_inside, with_values
+from sim.diagnosis.fit.unknowns import Unknown, envelope_unknowns, unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns
 from sim.model.film_nodes import FilmNodes, film_nodes
@@ -39,6 +39,7 @@ from sim.model.ohmmeter import Ohmmeter, before_ranges, shown_in_rows
 from sim.model.plate_path import PlatePath
 from sim.model.recorded import COARSE, Spacing
 
+ENVELOPES = 4  # of x, at its begin: two for each branch
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
@@ -77,8 +78,6 @@ class ResistanceChannel:
         other.path = path
         return other
 
-    # -- the model at one x
-
     @staticmethod
     def filters_behind(effects: Sequence[Switched]) -> int:
         """How many of x, at its end, say how far the film's own filters are behind at the first row."""
@@ -86,13 +85,13 @@ class ResistanceChannel:
 
     def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
         """The same film with these effects."""
-        x = np.concatenate((p.x[:4], values_inside(effects), np.zeros(self.filters_behind(effects))))
+        x = np.concatenate((p.x[:ENVELOPES], values_inside(effects), np.zeros(self.filters_behind(effects))))
         return replace(p, effects=tuple(effects), x=x)
 
     def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
         """Effects with their values, and how far the film's filters are behind (K)."""
         count = self.filters_behind(p.effects)
-        return with_values(p.effects, x[4 : x.size - count]), x[x.size - count :]
+        return with_values(p.effects, x[ENVELOPES : x.size - count]), x[x.size - count :]
 
     def nodes(self, p: FilmParameters, x: Array) -> tuple[Links, FilmNodes]:
         """The effects with their values in the chain's order, and the film's temperature."""
@@ -128,8 +127,8 @@ class ResistanceChannel:
         return np.concatenate([*parts, operators, *extra], axis=1)
 
     def _operators(self, nodes: FilmNodes, x: Array) -> Array:
-        floor, _ = radius_floor(x[:4])
-        return operator_columns(nodes, x[:4], floor + (1.0 - floor) * self.basis.fractions)
+        shape, floor = x[:ENVELOPES], radius_floor(x[:ENVELOPES])[0]
+        return operator_columns(nodes, shape, floor + (1.0 - floor) * self.basis.fractions)
 
     def own_output(self, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]) -> Array:
         """The film's own output at the points: the columns of `_signals` times c, its coefficients. late_dec: how far
@@ -147,9 +146,12 @@ class ResistanceChannel:
         links, nodes = self.nodes(p, x)
         relays = self._plane.at(links, nodes) if self.relay_count(p) else self._plane.none
         signals = self._signals(links, nodes, x)
-        rows, y = self.rows, self.output
-        coefficients = guess
+        rows, y, coefficients = self.rows, self.output, guess
         film = nodes.of_rows(signals)
+        if links.linear:
+            at_rows = Ohmmeter(links, nodes, np.empty(0)).columns(signals)
+            problem = LinearProblem.of(at_rows, np.zeros(y.size), film, relays, y, rows, self.whitening, None)
+            return problem.solved(x, p.prior.precision(self.basis, problem))
         least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if links.bends else (1, 1)
         before = math.inf
         for turn in range(most):
@@ -193,14 +195,21 @@ class ResistanceChannel:
         apart = sum(float(np.ptp(shown_output(e, self.readings) - self.readings)) for e in ranged)  # largest steps
         return [by_model, self.readings] if apart > GAP * self.noise.level else [by_model]
 
-    def predict(self, p: FilmParameters, x: Array, point: Point) -> Array:
-        """What is shown at another x with the point's coefficients."""
+    def of_relays(self, p: FilmParameters, x: Array, point: Point) -> tuple[Links, FilmNodes, Array]:
+        """Effects and film at another x, and what the relays add: all that the envelopes leave alone."""
         links, nodes = self.nodes(p, x)
+        first = point.coefficients.size - self.relay_count(p)
+        return links, nodes, self._plane.signal(links, nodes, point.coefficients[first:])
+
+    def predict(
+        self, p: FilmParameters, x: Array, point: Point, relays: tuple[Links, FilmNodes, Array] | None = None
+    ) -> Array:
+        """What is shown at another x with the point's coefficients. relays: as `of_relays` has them, where known."""
+        links, nodes, of_relays = self.of_relays(p, x, point) if relays is None else relays
         c = point.coefficients
         creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
         late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
-        signal = self.own_output(links, nodes, x, c, late[:creeps])
-        signal = signal + self._plane.signal(links, nodes, c[c.size - self.relay_count(p) :])
+        signal = self.own_output(links, nodes, x, c, late[:creeps]) + of_relays
         return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
 
     def predict_from(
@@ -212,23 +221,20 @@ class ResistanceChannel:
         links, nodes = self.nodes(p, p.x)
         c = fit.coefficients
         late = self.late_dec(fit) if late is None else late
-        relays = c[c.size - self.relay_count(fit.parameters) :]
         signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
-        signal = signal + self._plane.signal(links, nodes, relays)
+        signal = signal + self._plane.signal(links, nodes, c[c.size - self.relay_count(fit.parameters) :])
         shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
         return shown, nodes.of_rows(signal)
 
     def late_dec(self, fit: ResistanceFit) -> dict[str, float]:
         """How far a fit has each filter of the hysteretic part and of log R behind at the first row."""
-        links, place = links_of(fit.effects), self.basis.columns
+        place, links = self.basis.columns, links_of(fit.effects)
         names = [e.name for e in (*links.hysteretic_part, *links.meter_lags)]
         return dict(zip(names, fit.coefficients[place : place + len(names)].tolist(), strict=True))
 
     def relay_count(self, p: FilmParameters) -> int:
         """How many coefficients the relays have; none where their prior's width is 0."""
         return self.basis.plane.count if self.relays and p.has_relays else 0
-
-    # -- the fit
 
     def bounds(self, p: FilmParameters) -> tuple[Array, Array, Array]:
         """Least, largest and step of each of x."""
@@ -240,12 +246,7 @@ class ResistanceChannel:
 
     def unknowns(self, p: FilmParameters) -> list[Unknown]:
         """Of the envelopes and of the effects."""
-        t = self.path.plate_degC
-        low_T, high_T = float(np.min(t)), float(np.max(t))
-        span = high_T - low_T
-        a = positive("a", 0.5 / span, 200.0 / span)
-        c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
-        return [a, c, a, c, *unknowns_of(p.effects)]
+        return [*envelope_unknowns(self.path.plate_degC), *unknowns_of(p.effects)]
 
     def descend(
         self, p: FilmParameters, steps: int = 12, tolerance: float = 0.05, settle: bool = True
@@ -310,11 +311,13 @@ class ResistanceChannel:
     ) -> Array:
         """d shown / d x by difference quotients, into jacobian (rows, unknowns); returned is by how much the room that
         the coefficients leave changes with those of x that bend the reading."""
-        base, room = self.predict(p, point.x, point), np.zeros(point.x.size)
+        relays, room = self.of_relays(p, point.x, point), np.zeros(point.x.size)
+        base = self.predict(p, point.x, point, relays)
         for k in range(point.x.size):
             moved = point.x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-            jacobian[:, k] = (self.predict(p, moved, point) - base) / (moved[k] - point.x[k])
+            change = self.predict(p, moved, point, relays if k < ENVELOPES else None) - base
+            jacobian[:, k] = change / (moved[k] - point.x[k])
             if k in bending:
                 other = self.point(p, moved, point.coefficients)
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])

@@ -45,6 +45,15 @@ def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, st
     return Unknown(name, False, scale, low / scale, high / scale, step)
 
 
+def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
+    """Steepness and centre of either branch's envelope, over a record's temperatures."""
+    low_T, high_T = float(np.min(plate_degC)), float(np.max(plate_degC))
+    span = high_T - low_T
+    a = positive("a", 0.5 / span, 200.0 / span)
+    c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
+    return [a, c, a, c]
+
+
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
     """The unknown of an effect's parameter."""
     name = f"{effect.name}.{parameter.name}"

@@ -14,6 +14,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
 from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
 from sim.diagnosis.search.budget import JUDGING
@@ -28,7 +29,6 @@ from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.effect import Switched
 
-WORTH = 8.0  # log-likelihood, unseen rows included, that a name needs: few clean records reach it
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
 BEHIND_UNKNOWN = 300.0  # evidence that a film's or ohmmeter's effect needs behind a plate that is not understood
 SPEAKS_AGAINST = 0.1  # share of the evidence that rows which no fit has seen may lose by an effect
@@ -164,7 +164,7 @@ def _worth(
     told = told_by_unseen(chain, names, rest)
     unseen = told.gain if told is not None else None
     least = least_evidence(chain, names, name)
-    weak = min(evidence, WORTH)
+    weak = min(evidence, by_chance(chain))
     if evidence + (unseen or 0.0) < least:
         return evidence, (
             weak,
@@ -178,7 +178,7 @@ def _worth(
     if not upstream and not _shows_beside(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
-        return evidence, (WORTH, "held-out rows are predicted far worse than the noise with it")
+        return evidence, (weak, "held-out rows are predicted far worse than the noise with it")
     if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
         return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
@@ -213,7 +213,13 @@ def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
     choosy = any(p.choices for p in effect.parameters)
     if only_bends(effect) and chain.relays_bring(names) >= ABSORBS:
         return BENDS_ITSELF
-    return (WORTH if of_the_class else ABSORBS) + choosy * CHOICE
+    least = by_chance(chain)
+    return least if of_the_class else max(least, ABSORBS + choosy * CHOICE)
+
+
+def by_chance(chain: Chain) -> float:
+    """The evidence that noise alone reaches for some effect in the chosen share of records."""
+    return evidence_for(chain.false_alarm, candidates(chain.searched))
 
 
 def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:

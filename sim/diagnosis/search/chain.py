@@ -28,6 +28,7 @@ from sim.model.plate_path import PlatePath
 LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, rounding
 AGAIN_STEPS = 2  # of a film of the class, on the simulated path
 PROMISED = 0.5  # of what relays and a corrected path bring
+FALSE_ALARM = 0.01  # of records with nothing in them that may be given a name, where nobody chose another share
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 
 
@@ -101,7 +102,7 @@ class Chain:
     lone. Paths and searches of the last links are kept by the first links' effects. together: whether both channels are
     fitted as one, where the simulated temperature drives the film. asked: the effects beside which relays were tried
     though little is left. assumed: effects that the user knows are there, which no search takes out;
-    budget: of time."""
+    budget: of time; false_alarm: the share of records with nothing in them that may be given a name."""
 
     record: Record
     fitted: Mask
@@ -116,6 +117,7 @@ class Chain:
     asked: set[frozenset[str]] = field(default_factory=set)
     assumed: frozenset[str] = frozenset()
     budget: Budget = field(default_factory=Budget)
+    false_alarm: float = FALSE_ALARM
 
     def __post_init__(self) -> None:
         self.as_read = self.record
@@ -133,6 +135,12 @@ class Chain:
                 self.record, path, self.fitted, self.facts, self.effects, self.relays, self.assumed, self.budget
             )
         return self.searches[upstream]
+
+    @property
+    def searched(self) -> list[Effect]:
+        """The effects among which the searches choose."""
+        searches = [self.first, *list(self.searches.values())[:1]]
+        return [e for s in searches if s is not None for n, e in s.effects.items() if n not in self.assumed]
 
     @property
     def path_K(self) -> float:
