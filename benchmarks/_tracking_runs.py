@@ -12,14 +12,14 @@ import math
 import random
 import shutil
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks._beside_the_plant import driven, placed
 from benchmarks._hidden_effects import EffectPlant, Hidden
+from benchmarks._left_films import COLD_DEGC, HOT_DEGC, leave_behind, middle_of, span, up_to
 from benchmarks._own_plant import SIMULATED_BENCH, behind_the_instruments, noted_phase
 from benchmarks._tracked_plant import NOISE_DEC, FilmOfTheClass, FilmOutsideTheClass, Plate, TrackedPlant
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
@@ -29,7 +29,6 @@ from rig.experiment.tracking import law_and_design
 from rig.files.configuration import read_configuration
 from rig.files.model_file import Model, read_model, write_model
 
-HOT_DEGC, COLD_DEGC = 85.0, 35.0
 RATE_DEC_PER_S, DWELL_S, LEVELS = 0.01, 30.0, 6
 SINE_DEC, SINE_S = 0.8, 300.0
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
@@ -37,7 +36,7 @@ NOMINAL = Plate()
 WRONG = Plate(seebeck=0.04, resistance=2.4, conductance=0.6, ambient_degC=30.0)  # S -20 %, R_e, G +20 %, room +5 K
 WRONG_LAG_S, SETTLE_S = 2.0, 30.0
 FROM_HOT_S = 90.0  # of a wanted temperature: the way down from the hot end, before the target begins
-UNKNOWN_S, LEFT_TURNS = 300.0, 4
+UNKNOWN_S = 300.0
 
 CONFIGURATION = (
     SIMULATED_BENCH
@@ -63,7 +62,8 @@ dwell_s = 2.0
 @dataclass(frozen=True)
 class Run:
     """One run of a film: name, as the table knows it; way: how the target is given (`resistance`, or as a temperature
-    by `inverse` or `look_up`); the rest as in the configuration."""
+    by `inverse` or `look_up`); left: how somebody has left the film (`leave_behind`); the rest as in the
+    configuration."""
 
     name: str
     law: str = "full"
@@ -73,6 +73,7 @@ class Run:
     ms: float | None = None
     repeat: int = 1
     memory: str = ""
+    left: str = "other branch"
 
 
 @dataclass(frozen=True)
@@ -94,19 +95,6 @@ class Found:
     errors: dict[str, tuple[float, float]] = field(default_factory=dict)
     repetitions: dict[str, list[float]] = field(default_factory=dict)
     text: str = ""
-
-
-def span(film: Any) -> tuple[float, float]:
-    """The film's range of log10 R over the calibration's temperatures: of its major loop."""
-    up = [film.log_ohm(t) for t in np.arange(COLD_DEGC, HOT_DEGC, 0.1)]
-    down = [film.log_ohm(t) for t in np.arange(HOT_DEGC, COLD_DEGC, -0.1)]
-    return max(min(up), min(down)), min(max(up), max(down))
-
-
-def middle_of(film: Any) -> tuple[float, float]:
-    """The middle 80 % of it."""
-    low, high = span(film)
-    return low + 0.1 * (high - low), high - 0.1 * (high - low)
 
 
 def course(low: float, high: float, seed: int, first: float | None = None) -> tuple[list[float], list[float]]:
@@ -132,22 +120,6 @@ def course(low: float, high: float, seed: int, first: float | None = None) -> tu
     return times, values
 
 
-def leave_behind(film: Any, seed: int) -> float:
-    """Somebody takes the film through its loop: from an end, turning round at random levels of its middle 80 %, and
-    leaves it at the last of them. The temperature there, degC."""
-    low, high = middle_of(film)
-    chance = random.Random(1000 + seed)
-    degC = chance.choice((25.0, HOT_DEGC))
-    log_ohm = film.log_ohm(degC)
-    for _ in range(LEFT_TURNS):
-        level = chance.uniform(low, high)
-        way = 1.0 if log_ohm > level else -1.0  # heating lowers the resistance
-        while way * (log_ohm - level) > 0.0:
-            degC += way * 0.02
-            log_ohm = film.log_ohm(degC)
-    return degC
-
-
 def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
     """The film on its plate, fresh from the cold; for a run of unknown memory as somebody has left it."""
     true = FILMS[film.kind](film.seed)
@@ -155,7 +127,7 @@ def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
         return EffectPlant(WRONG, true, film.seed, start_s, Hidden(sensor_lag_s=WRONG_LAG_S), film.noise)
     plant = TrackedPlant(NOMINAL, true, film.seed, start_s, film.noise)
     if run.memory:
-        plant.degC = leave_behind(true, film.seed)
+        plant.degC = leave_behind(true, film.seed, run.left)
         plant.log_ohm = true.log_ohm(plant.degC)
     return plant
 
@@ -196,6 +168,13 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
         low, high = middle_of(FILMS[film.kind](film.seed))
         first = min(max(plant_of(film, run, 0.0).log_ohm, low), high)
     times, values = course(*span(FILMS[film.kind](film.seed)), film.seed, first)
+    if run.memory:
+        times, values = up_to(UNKNOWN_S, times, values)
+        model = "LEFT.toml"
+        whole = read_model(folder / "MODEL.toml", needs=("film", "plate"))
+        assert whole.film is not None
+        initial = "cooled" if run.left == "other branch" else whole.film.initial
+        write_model(folder / model, replace(whole, film=replace(whole.film, initial=initial)))
     if run.exact:
         model = "EXACT.toml"
         write_model(folder / model, exact_model(film))
@@ -212,8 +191,7 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
     text = bench.command("run", model)
     if text:
         return f"{run.name}: {text} "
-    until_s = UNKNOWN_S if run.memory else times[-1]
-    errors = [error(bench.plants[-1], begin + before_s, times, values, until_s) for begin in bench.begin_s]
+    errors = [error(bench.plants[-1], begin + before_s, times, values) for begin in bench.begin_s]
     found.errors[run.name], found.repetitions[run.name] = errors[-1], [rms for rms, _ in errors]
     return ""
 
@@ -228,7 +206,7 @@ def wrong_error(film: Film, run: Run, folder: Path, times: list[float], values: 
     law, _ = law_and_design("full", read_configuration(path).content, model.film, model.plate)
     state = placed(plant, law, model.film, values[0], HOT_DEGC)
     driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
-    return error(plant, SETTLE_S, times, values, times[-1])
+    return error(plant, SETTLE_S, times, values)
 
 
 class Bench:
@@ -298,11 +276,9 @@ def write_temperatures(folder: Path, run: Run, times: list[float], values: list[
     (folder / "target.csv").write_text("\n".join(["time_s,setpoint_degC", *rows]) + "\n")
 
 
-def error(
-    plant: TrackedPlant, begin_s: float, times: list[float], values: list[float], until_s: float | None = None
-) -> tuple[float, float]:
-    """RMS and largest, in n, of the film itself over the target, or until then."""
+def error(plant: TrackedPlant, begin_s: float, times: list[float], values: list[float]) -> tuple[float, float]:
+    """RMS and largest, in n, of the film itself over the target."""
     time, _, log_ohm = np.array(plant.course).T
-    grid = np.arange(0.0, times[-1] if until_s is None else until_s, 0.05)
+    grid = np.arange(0.0, times[-1], 0.05)
     off = np.interp(begin_s + grid, time, log_ohm) - np.interp(grid, times, values)
     return float(np.sqrt(np.mean(off**2))) / NOISE_DEC, float(np.max(np.abs(off))) / NOISE_DEC

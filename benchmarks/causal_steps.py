@@ -105,7 +105,8 @@ def levels(kind: str, seed: int, count: int) -> list[float]:
     """Wanted log10 R, one after the other."""
     low, high = span(FILMS[kind](seed))
     low, high = low + 0.1 * (high - low), high - 0.1 * (high - low)
-    chance, found = random.Random(seed), [0.5 * (low + high)]
+    middle = 0.5 * (low + high)  # of a narrow film no step fits from there
+    chance, found = random.Random(seed), [middle if high - low > 2.0 * STEP_DEC else middle - 0.5 * STEP_DEC]
     for _ in range(count):
         there = [y for y in (found[-1] - STEP_DEC, found[-1] + STEP_DEC) if low < y < high]
         found.append(chance.choice(there))

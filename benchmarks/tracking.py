@@ -14,7 +14,8 @@ tracking.json in DIR). Steps that nobody announced: `benchmark causal_steps`, of
     wrong            outside, the model of the nominal plate: S -20 %, R_e and G +20 %, room +5 K, thermometer 2 s late
     slow             a film of the class, 2 A
     repeat           outside, the third repetition
-    memory           both films, begun inside the loop with an unknown memory and no hot excursion: the first 300 s
+    memory           both films, begun inside the loop with an unknown memory and no hot excursion: the first 300 s,
+                     the film on the other branch than the model says; beside it where four random turns have left it
     others           PID on log R at the best of four Ms; the paper's scheme: the inverse's temperatures, PID on the
                      temperature, at the best of two; looked up on the major loop
     steps            `causal_steps`, ten steps a film
@@ -57,7 +58,12 @@ FULL, FEEDFORWARD = Run("full"), Run("feedforward", law="feedforward")
 EXACT = Run("exact", exact=True), Run("exact_feedforward", law="feedforward", exact=True)
 PIDS = tuple(Run(f"pid_{ms}", law="pid", ms=ms) for ms in (1.2, 1.4, 1.7, 2.0))
 PAPER = tuple(Run(f"paper_{ms}", way="inverse", ms=ms) for ms in (1.4, 1.7))
-MEMORY = Run("memory", memory="estimate"), Run("assumed", memory="assume")
+MEMORY = (
+    Run("memory", memory="estimate"),
+    Run("assumed", memory="assume"),
+    Run("memory_turns", memory="estimate", left="turns"),
+    Run("assumed_turns", memory="assume", left="turns"),
+)
 ROWS: dict[str, tuple[tuple[str, float, tuple[Run, ...]], ...]] = {
     "class": (("class", 4.0, (FULL, FEEDFORWARD)),),
     "outside": (("outside", 4.0, (FULL, FEEDFORWARD)),),
@@ -131,9 +137,18 @@ def lines(found: list[Found]) -> list[Line]:
     memory = [value for kind in FILMS for value in over(of(kind, "memory"), of(kind, "assumed"))]
     table.append(Line("unknown memory: with its estimate over without", 1.0 / 3.0, memory, ""))
     table += [
+        Line(f"unknown memory, {kind}: the same", None, over(of(kind, "memory"), of(kind, "assumed")), "")
+        for kind in FILMS
+    ]
+    table += [
         Line(f"unknown memory, {kind}: {name}", None, of(kind, run))
         for kind in FILMS
-        for name, run in (("estimated", "memory"), ("assumed", "assumed"))
+        for name, run in (
+            ("estimated", "memory"),
+            ("assumed", "assumed"),
+            ("estimated, after turns", "memory_turns"),
+            ("assumed, after turns", "assumed_turns"),
+        )
     ]
     for name, each in (("PID on log R at its best Ms", PIDS), ("the paper's scheme, tuned", PAPER)):
         tried = [of("outside", run.name) for run in each]

@@ -168,8 +168,7 @@ def corrected_disturbance(
     if course >= LENGTH:
         if not math.isnan(mark):
             change2 = 0.5 * (found - mark) ** 2 * LENGTH / course
-            sample = max(change2 - doubt, LEAST_ERROR**2)
-            error2 += (sample - error2) / (min(lengths, MANY) + FEW)
+            error2 = max(error2 + (change2 - doubt - error2) / (min(lengths, MANY) + FEW), LEAST_ERROR**2)
             lengths += 1.0
         course, mark = 0.0, found
     return found, Estimate(e.drift_K_per_s, e.covariance, e.degC, noise, doubt, error2, course, mark, lengths)

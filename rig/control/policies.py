@@ -18,6 +18,7 @@ from rig.control.loop import Loop
 from rig.files.film_output import ohm
 from rig.files.target import Target
 
+MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
 LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on which the nearest temperature is right
 
 
@@ -58,7 +59,7 @@ class Follow:
 
     The target's quantity says what it is: a temperature for the law "temperature", else what the meter reads. units:
     of the law's output, by default those of its film. setpoints: the reference goes to the controller's own PID instead
-    of a current to its output. correction: what is added to the target of a resistance for the law, -log10 R; the
+    of a current to its output. correction: what earlier runs have learned, on -log10 R (`rig.experiment.repeated`); the
     target that is recorded stays as it is. branches: the way to go where a target has several temperatures.
     estimates_memory: nobody knows the film's memory at the start; the readings tell.
     """
@@ -85,6 +86,8 @@ class Follow:
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         law = self.law
+        at_s = time_s + read.after_s
+        output -= self._lacking(at_s - read.output_age_s)
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
@@ -92,12 +95,12 @@ class Follow:
                 return Decision(0.0, wait=True)
             self.state = self._started(temperature_degC, self.units.law(output), read.test_current_A)
         metered, units = self.target.quantity != "temperature", self.units
-        at_s = time_s + read.after_s
         now = float(self.target.at(at_s))
         ahead_s = at_s + read.acts_after_s + self._ahead
         asked, coming = now, np.asarray(self.target.at(ahead_s), dtype=np.float64)
         if self.correction is not None:
-            asked, coming = now + float(self.correction.at(at_s)), coming + self.correction.at(ahead_s)
+            sign = -1.0 if self.correction.quantity == MODEL_LACKS else 1.0
+            asked, coming = now + sign * float(self.correction.at(at_s)), coming + sign * self.correction.at(ahead_s)
         read_so = read.output_age_s, read.acts_after_s, read.test_current_A
         if metered:
             asked, coming = units.law(asked), units.law(coming)
@@ -117,6 +120,11 @@ class Follow:
             target_output=math.nan if ohms else wanted,
             predicted_output=math.nan if ohms else predicted,
         )
+
+    def _lacking(self, time_s: float) -> float:
+        """What the model is known to lack of the output at a time: the law goes by a film without it."""
+        known = self.correction
+        return float(known.at(time_s)) if known is not None and known.quantity == MODEL_LACKS else 0.0
 
     def _started(self, temperature_degC: float, output: float, test_current_A: float) -> LawState:
         """The law's state at the first readings."""

@@ -1,9 +1,14 @@
-"""Repetitions of a tracking run: what one missed is added to the target of the next (`compensator.control.learning`).
+"""Repetitions of a tracking run: what one has taught about the course goes into the next.
 
-    correction.csv   in a run's folder: what was added to its target (time_s, correction_dec, on -log10 R)
-    learned.csv      what the next repetition would add
+    model_lacks   what the film model lacks of the output (`compensator.control.model_error`): taken off the readings
+                  and off the target, so that the law goes by a film that its model describes
+    correction    of a law without a film model, and of a model with effects on the ohmmeter, whose own output is not
+                  what is read: what one repetition missed is added to the target (`compensator.control.learning`)
 
-A correction that made the error larger is given up: the one with the smallest error is then used to the end.
+    correction.csv   in a run's folder: what was used (time_s, and model_lacks_dec or correction_dec, on -log10 R)
+    learned.csv      what the next repetition would use
+
+What made the error larger is given up: what was used with the smallest error is then used to the end.
 """
 
 from __future__ import annotations
@@ -15,66 +20,104 @@ from typing import Final
 
 import numpy as np
 
+from compensator.control.law_step import LawName
 from compensator.control.learning import learned
+from compensator.control.model_error import lacking
 from compensator.hysteresis.functions import Array
-from rig.analysis.score import Rows, rms, tracking_error
+from rig.analysis.score import TRACK, rms, tracking_error
+from rig.control.policies import MODEL_LACKS
 from rig.core.faults import fault
+from rig.files.model_file import Model
 from rig.files.record_file import read_record, write_columns
+from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 
-USED, LEARNED, COLUMN = "correction.csv", "learned.csv", "correction_dec"
+USED, LEARNED, CORRECTION = "correction.csv", "learned.csv", "correction"
 LARGEST_DEC: Final = 0.2  # a model that is off by more is wrong in kind: learning would drive the film elsewhere
 WORSE: Final = 1.05  # of the smallest error: two runs with the same correction differ by a few per cent by their noise
 
 
 def read_correction(path: Path) -> Target:
-    """Raises Faults."""
+    """What a run has learned; its quantity says of what. Raises Faults."""
     record = read_record(path, needs=(), flags=False)
-    if not record.has(COLUMN):
-        raise fault(path, COLUMN, "missing; expected what a run has learned")
-    return Target("correction", record["time_s"], np.clip(np.nan_to_num(record[COLUMN]), -LARGEST_DEC, LARGEST_DEC))
+    for quantity in (MODEL_LACKS, CORRECTION):
+        if record.has(f"{quantity}_dec"):
+            values = np.nan_to_num(record[f"{quantity}_dec"])
+            return Target(quantity, record["time_s"], np.clip(values, -LARGEST_DEC, LARGEST_DEC))
+    raise fault(path, f"{MODEL_LACKS}_dec", "missing; expected what a run has learned")
 
 
 def write_correction(path: Path, correction: Target) -> None:
     """As `read_correction` reads it."""
-    write_columns(path, {"time_s": correction.times_s, COLUMN: correction.values})
+    write_columns(path, {"time_s": correction.times_s, f"{correction.quantity}_dec": correction.values})
 
 
-def nothing_learned(target: Target, period_s: float) -> Target:
+def learns_of(law: LawName, model: Model) -> str:
+    """What a law learns of with this model: `MODEL_LACKS` or `CORRECTION`."""
+    by_its_film = law != "pid" and all(e.effect.link != "ohmmeter" for e in model.switched())
+    return MODEL_LACKS if by_its_film else CORRECTION
+
+
+def nothing_learned(quantity: str, target: Target, period_s: float) -> Target:
     """Zero all along the target: a run without a correction was the best, and whoever begins from it begins there."""
     grid: Array = np.arange(0.0, target.duration_s, period_s)
-    return Target("correction", grid, np.zeros(grid.size))
+    return Target(quantity, grid, np.zeros(grid.size))
 
 
-def next_correction(run: Rows, target: Target, used: Target | None, period_s: float) -> Target:
-    """What the next repetition adds to the target, out of a run that added `used`."""
-    used = used if used is not None else nothing_learned(target, period_s)
+def next_correction(run: RunFolder, target: Target, used: Target, period_s: float) -> Target:
+    """What the next repetition uses, out of a run with `used`."""
     grid: Array = np.arange(0.0, target.duration_s, period_s)
     before = used.at(grid)
-    time, error = tracking_error(run)
-    good = np.isfinite(error)
+    if used.quantity == MODEL_LACKS:
+        time, found = lacked(run, target, used)
+        after = before + np.interp(grid, time, found) if time.size else before
+    else:
+        time, error = tracking_error(run)
+        good = np.isfinite(error)
+        if not np.any(good):
+            return Target(used.quantity, grid, before)
+        # log10 of measured over wanted: what -log10 R lacks
+        after = learned(before, np.interp(grid, time[good], error[good]))
+    return Target(used.quantity, grid, np.clip(after, -LARGEST_DEC, LARGEST_DEC))
+
+
+def lacked(run: RunFolder, target: Target, used: Target) -> tuple[Array, Array]:
+    """When the ohmmeter was read (s of the target), and what the model lacked then beyond what it was known to."""
+    inside = run.column("phase") == TRACK
+    time, read_s, acts_s, ohm, model_ohm = (
+        run.column(name)[inside]
+        for name in ("time_s", "resistance_time_s", "acts_after_s", "resistance_ohm", "predicted_ohm")
+    )
+    told_s = time + np.nan_to_num(acts_s)  # the law says where the model is when its command acts
+    rows = np.isfinite(read_s)
+    good = rows & np.isfinite(model_ohm)
     if not np.any(good):
-        return Target("correction", grid, before)
-    missed = np.interp(grid, time[good], error[good])  # log10 of measured over wanted: what -log10 R lacks
-    return Target("correction", grid, np.clip(learned(before, missed), -LARGEST_DEC, LARGEST_DEC))
+        return np.empty(0), np.empty(0)
+    at_s = read_s[rows] - run.begun_s[TRACK]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        off = -np.log10(ohm[rows]) + np.interp(read_s[rows], told_s[good], np.log10(model_ohm[good]))
+    off[~np.isfinite(off)] = math.nan
+    return at_s, lacking(off - used.at(at_s), np.abs(np.diff(target.at(at_s), prepend=target.values[0])))
 
 
 @dataclass
 class Learning:
-    """What the repetitions so far have taught. best_rms_dec: the smallest error, with `best`; over: nothing more is
-    learned."""
+    """What the repetitions so far have taught. quantity: of what (`learns_of`). best_rms_dec: the smallest error, with
+    `best`; over: nothing more is learned."""
 
+    quantity: str = MODEL_LACKS
     next: Target | None = None
     best: Target | None = None
     best_rms_dec: float = math.inf
     over: bool = False
 
-    def take(self, run: Rows, target: Target, used: Target | None, period_s: float) -> None:
+    def take(self, run: RunFolder, target: Target, used: Target | None, period_s: float) -> None:
         """A repetition has ended that added `used` to the target."""
+        used = used if used is not None else nothing_learned(self.quantity, target, period_s)
         error = rms(tracking_error(run)[1])
         if error > WORSE * self.best_rms_dec:
             self.over, self.next = True, self.best
             return
         if error < self.best_rms_dec:
-            self.best, self.best_rms_dec = used if used is not None else nothing_learned(target, period_s), error
+            self.best, self.best_rms_dec = used, error
         self.next = self.best if self.over else next_correction(run, target, used, period_s)

@@ -26,7 +26,7 @@ from rig.experiment.calibration import Calibration, identify_calibration, record
 from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
-from rig.experiment.repeated import LEARNED, USED, Learning, read_correction, write_correction
+from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.steady_meter import allow_test_current, test_current_for_A
 from rig.experiment.summaries import calibration_result, design_table
@@ -195,7 +195,9 @@ def _repetitions(session: Session, inner: Path, result: Result) -> Learning:
     """All repetitions but the last, each in a folder of its own, and what they have taught."""
     file, target = session.file, result.target
     assert target is not None
-    e, learning = file.content.experiment, Learning()
+    assert result.model is not None
+    e = file.content.experiment
+    learning = Learning(learns_of(e.law, result.model))
     if e.learned is not None:
         learning.next = read_correction(file.beside(e.learned) / LEARNED)
     for k in range(1, e.repeat):

@@ -115,8 +115,8 @@ class ExperimentTable(Table):
     """[experiment]: what to do. target: a CSV file, or a profile in words. "track_output": of the quantity that the
     meter's voltage stands for.
 
-    repeat: of a resistance that is tracked, how often; each repetition corrects the target by what the one before has
-    missed. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
+    repeat: of a resistance that is tracked, how often; each repetition knows of what the model lacked in those
+    before. learned: the folder of a run whose learned.csv the first one begins with. memory: what is known of the film
     at first: "condition" drives it to the hot end, so that all is; "estimate" begins where it is and lets the readings
     tell; "assume" begins where it is with the model's `initial`.
     """

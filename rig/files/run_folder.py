@@ -92,7 +92,10 @@ def versions() -> dict[str, str]:
 
 
 class RunFolder:
-    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole."""
+    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole.
+
+    begun_s: when each phase has begun, s of the run.
+    """
 
     def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
         self.path = path
@@ -100,6 +103,7 @@ class RunFolder:
         self.part.mkdir(parents=True, exist_ok=True)
         self.columns = columns
         self.rows: list[tuple[Any, ...]] = []
+        self.begun_s: dict[str, float] = {}
         self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
         self._record.write(",".join(columns) + "\n")
         self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
@@ -128,6 +132,8 @@ class RunFolder:
 
     def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
         """Something that happened, at a time of the run."""
+        if kind == "phase":
+            self.begun_s[text] = time_s
         self._events.write(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
 
     def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:

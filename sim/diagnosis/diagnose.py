@@ -32,6 +32,7 @@ from sim.diagnosis.report.warnings import out_of_time, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_search
+from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
@@ -43,6 +44,7 @@ from sim.model.own_fit import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"
+SHOWN = 0.002  # of a channel's error: an effect that changes less of it does not show there
 
 
 def diagnose(
@@ -84,8 +86,7 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
-        chain.false_alarm = chosen_false_alarm
-        names = select(chain, say)
+        chain, names = select(replace(chain, false_alarm=chosen_false_alarm), say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         judged = judge(chain, names)
@@ -117,13 +118,13 @@ def _chain(
     """What is searched on this record. Raises ValueError."""
     record = record.read_while_it_ran(known.values()).commanded_in_sight(known.values())
     known, assumed = _assumed(known, assume, record)
-    chain = Chain(record, ~record.held_out, known, assumed=assumed, budget=budget)
+    first, as_read = None, record
     if record.current_A is not None:
-        chain.first = temperature_search(record, ~record.held_out, known, kinds, assumed, budget)
-        chain.record = chain.first.channel.record
+        first = temperature_search(record, known, kinds, assumed, budget)
+        record = first.channel.record
     elif record.output is None:
         raise ValueError(f"record: neither current_A nor {record.quantity.column}; expected at least one of them")
-    return chain
+    return Chain(record, known, first, assumed=assumed, budget=budget, as_read=as_read)
 
 
 def _assumed(
@@ -187,17 +188,16 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     b = chain.fits(names)[1]
     if b is None or chain.facts is None or chain.facts.basis.curve is None:
         return found
-    assumed, first = chain.assumed, chain.first
-    plain = Chain(chain.record, chain.fitted, chain.effects, relays=False, first=first, assumed=assumed)
+    anew, upstream = replace(chain, together=False, budget=Budget()), chain.split(names)[0]
+    plain = with_film(replace(anew, relays=False), upstream)
     of_the_class = chain.score(names) - plain.score(names) < ABSORBS  # then nothing but D may stand in for what D does
-    relays = not of_the_class
-    bare = Chain(chain.record, chain.fitted, chain.effects, curve=False, relays=relays, first=first, assumed=assumed)
+    bare = with_film(replace(anew, curve=False, relays=not of_the_class), upstream)
     evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
     if evidence < ABSORBS:
         return found
     curve = chain.facts.basis.curve
     path = chain.film_channel(names).path
-    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)
+    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)  # D is smooth
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
     span_name = f"span_{chain.record.quantity.unit}"
     before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
@@ -268,7 +268,7 @@ def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
     fit = chain.fits(names)[0]
     if fit is None:
         return []
-    room = float(fit.parameters.plate()[4])
+    room = float(fit.parameters.plate()[-1])
     return [room, *(room + fit.parameters.rooms_K).tolist()]
 
 
@@ -290,7 +290,7 @@ def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping
     for name in judged.names:
         rest = unseen.left(names - {name})
         gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
-        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > 0.002 * g.rmse_before}
+        gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > SHOWN * g.rmse_before}
         evidence = judged.evidence[name]
         chance = _false_alarm(chain, evidence)
         findings.append(Finding(name, parameters[name], evidence, chance, rivals.get(name, []), gains))
@@ -327,15 +327,17 @@ def _lattice(chain: Chain) -> Finding | None:
     record = chain.record
     step = record.step_K
     sigma_K = chain.first.channel.sigma_K if chain.first is not None else 0.0
-    noise_K = float(np.hypot(sigma_K, step / np.sqrt(12.0)))
+    noise_K = float(np.hypot(sigma_K, step / np.sqrt(12.0)))  # of an error that is uniform over a step, too
     if step <= 0.0 or step < 0.5 * noise_K:
         return None
     values = record.temperature_degC[record.temperature_used]
     index = np.round(values / step)
-    step = float(index @ values / (index @ index)) if np.max(np.abs(values - index * step)) < 0.2 * step else step
+    if np.max(np.abs(values - index * step)) < 0.2 * step:  # further off they lie on no lattice through 0
+        step = float(index @ values / (index @ index))
     rows = float(values.size)
-    evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))
-    spread = max(1e-6 * step, 4.0 * float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0))
+    evidence = rows * float(np.log(max(step / max(noise_K, 0.02 * step), 2.0)))  # less noise shows in no reading
+    apart = float(np.std(values - index * step)) / max(float(np.max(np.abs(index))), 1.0)
+    spread = max(1e-6 * step, 4.0 * apart)  # a file's last digit; four deviations, to be sure
     ci = (step - spread, step + spread)
     return Finding(QUANTIZATION, {"step_K": (step, ci)}, evidence, _false_alarm(chain, evidence), [], {})
 

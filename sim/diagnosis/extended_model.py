@@ -22,6 +22,7 @@ from compensator.identification.model_selection import FEWER_WORTH, WORTH, rms
 from compensator.identification.operator_outputs import Integers
 from compensator.thermal.plate import PlateModel
 from sim.diagnosis.data.record import held_out_rows
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
 from sim.diagnosis.fit.plate_parameters import PlateParameters
@@ -33,6 +34,8 @@ NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
 NOT_OF_THE_CLASS = 1.15  # times the diagnosis' own error from which mixed envelopes are tried
 MIXED_WORTH = 0.95
 SEARCH_ROWS, MOST_ROWS = 1500, 6000  # to search with, and to fit with: thinned evenly from longer records
+SCALES = (0.1, 1.0, 0.1, 1.0)  # log a and K: what an envelope moves by in a step
+CURVE_SCALES = (0.3, 3.0)  # the same of D's first parameter, which is a logarithm, and of the others, which are K
 DESCENT = 10  # evaluations: the search begins at the diagnosis' own film
 TURNS = 2  # of a problem that is linear only about a solution
 
@@ -91,8 +94,8 @@ def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
     shown = refit.channel.output[held] - refit.fit.shown[held]
     if refit.fit.parameters.has_relays or error > NOT_OF_THE_CLASS * rms(shown):
         solution, error = _mixed(refit, solution, error, fitted, held)
-    for _ in range(TURNS if refit.curved else 0):
-        refit.about(refit.signal(solution))
+    for _ in range(TURNS if refit.links.bends else 0):
+        refit = refit.about(refit.signal(solution))
         solution, error = _again(refit, solution, fitted, held)
     return solution, error
 
@@ -100,7 +103,7 @@ def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:
 def _again(refit: FilmRefit, solution: Refit, fitted: Integers, held: Integers) -> tuple[Refit, float]:
     """The same structure solved about its own output: through a shunt or a series resistance the rest is not linear."""
     o = solution.operators
-    operators = refit.plays(solution.theta[:4]) if o is None else refit.relays(o)
+    operators = refit.plays(solution.theta[:ENVELOPES]) if o is None else refit.relays(o)
     fit = refit.solve(fitted, solution.form, solution.theta, operators, o)
     return fit, rms(refit.residual(held, fit, operators))
 
@@ -109,7 +112,7 @@ def _shared_out(refit: FilmRefit) -> tuple[Integers, Integers]:
     """Rows to fit and rows to judge by."""
     record, fitted = refit.channel.record, refit.channel.fitted
     held = record.output_used & ~fitted
-    if np.sum(held) < 10:
+    if np.sum(held) < 10:  # too few to judge by: others are held out here
         held = record.output_used & held_out_rows(record.rows, record.first_rows)
         fitted = fitted & ~held
     return _thinned(np.flatnonzero(fitted), MOST_ROWS), np.flatnonzero(held)
@@ -121,7 +124,7 @@ def _thinned(rows: Integers, most: int) -> Integers:
 
 def _plain(refit: FilmRefit, forms: list[Form], fitted: Integers, held: Integers) -> tuple[Refit, float]:
     """One pair of envelopes, with each form of D; the simplest that is as good as any."""
-    few, shape = _thinned(fitted, SEARCH_ROWS), refit.fit.parameters.x[:4]
+    few, shape = _thinned(fitted, SEARCH_ROWS), refit.fit.parameters.x[:ENVELOPES]
     operators = refit.plays(shape)
     rough = {}
     for form in forms:
@@ -143,7 +146,7 @@ def _plain(refit: FilmRefit, forms: list[Form], fitted: Integers, held: Integers
 
 def _fitted(refit: FilmRefit, form: Form, theta: Array, fitted: Integers, held: Integers) -> tuple[Refit, float]:
     """The solution at theta over all rows to be fitted, and its error in the held-out rows."""
-    operators = refit.plays(theta[:4])
+    operators = refit.plays(theta[:ENVELOPES])
     fit = refit.solve(fitted, form, theta, operators)
     return fit, rms(refit.residual(held, fit, operators))
 
@@ -157,6 +160,7 @@ def _shapes(form: Form) -> list[Array]:
     low, high = form.bounds()
     if low.size == 0:
         return [np.empty(0)]
+    # seven places inside the bounds, between which a search descends
     axes = [np.linspace(a, b, 9)[1:-1] for a, b in zip(low, high, strict=True)]
     return list(np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, low.size))
 
@@ -165,13 +169,14 @@ def _descended(refit: FilmRefit, rows: Integers, form: Form, theta: Array) -> Ar
     """Envelopes and D's shape moved together, weights and coefficients always at their best."""
     low, high, _ = refit.channel.bounds(refit.fit.parameters)
     d_low, d_high = form.bounds()
-    least, most = np.append(low[:4], d_low), np.append(high[:4], d_high)
-    inside = np.clip(theta, least + 1e-9, most - 1e-9)
+    least, most = np.append(low[:ENVELOPES], d_low), np.append(high[:ENVELOPES], d_high)
+    inside = np.clip(theta, least + 1e-9, most - 1e-9)  # a start on a bound does not move
 
     def residual(x: Array) -> Array:
-        return refit.solve(rows, form, x, refit.plays(x[:4])).residual
+        return refit.solve(rows, form, x, refit.plays(x[:ENVELOPES])).residual
 
-    scale = np.concatenate(([0.1, 1.0, 0.1, 1.0], np.where(np.arange(d_low.size) == 0, 0.3, 3.0)))
+    scale = np.concatenate((SCALES, np.where(np.arange(d_low.size) == 0, *CURVE_SCALES)))
+    # longer steps of the difference quotients would cross the kinks of weights that become 0
     found = least_squares(residual, inside, bounds=(least, most), x_scale=scale, diff_step=[1e-5], max_nfev=DESCENT)
     return np.asarray(found.x, dtype=np.float64)
 
@@ -186,7 +191,7 @@ def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held:
     for centres, steepness, by_output in RESOLUTIONS:
         trial = dictionary(path, centres, steepness, by_output, half_width)
         operators = refit.relays(trial)
-        fit = refit.solve(few, plain.form, plain.theta[4:], operators, trial)
+        fit = refit.solve(few, plain.form, plain.theta[ENVELOPES:], operators, trial)
         value = rms(refit.residual(held, fit, operators))
         more = best.operators is not None and fit.active.size > best.active.size
         worth = MIXED_WORTH if best.operators is None else FEWER_WORTH if more else 1.0

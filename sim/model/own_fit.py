@@ -4,7 +4,7 @@
     least  sum_rows ((y - y_shown) / sigma_dec)^2 + ...                                 memory, and how far filters are
 
 over rows that the caller chooses: all of them, or a record's first ones (`told_rows`), by which a prediction begins.
-The temperatures enter next to linearly: Gauss-Newton. A memory is one of those of a film that was saturated and turned
+The temperatures enter next to linearly. A memory is one of those of a film that was saturated and turned
 round at most once; another than the model's own has to bring `WORTH` of log-likelihood.
 """
 
@@ -18,11 +18,12 @@ from typing import Protocol
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.effects.effect import HeatFlow
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
 from sim.model.record_own import FilmStart, RecordOwn, anew_rows
-from sim.model.recorded import Mask, Recorded, driven_from_s
+from sim.model.recorded import Mask, Recorded, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
 MOST_TOLD = 0.5  # of a record: what is left is to be predicted
@@ -34,7 +35,11 @@ MARGIN = 0.25  # of the range of temperatures: so far beyond them may a film hav
 WORTH = 3.0  # log-likelihood that another memory than the model's own has to bring
 LEAST_NOISE_K, LEAST_NOISE_DEC = 1e-3, 1e-4  # an instrument's last digit: nothing is known better
 STEP_K, STEP_LATE = 0.01, 1e-3  # of difference quotients: rounding is 1e-11
-STEPS = 3  # of Gauss-Newton, from the first readings
+STEPS = 4  # of a descent from the first readings, next to linear: the second brings little, the third nothing
+SETTLED = 1e-6  # log-likelihood that one more step brings: values are then within 1e-3 of their deviations
+DAMPING = Damping(first=1e-12, more=100.0, least_after_failure=1e-4, trials=4)  # undamped as long as that gains
+TINY = 1e-30  # of a diagonal: a stretch without a reading tells nothing of its first temperature
+_Trial = tuple[Array, Array, float]  # unknowns, what they leave over the noise, the cost
 
 
 class Forward(Protocol):
@@ -126,21 +131,19 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
     rows = np.flatnonzero(np.isfinite(told.temperature_degC))
     stretch = np.searchsorted(record.first_rows, rows, side="right") - 1
 
-    driven = record.time_s[rows] > driven_from_s(record)
-    sigma_K = np.hypot(told.sigma_K, np.where(driven, told.error_K, 0.0))
+    sigma_K = np.hypot(told.sigma_K, np.where(driven_rows(record)[rows], told.error_K, 0.0))
 
     def residual(u: Array) -> Array:
         return (told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows] / sigma_K
 
-    u = np.zeros(shared + own.plate_degC.size)
-    spread = np.concatenate(([ROOM_SPREAD_K], np.full(shared - 1, APART_K), np.full(own.plate_degC.size, math.inf)))
-    for _ in range(STEPS):
-        left = residual(u)
-        columns = [(residual(_moved(u, slice(k, k + 1), STEP_K)) - left) / -STEP_K for k in range(shared)]
-        by_plate = (residual(_moved(u, slice(shared, None), STEP_K)) - left) / -STEP_K  # each acts on its own stretch
+    def slopes(u: Array, left: Array) -> Array:
+        columns = [(left - residual(_moved(u, slice(k, k + 1), STEP_K))) / STEP_K for k in range(shared)]
+        by_plate = (left - residual(_moved(u, slice(shared, None), STEP_K))) / STEP_K  # each acts on its own stretch
         columns += [np.where(stretch == k, by_plate, 0.0) for k in range(own.plate_degC.size)]
-        u = u + _step(np.stack(columns, axis=1), left, u, spread)
-    return own_of(u)
+        return np.stack(columns, axis=1)
+
+    spread = np.concatenate(([ROOM_SPREAD_K], np.full(shared - 1, APART_K), np.full(own.plate_degC.size, math.inf)))
+    return own_of(_least(residual, slopes, spread))
 
 
 def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: PlatePath) -> RecordOwn:
@@ -162,12 +165,14 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
     def own_of(u: Array) -> RecordOwn:
         return replace(own, late=dict(zip(names, u.tolist(), strict=True)))
 
-    u, spread = np.zeros(len(names)), np.full(len(names), LATE_SPREAD)
-    for _ in range(STEPS):
-        left = residual(own_of(u))
-        moved = [residual(own_of(_moved(u, slice(k, k + 1), STEP_LATE))) for k in range(u.size)]
-        u = u + _step(np.stack([(m - left) / -STEP_LATE for m in moved], axis=1), left, u, spread)
-    return own_of(u)
+    def left_of(u: Array) -> Array:
+        return residual(own_of(u))
+
+    def slopes(u: Array, left: Array) -> Array:
+        moved = [left_of(_moved(u, slice(k, k + 1), STEP_LATE)) for k in range(u.size)]
+        return np.stack([(left - m) / STEP_LATE for m in moved], axis=1)
+
+    return own_of(_least(left_of, slopes, np.full(len(names), LATE_SPREAD)))
 
 
 def _remembered(own: RecordOwn, path: PlatePath, begin_s: float, cost: Callable[[RecordOwn], float]) -> RecordOwn:
@@ -200,8 +205,22 @@ def _moved(u: Array, places: slice, by: float) -> Array:
     return out
 
 
-def _step(columns: Array, left: Array, u: Array, spread: Array) -> Array:
-    """Of Gauss-Newton with normal priors about 0."""
-    within = np.diag(1.0 / spread)
-    both, right = np.vstack((columns, within)), np.concatenate((left, -u / spread))
-    return np.asarray(np.linalg.lstsq(both, right, rcond=1e-12)[0], dtype=np.float64)
+def _least(residual: Callable[[Array], Array], slopes: Callable[[Array, Array], Array], spread: Array) -> Array:
+    """The u of least squares with normal priors about 0, from there. residual: over the noise, (rows,); slopes: by how
+    much it falls with each unknown, (rows, unknowns), from u and its residual; spread: of each prior."""
+    precision = spread**-2.0
+
+    def tried(u: Array) -> _Trial:
+        left = residual(u)
+        return u, left, 0.5 * float(left @ left + u @ (precision * u))
+
+    def linearized(at: _Trial) -> Linearized[_Trial]:
+        u, left, _ = at
+        columns = slopes(u, left)
+        normal, gradient = columns.T @ columns + np.diag(precision), columns.T @ left - precision * u
+        return Linearized(normal, gradient, np.maximum(np.diag(normal), TINY), lambda move: tried(u + move), FLAT)
+
+    def settled(before: float, after: float) -> bool:
+        return before - after < SETTLED
+
+    return descend(tried(np.zeros(spread.size)), STEPS, lambda at: at[2], linearized, settled, DAMPING)[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -53,8 +54,12 @@ FINE = Spacing(0.02, 1, 1)  # of simulations: what a lag makes of a plate's curv
 EVENTS = Spacing(np.inf, 1, 1)  # rows and commands alone: exact where nothing lags
 
 
-def driven_from_s(record: Recorded) -> float:
-    """When a current first drove the plate: until then nothing is amiss with its heat. inf where none did."""
+def driven_rows(record: Recorded, joined: Sequence[int] | Rows = ()) -> Mask:
+    """The rows since a current first drove the plate, (rows,): until then nothing is amiss with its heat. joined: where
+    further records of the same rig begin, each with a plate at rest."""
     time, current = record.commands
-    on = np.flatnonzero(current != 0.0)
-    return float(time[on[0]]) if on.size else np.inf
+    on_s = np.append(time[current != 0.0], np.inf)
+    begin_s = np.append(-np.inf, record.time_s[np.array(joined, dtype=np.int64)])
+    first_s = on_s[np.searchsorted(on_s, begin_s)]
+    of_record = np.searchsorted(begin_s, record.time_s, side="right") - 1
+    return np.asarray(record.time_s > first_s[of_record])

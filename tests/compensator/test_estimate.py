@@ -74,6 +74,18 @@ def test_the_model_s_error_is_learned_along_the_course(error_dec: float, least: 
     assert np.std(off[1000:]) < NOISE_DEC * (0.2 if error_dec == 0.0 else 0.7)
 
 
+def test_a_model_that_is_right_is_soon_believed() -> None:
+    """Half of the changes over a length are less than their own noise: cut at zero, they would speak for an error."""
+    errors = []
+    for seed in range(5):
+        state, chance, found = Estimate(), np.random.default_rng(seed), 0.0
+        for _ in range(4000):  # 80 lengths
+            reading = NOISE_DEC * chance.standard_normal()
+            found, state = corrected_disturbance(state, found, reading, 4.0 + reading, 0.001, PERIOD_S, 1.0)
+        errors.append(math.sqrt(state.model_error2))
+    assert np.median(errors) < 0.1 * NOISE_DEC
+
+
 def test_a_film_that_stands_still_is_known_better_and_better() -> None:
     state, chance, found = Estimate(), np.random.default_rng(3), 0.0
     doubts = []

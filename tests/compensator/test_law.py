@@ -63,7 +63,7 @@ class PlainEstimate:
         if self.course >= LENGTH:
             if not math.isnan(self.mark):
                 sample = 0.5 * (found - self.mark) ** 2 * LENGTH / self.course - self.doubt
-                self.error2 += (max(sample, 1e-8) - self.error2) / (min(self.lengths, 20) + 3)
+                self.error2 = max(self.error2 + (sample - self.error2) / (min(self.lengths, 20) + 3), 1e-8)
                 self.lengths += 1
             self.course, self.mark = 0.0, found
         return found

@@ -13,6 +13,7 @@ from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.temperature_search import held_effect
 from sim.effects.catalogue import catalogue
@@ -36,9 +37,9 @@ EFFECTS = {
 @pytest.fixture(scope="module")
 def chain() -> Chain:
     record = read_columns(case("other_film", 3, film="preisach").columns, held_out=True)
-    chain = Chain(record, ~record.held_out, dict(catalogue()))
-    chain.first = temperature_search(record, ~record.held_out, chain.effects)
-    return chain
+    effects = dict(catalogue())
+    chain = Chain(record, effects, temperature_search(record, effects))
+    return with_film(chain, frozenset())
 
 
 def solved(channel: ResistanceChannel, base: FilmParameters, *names: str) -> tuple[FilmParameters, Point]:
@@ -89,8 +90,7 @@ def test_a_noisier_record_hides_more() -> None:
     hidden = []
     for each in (columns, noisy):
         record = read_columns(each, held_out=True)
-        chain = Chain(record, ~record.held_out, dict(catalogue()))
-        chain.last(frozenset())
+        chain = with_film(Chain(record, dict(catalogue())), frozenset())
         hidden.append(hidden_by_the_film(chain, frozenset()))
     quiet, loud = (each["series_resistance"] for each in hidden)
     assert quiet[0] == loud[0] == "series_ohm"
@@ -103,8 +103,8 @@ def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> No
     """Of the penalized cost alone it would be 108 ohm, of 273."""
     blind = case("other_film_effect", 10500)
     record = read_columns(blind.columns, held_out=True)
-    chain = Chain(record, ~record.held_out, dict(catalogue()))
-    chain.first = temperature_search(record, ~record.held_out, chain.effects)
+    effects = dict(catalogue())
+    chain = with_film(Chain(record, effects, temperature_search(record, effects)), frozenset())
     search = chain.last(frozenset())
     fit = search.ended(search.in_their_place(search.ended(search.fit(frozenset())), "series_resistance"))
     assert fit.parameters.has_relays
@@ -122,17 +122,17 @@ def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> No
     """Readings in steps of 0.18 K leave the plate's path some millikelvin off, and the film sees them."""
     blind = case("three", 10803)
     record = read_columns(blind.columns, held_out=True)
-    chain = Chain(record, ~record.held_out, dict(catalogue()))
-    chain.first = temperature_search(record, ~record.held_out, chain.effects)
-    names = frozenset({"radiative_loss", "series_resistance"})
+    effects, names = dict(catalogue()), frozenset({"radiative_loss", "series_resistance"})
+    chain = Chain(record, effects, temperature_search(record, effects))
+    chain = with_film(chain, chain.split(names)[0])
     apart = chain.score(names)
     assert chain.fits(names)[1].parameters.has_relays  # type: ignore[union-attr]
-    chain.together = True
-    pair = chain.pair(names)
-    assert pair is not None
-    assert not pair.b.parameters.has_relays
-    assert pair.score > apart + 100.0
-    for fit in (pair.a, pair.b):
+    chain = replace(chain, together=True)
+    joint = chain.joint(names)
+    assert joint is not None
+    assert not joint.b.parameters.has_relays
+    assert joint.score > apart + 100.0
+    for fit in (joint.a, joint.b):
         for effect in fit.effects:
             (truth,) = blind.hidden[effect.name].values()
             assert float(effect.par[0]) == pytest.approx(truth, rel=0.02)

@@ -117,15 +117,15 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     p = channel.start("peltier", np.array([1.6e-3, 0.06, 0.018, 25.0]), first)
     begun = PlateParameters(p.kind, p.effects, p.x, np.array([FIRST_DEGC]))
     path, degC = channel.simulate(begun, begun.x, begun.first_degC)
-    a = TemperatureFit(begun, path, degC, 0.0, 0.01, 0.0, np.empty((0, 0)), np.empty(0))
+    a = TemperatureFit(begun, path, degC, 0.0, np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
     basis, coefficients = the_fits_film()
-    film = ResistanceChannel(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
+    film = ResistanceChannel.of(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
     x = np.concatenate((SHAPE, values_inside(last), np.zeros(film.filters_behind(last))))
     q = FilmParameters(tuple(last), x, FilmStart("cooled", FIRST_DEGC))
     filters = sum(e.effect.link == "ohmmeter" or e.name == "creep" for e in last)
     c = np.concatenate((coefficients, WEIGHTS, np.zeros(filters)))
-    b = ResistanceFit(q, np.empty(0), np.empty(0), 0.0, 1e-3, c, np.empty((0, 0)), 0.0)
+    b = ResistanceFit(q, np.empty(0), np.empty(0), 0.0, c, np.empty((0, 0)), 0.0)
     fitted = FittedChain(a, b, film, spacing)
     again = fitted.plate(record, _own()).shown_degC
     np.testing.assert_allclose(again, degC, atol=1e-9)

@@ -25,10 +25,10 @@ COLUMNS = ("time_s", "temperature_degC", "current_A")
 def test_the_search_ends_in_the_valley_that_leaves_nothing(manner: str, seed: int) -> None:
     made = case("unlike", seed, manner=manner, effect="actuator_deadband")
     record = read_columns({name: made.columns[name] for name in COLUMNS}, held_out=False)
-    every, name, effects = np.ones(record.rows, dtype=np.bool_), "actuator_deadband", catalogue()
-    search = temperature_search(record, every, effects)
+    name, effects = "actuator_deadband", catalogue()
+    search = temperature_search(record, effects)
     fit = search.fit(frozenset({name}))
-    noise = 2.0 * fit.minus_log / record.rows * fit.sigma_K**2 / made.noise["temperature_K"] ** 2
+    noise = 2.0 * fit.minus_log / record.rows * search.channel.sigma_K**2 / made.noise["temperature_K"] ** 2
     assert noise < 1.1
     cells = np.sort(np.abs(made.columns["current_A"]))
     beside = float(cells[np.searchsorted(cells, fit.effects[0].par[0]) + OFF])

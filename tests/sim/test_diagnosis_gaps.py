@@ -109,7 +109,7 @@ def test_what_is_slow_begins_anew_after_a_long_gap() -> None:
     rows = np.setdiff1d(np.arange(0, time.size, 10), np.arange(12_000, 12_500))
     readings = shown[rows] + 0.01 * rng.standard_normal(rows.size)
     record = read_columns({"time_s": time[rows], "temperature_degC": readings, "current_A": current[rows]})
-    search = temperature_search(record, ~record.held_out, {"sensor_lag": EFFECTS["sensor_lag"]})
+    search = temperature_search(record, {"sensor_lag": EFFECTS["sensor_lag"]})
     fit = search.fit(frozenset({"sensor_lag"}))
     assert fit.effects[0].par[0] == pytest.approx(tau, rel=0.02)
     assert 2.0 * fit.minus_log / search.channel.rows.size < 1.1

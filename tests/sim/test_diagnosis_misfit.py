@@ -13,7 +13,7 @@ from rig.analysis.predicted import predicted
 from rig.files.model_file import read_model, write_model
 from rig.files.record_file import ColumnMapping, Record, read_record
 from sim.diagnosis.data.misfit import misfit_of
-from sim.diagnosis.data.record import driven_rows, read_columns
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.diagnosis.extended_model import ExtendedModel
 from sim.diagnosis.judge.plate_kind import of_no_kind
@@ -22,6 +22,7 @@ from sim.diagnosis.search.temperature_search import beside_misfit
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.catalogue import catalogue
 from sim.model.own_fit import told_rows
+from sim.model.recorded import driven_rows
 
 PLATE = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")
 NAMES = frozenset({"heat_sink_warmup", "sensor_lag"})
@@ -74,14 +75,14 @@ def test_one_run_of_a_real_plate_tells_of_another(measured: Path) -> None:
     """2.7 K and a room at -15 degC where each row counts as one."""
     one, other = _run(measured, "80510"), _run(measured, "8052")
     record = read_columns(one.columns, held_out=False).commanded_in_sight(catalogue().values())
-    search = temperature_search(record, ~record.held_out, catalogue())
+    search = temperature_search(record, catalogue())
     first = beside_misfit(search, NAMES)
     assert first is not None
     fit = first.fit(NAMES)
     assert 10.0 < fit.parameters.plate()[4] < 40.0
     for effect in fit.effects:
         assert all(v <= p.largest for p, v in zip(effect.effect.parameters, effect.par, strict=True))
-    chain = Chain(record, ~record.held_out, catalogue(), first=first)
+    chain = Chain(record, catalogue(), first=first)
     rows = read_columns(other.columns, held_out=False).commanded_in_sight(catalogue().values())
     error_K = float(np.sqrt(np.nanmean(residuals_on(chain, NAMES, rows, told_rows(rows))["temperature_K"] ** 2)))
     assert error_K < 0.9
@@ -105,6 +106,6 @@ def test_heat_with_the_square_of_a_drive_is_of_no_kind(power: float, pumps: bool
         for _ in range(50):
             plate += (1.2 * drive[k] ** power - 0.02 * (plate - 25.0)) / 50.0
     record = read_columns({"time_s": np.arange(600.0), "temperature_degC": degC, "current_A": drive}, held_out=False)
-    first = temperature_search(record, ~record.held_out, catalogue(), ("peltier", "heater"))
-    chain = Chain(record, ~record.held_out, catalogue(), first=first)
+    first = temperature_search(record, catalogue(), ("peltier", "heater"))
+    chain = Chain(record, catalogue(), first=first)
     assert of_no_kind(chain, frozenset()) is not pumps

@@ -7,6 +7,7 @@ import pytest
 
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.learned import with_film
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
 from tests.diagnosis.cases import case
@@ -23,7 +24,7 @@ def test_the_noise_at_a_threshold_is_no_error_of_a_range(seed: int, share_below:
     columns["resistance_ohm"] = ohm * (THRESHOLD_OHM / np.quantile(ohm, share_below))
     del columns["current_A"]
     record = read_columns(columns, held_out=False)
-    search = Chain(record, np.ones(record.rows, dtype=np.bool_), catalogue()).last(frozenset())
+    search = with_film(Chain(record, catalogue()), frozenset()).last(frozenset())
     channel, clean = search.channel, search.fit(frozenset())
     for size in (-1.0, 2.0):  # times the noise
         error = 10.0 ** (size * channel.noise.level) - 1.0

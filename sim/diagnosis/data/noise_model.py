@@ -107,10 +107,6 @@ class NoiseModel:
         theta = half - math.sqrt(half * half - 1.0)
         return theta, math.sqrt(gamma_1 / theta)
 
-    def elsewhere(self) -> NoiseModel:
-        """For another record, no row of which has a weight."""
-        return replace(self, weights=None, floor=None)
-
 
 @dataclass(frozen=True, eq=False)
 class Whitening:

@@ -177,16 +177,6 @@ def _largest(effect: Effect) -> Array:
     return np.array([p.largest for p in effect.parameters])
 
 
-def driven_rows(record: Record) -> Mask:
-    """The rows of each record since a current first drove its plate, (rows,)."""
-    if record.current_A is None:
-        return np.zeros(record.rows, dtype=np.bool_)
-    driven = np.zeros(record.rows, dtype=np.bool_)
-    for first, last in itertools.pairwise([0, *record.joined.tolist(), record.rows]):
-        driven[first + 1 : last] = np.cumsum(record.current_A[first : last - 1] != 0.0) > 0
-    return driven
-
-
 def held_out_rows(rows: int, first_rows: Sequence[int] | Rows = ()) -> Mask:
     """Every fourth block of rows, after the first tenth: no other part of a record may have been where that was.
 

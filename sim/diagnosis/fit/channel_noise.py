@@ -12,19 +12,18 @@ from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 
-DITHERED = 2.0  # steps of a lattice over the noise, below which the noise spreads rounding evenly over the rows
+DITHERED = 2.0  # steps of quantization over the noise, below which the noise spreads rounding evenly over the rows
 STEEPNESS_ROWS = 15  # about a row
 LEAST_MOVED_K = 0.01  # over them: a plate that stands tells no slope
 
 
 def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K: float) -> NoiseModel:
-    """Of the thermometer. One beneath the lattice is white, as far as anybody can tell."""
+    """Of the thermometer. One beneath the quantization is white, as far as anybody can tell."""
     record, rows = channel.record, channel.rows
     step, residual = record.step_K, record.temperature_degC - fit.shown_degC
     if step <= DITHERED * quick_noise(residual[rows]):
-        fitted = np.zeros(record.rows, dtype=np.bool_)
-        fitted[rows] = True
-        model = noise_of(residual, record.temperature_degC, record.temperature_used, fitted, least_K, stepped=False)
+        used, readings = record.temperature_used, record.temperature_degC
+        model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
         if not model.plain or step == 0.0:
             return model
     sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)

@@ -14,6 +14,7 @@ from sim.model.plate_path import PlatePath
 
 OPERATORS = 96  # radii a hundredth of the loop apart: any weights are smooth on that scale
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
+ENVELOPES = 4  # unknowns of the two envelopes: log a and c of the rising one, then of the falling one
 MARGIN_K = 0.5  # beyond the plate's temperatures
 REACH = 2.2  # of the relays' centres to either side, times half the transition's width
 FARTHEST = 0.6  # the same, of the range of temperatures
@@ -33,7 +34,7 @@ class FilmBasis:
         """Placed for a record: D's splines over the range, relays where the output changes."""
         low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
         readings = int(np.sum(record.output_used))
-        operators = min(OPERATORS, max(readings // PER_OPERATOR, 12))
+        operators = min(OPERATORS, max(readings // PER_OPERATOR, 12))  # four to a third of the loop, as a flank is
         reach = min(REACH * half_width_K, FARTHEST * (high - low))
         return cls(
             SmoothCurve.over(low - MARGIN_K, high + MARGIN_K) if curve else None,

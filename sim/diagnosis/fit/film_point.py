@@ -50,16 +50,16 @@ class LinearProblem:
     ) -> LinearProblem:
         """With its products."""
         own, wanted = noise.over(at_rows[fitted]), output[fitted] - offset[fitted]
-        across, asked = own.T @ relays.fitted, noise.over(wanted)
+        across, target = own.T @ relays.fitted, noise.over(wanted)
         gram = np.block([[own.T @ own, across], [across.T, relays.gram]])
-        right = np.concatenate((own.T @ asked, relays.fitted.T @ asked))
+        right = np.concatenate((own.T @ target, relays.fitted.T @ target))
         return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, noise, range_of)
 
     def shifted(self, offset: Array, output: Array, range_of: Array | None) -> LinearProblem:
         """The same columns beside another offset."""
         wanted = output[self.fitted] - offset[self.fitted]
-        asked = self.noise.over(wanted)
-        right = np.concatenate((self.own.T @ asked, self.relays.fitted.T @ asked))
+        target = self.noise.over(wanted)
+        right = np.concatenate((self.own.T @ target, self.relays.fitted.T @ target))
         return replace(self, offset=offset, right=right, wanted=wanted, range_of=range_of)
 
     def solved(self, x: Array, prior: Array) -> Point:

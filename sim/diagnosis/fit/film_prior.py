@@ -48,7 +48,7 @@ class PriorWidths:
 
     @property
     def is_of_relays(self) -> bool:
-        """Whether there is no film of the class to begin with."""
+        """Whether there is no Prandtl-Ishlinskii film to begin with."""
         return self.most_weight_dec < WEIGHT_DEC[1]
 
     @property
@@ -64,7 +64,7 @@ class PriorWidths:
                 self._of_the_curve(basis) ** -2,
                 np.full(basis.fractions.size, self.weight_dec**-2),
                 np.full(problem.own.shape[1] - basis.columns, BEHIND_DEC**-2),
-                np.full(problem.relays.count, max(self.relay_dec, 1e-9) ** -2),
+                np.full(problem.relays.count, max(self.relay_dec, 1e-9) ** -2),  # a width that can be divided by
             )
         )
 
@@ -95,5 +95,6 @@ class PriorWidths:
             return self.relay_dec
         known = count - float(np.sum(variance[c.size - count :])) / self.relay_dec**2
         square = float(np.sum(c[c.size - count :] ** 2))
+        # known: of the coefficients, as many as the record tells, and > 0
         relay = math.sqrt(square / max(known, 1e-3)) if square >= NOTHING_DEC2 else self.relay_dec
         return min(max(relay, RELAY_DEC[0]), self.most_relay_dec)

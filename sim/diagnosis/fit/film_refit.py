@@ -21,10 +21,10 @@ from compensator.identification.mixed_envelopes import Dictionary
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, radius_floor
 from compensator.identification.triangle import triangle
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.model.film_columns import classical_columns, operator_columns
-from sim.model.film_nodes import FilmNodes
 from sim.model.links import behind, columns_followed
 from sim.model.ohmmeter import Ohmmeter, shown_in_rows
 
@@ -61,13 +61,13 @@ class Refit:
             down = tuple(Envelope("tanh", a, -a * (c - h)) for a, c, h in rows)
             d = self.form.memoryless(self.coefficients, self.theta, self.offset)
             return FilmModel(np.zeros(kept.size), w, up, down, d, "mixed_envelopes", "minus_log10_ohm", start)  # type: ignore[arg-type]
-        log_r, c_r, log_l, c_l = (float(v) for v in self.theta[:4])
+        log_r, c_r, log_l, c_l = (float(v) for v in self.theta[:ENVELOPES])
         return FilmModel(
-            radii_of(self.theta[:4])[kept],
+            radii_of(self.theta[:ENVELOPES])[kept],
             self.weights[kept],
             Envelope("tanh", math.exp(log_r), -math.exp(log_r) * c_r),
             Envelope("tanh", math.exp(log_l), -math.exp(log_l) * c_l),
-            self.form.memoryless(self.coefficients, self.theta[4:], self.offset),
+            self.form.memoryless(self.coefficients, self.theta[ENVELOPES:], self.offset),
             "generalized_pi" if self.form.name == "none" else "extended_generalized_pi",
             "minus_log10_ohm",
             start,  # type: ignore[arg-type]
@@ -81,26 +81,28 @@ def radii_of(shape: Array) -> Array:
 
 
 class FilmRefit:
-    """Solutions on the film's temperature and with the effects of one fit of the last links."""
+    """Solutions on the film's temperature and with the effects of one fit of the last links. target: what columns are
+    to add up to, (rows,); free: the constant, and what filters were behind by at the first row, (rows, 1 + filters)."""
 
-    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
+    def __init__(self, channel: ResistanceChannel, fit: ResistanceFit, signal: Array | None = None) -> None:
+        """signal: the film's output at the nodes, about which the derivative is taken; None: that of the fit."""
         self.channel, self.fit = channel, fit
         self.links, found = channel.nodes(fit.parameters, fit.parameters.x)
-        nodes = found.everywhere()
-        self.nodes: FilmNodes = nodes
-        self.every = replace(nodes, taken=np.arange(nodes.time_s.size))
-        self.curved = self.links.bends
-        order = np.argsort(nodes.taken, kind="stable")
-        place = nodes.taken[order]
-        self.about(np.interp(np.arange(nodes.time_s.size), place, fit.film_output[order]))
-
-    def about(self, signal: Array) -> None:
-        """Take the derivative about this output of the film at the nodes."""
-        nodes = self.nodes
+        self.nodes = nodes = found.everywhere()
+        time = nodes.time_s
+        self.every = replace(nodes, taken=np.arange(time.size))
+        if signal is None:
+            order = np.argsort(nodes.taken, kind="stable")
+            signal = np.interp(np.arange(time.size), nodes.taken[order], fit.film_output[order])
         self._ohmmeter = Ohmmeter(self.links, nodes, signal)
         shown = shown_in_rows(self.links, nodes, signal)
-        self.target = self.channel.output - (shown - self.through(signal[:, None])[:, 0])
-        self.free = self._free()
+        self.target = channel.output - (shown - self.through(signal[:, None])[:, 0])
+        parts = [np.ones((time.size, 1)), *(behind(e, time) for e in self.links.hysteretic_part)]
+        self.free = np.concatenate([*(self.through(part) for part in parts), self._ohmmeter.late], axis=1)
+
+    def about(self, signal: Array) -> FilmRefit:
+        """The same about another output of the film."""
+        return FilmRefit(self.channel, self.fit, signal)
 
     def through(self, columns: Array) -> Array:
         """Parts of the film's output (nodes, k) as the ohmmeter shows them (rows, k)."""
@@ -111,13 +113,6 @@ class FilmRefit:
         for creep in self.links.hysteretic_part:
             columns = columns_followed(creep, self.nodes.time_s, columns)
         return columns
-
-    def _free(self) -> Array:
-        """The constant, and what filters were behind by at the first row."""
-        time = self.nodes.time_s
-        parts = [self.through(np.ones((time.size, 1)))]
-        parts += [self.through(behind(e, time)) for e in self.links.hysteretic_part]
-        return np.concatenate([*parts, self._ohmmeter.late], axis=1)
 
     def plays(self, shape: Array) -> Array:
         """Operators of one pair of envelopes as the ohmmeter shows them, (rows, operators)."""
@@ -131,7 +126,7 @@ class FilmRefit:
         self, rows: Integers, form: Form, theta: Array, operators: Array, dictionary: Dictionary | None = None
     ) -> Refit:
         """The best weights and coefficients over some rows."""
-        shape = theta if dictionary is not None else theta[4:]
+        shape = theta if dictionary is not None else theta[ENVELOPES:]
         d = self.through(form.columns(self.nodes.film_degC, shape)) if form.name != "none" else self.free[:, :0]
         free = np.concatenate((self.free[:, 1:], d), axis=1)
         columns = np.concatenate((free, operators, self.target[:, None]), axis=1)[rows]
@@ -149,7 +144,8 @@ class FilmRefit:
         """The film's output at the nodes, as a solution has it."""
         nodes, o = self.nodes, fit.operators
         if o is None:
-            columns, shape = operator_columns(self.every, fit.theta[:4], radii_of(fit.theta[:4])), fit.theta[4:]
+            envelopes, shape = fit.theta[:ENVELOPES], fit.theta[ENVELOPES:]
+            columns = operator_columns(self.every, envelopes, radii_of(envelopes))
         else:
             columns, shape = classical_columns(self.every, o.centre, o.slope, o.half_width), fit.theta
         d = fit.form.columns(nodes.film_degC, shape) @ fit.coefficients
@@ -157,7 +153,7 @@ class FilmRefit:
 
     def residual(self, rows: Integers, fit: Refit, operators: Array) -> Array:
         """What a solution leaves in other rows, without what filters were behind by."""
-        shape = fit.theta if fit.operators is not None else fit.theta[4:]
+        shape = fit.theta if fit.operators is not None else fit.theta[ENVELOPES:]
         d = self.through(fit.form.columns(self.nodes.film_degC, shape)) if fit.form.name != "none" else None
         shown = fit.offset * self.free[rows, 0] + operators[rows] @ fit.weights
         if d is not None:

@@ -10,6 +10,7 @@ from compensator.identification.multistart import search
 from compensator.identification.rows import Path
 from compensator.identification.variable_projection import equal_structure
 from sim.diagnosis.data.record import Mask
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.model.film_nodes import FilmNodes
 from sim.model.record_own import FilmStart
 
@@ -26,11 +27,7 @@ def thinned_path(nodes: FilmNodes, output: Array, used: Mask, start: FilmStart) 
     at = nodes.taken[rows]
     step = np.sign(np.diff(v))
     turn = np.flatnonzero(step[1:] * step[:-1] < 0.0) + 1
-    needed = np.zeros(v.size, dtype=np.bool_)
-    needed[0] = True
-    needed[turn] = True
-    needed[at] = True
-    index = np.flatnonzero(needed)
+    index = np.unique(np.concatenate(([0], turn, at)))
     inputs = v[index]
     position = np.searchsorted(index, at)
     order = np.argsort(position, kind="stable")
@@ -54,4 +51,4 @@ def starting_shape(path: Path, curve: bool) -> tuple[Array, float]:
     low, high = float(np.min(path.inputs)), float(np.max(path.inputs))
     form = Form(SMOOTH if curve else "none", False, low, high)
     found = search(path, equal_structure(OPERATORS), [form], starts=STARTS)[form.name]
-    return found.theta[:4].copy(), found.square
+    return found.theta[:ENVELOPES].copy(), found.square

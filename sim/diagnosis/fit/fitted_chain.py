@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.record import Record
-from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.film_equations import FilmEquations
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureFit
 from sim.model.links import Links, links_of
@@ -21,61 +20,49 @@ MOST_ROUNDS = 30  # of a film that its own resistance heats: each leaves a tenth
 SAME_DEC = 1e-7  # from round to round
 
 
+@dataclass(frozen=True, eq=False)
 class FittedChain:
-    """The fits of both ends as a chain that runs over another record, its film in the fit's own terms."""
+    """The fits of both ends as a chain that runs over a record, its film in the fit's own terms. last: the equations of
+    b over that record (`FilmEquations.elsewhere`); spacing: of the plate's nodes."""
 
-    def __init__(
-        self,
-        a: TemperatureFit | None,
-        b: ResistanceFit | None,
-        last: ResistanceChannel | None,
-        spacing: Spacing = COARSE,
-    ) -> None:
-        """last: the channel of b."""
-        self.links: Links = links_of([*(a.effects if a else ()), *(b.effects if b else ())])
-        self._first = links_of(a.effects) if a is not None else Links()
-        self._a, self._b, self._last, self._spacing = a, b, last, spacing
-        self._channel: ResistanceChannel | None = None
+    a: TemperatureFit | None
+    b: ResistanceFit | None
+    last: FilmEquations | None
+    spacing: Spacing = COARSE
+
+    @property
+    def links(self) -> Links:
+        """All effects, in the chain's order."""
+        return links_of([e for fit in (self.a, self.b) if fit is not None for e in fit.effects])
 
     @property
     def ambient_degC(self) -> float:
         """The room of the record that was fitted; of several the mean."""
-        return self._a.parameters.usual_room_degC if self._a is not None else 0.0
+        return self.a.parameters.usual_room_degC if self.a is not None else 0.0
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun:
         """As `sim.model.record_run.RecordRun.plate`."""
-        assert self._a is not None
-        return run_plate(record, self._first, self._a.parameters.plate(), own, self._spacing)
+        assert self.a is not None
+        return run_plate(record, links_of(self.a.effects), self.a.parameters.plate(), own, self.spacing)
 
     def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
         """-log10 of the resistance shown in each row, with the fit's coefficients."""
-        assert self._b is not None
-        channel = self._channel_on(record, path)
-        p = self._began(self._b.parameters, own)
-        shown, film_output = channel.predict_from(p, self._b, own.late)
+        assert self.b is not None
+        assert self.last is not None
+        channel, p = self.last.on(path), _began(self.b.parameters, own)
+        shown, film_output = channel.predict_from(p, self.b, own.late)
         if links_of(p.effects).heated and record.test_current_A is not None:
             for _ in range(MOST_ROUNDS):  # from the second on the model's own resistance heats the film
                 before = film_output
-                p = replace(p, film_output=film_output)
-                shown, film_output = channel.predict_from(p, self._b, own.late)
+                shown, film_output = channel.predict_from(replace(p, film_output=before), self.b, own.late)
                 if float(np.max(np.abs(film_output - before))) < SAME_DEC:
                     break
         return shown
 
-    def _began(self, p: FilmParameters, own: RecordOwn) -> FilmParameters:
-        lags = links_of(p.effects).film_lags
-        x = p.x.copy()
-        x[x.size - len(lags) :] = [own.late.get(e.name, 0.0) for e in lags]
-        return replace(p, x=x, start=own.film, film_output=None)
 
-    def _channel_on(self, record: Recorded, path: PlatePath) -> ResistanceChannel:
-        """The last links' equations on that record; the relays' columns are kept from call to call."""
-        if self._channel is None or self._channel.record is not record:
-            assert self._last is not None
-            assert isinstance(record, Record)
-            every = np.ones(record.rows, dtype=np.bool_)
-            own = self._last
-            self._channel = ResistanceChannel(
-                record, path, every, own.noise.elsewhere(), own.basis, own.relays, spacing=self._spacing
-            )
-        return self._channel if self._channel.path is path else self._channel.on(path)
+def _began(p: FilmParameters, own: RecordOwn) -> FilmParameters:
+    """With the record's own memory, and what its filters are behind by."""
+    lags = links_of(p.effects).film_lags
+    x = p.x.copy()
+    x[x.size - len(lags) :] = [own.late.get(e.name, 0.0) for e in lags]
+    return replace(p, x=x, start=own.film, film_output=None)

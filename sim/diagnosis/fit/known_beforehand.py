@@ -1,4 +1,4 @@
-"""What is known of a plate before its record is read: a laboratory's room, bodies near it, sizes as one meets them.
+"""What is known of a plate before its record is read: a laboratory's room, bodies near it, typical sizes.
 
 Where a fit leaves nothing, this hardly counts beside thousands of readings. Where it leaves something that no model
 explains, it is what keeps a room from -15 degC and a delay from ten seconds.
@@ -12,6 +12,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Rows
+from sim.diagnosis.fit.plate_parameters import ROOM
 from sim.diagnosis.fit.unknowns import fitted_sizes, met_inside, unknowns_of
 from sim.effects.effect import Switched
 
@@ -33,7 +34,7 @@ def known_beforehand(
     own = bodies + rooms
     index = np.concatenate(([base - 1], np.arange(x.size - own, x.size))).astype(np.int64)
     scale, centre = np.ones(index.size), np.zeros(index.size)
-    scale[0], centre[0] = 10.0 / spread, AMBIENT_DEGC[0] / 10.0
+    scale[0], centre[0] = ROOM.scale / spread, ROOM.inside(AMBIENT_DEGC[0])
     if beside:
         scale[index.size - bodies :] = BODIES_BESIDE
         sizes = unknowns_of(effects)

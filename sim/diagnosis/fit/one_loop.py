@@ -28,7 +28,7 @@ BETTER = 8.0  # log-likelihood of the rows that decide
 
 def shifted_branches(channel: ResistanceChannel, p: FilmParameters, least_dec: float) -> ResistanceFit | None:
     """The fit of a film of relays, weighed by the noise that it shows; None where the rows that decide do not ask for
-    it. p: of the film of the class; least_dec: the noise at least."""
+    it. p: of the Prandtl-Ishlinskii film; least_dec: the noise at least."""
     record = channel.record
     rows = np.flatnonzero(record.deciding & record.output_used)
     if not rows.size:
@@ -38,7 +38,7 @@ def shifted_branches(channel: ResistanceChannel, p: FilmParameters, least_dec: f
     other = channel.descend(replace(p, prior=prior), STEPS)
     for _ in range(ROUNDS):
         noise = ohmmeter_noise(channel, other, least_dec, 0.0)
-        channel = ResistanceChannel(record, channel.path, channel.fitted, noise, channel.basis)
+        channel = ResistanceChannel.of(record, channel.path, channel.fitted, noise, channel.basis)
         other = channel.descend(replace(p, prior=prior), STEPS)
     sigma = channel.noise.marginal(channel.output[rows], rows)
     worse, better = (float(np.sum(((channel.output - f.shown)[rows] / sigma) ** 2)) for f in (own, other))

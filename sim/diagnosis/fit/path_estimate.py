@@ -29,17 +29,17 @@ def corrected_path(
     """The fit's path with the slow part of the residual added. residual_K: in the rows, (rows,); correlation: of the
     thermometer's noise from row to row, of which the neighbours' readings tell as they tell of the path."""
     path = fit.path
-    if rows.size < 50:
+    if rows.size < 50:  # too few to tell of a misfit that is slow beside them
         return path
     residual = np.interp(np.arange(record.rows), rows, residual_K)
-    residual = np.clip(residual, *np.percentile(residual, [0.2, 99.8]))
+    residual = np.clip(residual, *np.percentile(residual, [0.2, 99.8]))  # what went astray bends no path
     n = residual.size * (1.0 - correlation) / (1.0 + correlation)  # as many independent readings tell as much
-    none = n * math.log(float(np.mean(residual**2)) + 1e-30)
+    none = n * math.log(float(np.mean(residual**2)) + 1e-30)  # of a simulated record the residual is 0
     best, correction = none - 2.0 * WORTH, None
     for width in WIDTHS_ROWS:
         smooth, keep = _smooth(residual, width, correlation)
         left = float(np.mean(((residual - smooth) / (1.0 - keep)) ** 2))
-        value = n * math.log(left + 1e-30)
+        value = n * math.log(left + 1e-30)  # as above
         if value < best:
             best, correction = value, smooth
     if correction is None:
@@ -53,7 +53,7 @@ def corrected_path(
 def _smooth(values: Array, width: float, correlation: float) -> tuple[Array, float]:
     """A local line under a Gaussian kernel of this width (rows), and the weight of the value itself, with what its
     noise has in common with its neighbours'."""
-    reach = int(4 * width) + 1
+    reach = int(4 * width) + 1  # 6e-5 of the kernel is beyond
     offset = np.arange(-reach, reach + 1, dtype=np.float64)
     kernel = np.exp(-0.5 * (offset / width) ** 2)
     one = np.ones(values.size)

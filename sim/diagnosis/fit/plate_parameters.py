@@ -10,8 +10,9 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of
 from sim.effects.effect import Switched
 
-PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
-HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), free("ambient_degC", 10.0))
+ROOM = free("ambient_degC", 10.0)
+PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), ROOM)
+HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), ROOM)
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
 
 
@@ -43,7 +44,5 @@ class PlateParameters:
 
     def plate(self) -> Array:
         """(s, r, g, q, T_a)."""
-        v = [u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)]
-        if self.kind == "peltier":
-            return np.array([v[0], v[1], v[2], 0.0, v[3]])
-        return np.array([0.0, 0.0, v[1], v[0], v[2]])
+        v = {u.name: u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)}
+        return np.array([v.get(name, 0.0) for name in ("s", "r", "g", "q", ROOM.name)])

@@ -10,8 +10,9 @@ independent columns of unlike width (C. Rasmussen, C. Williams, Gaussian Process
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class RelayPlane:
         )
         amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
         variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
-        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))
+        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
         mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
         mix /= math.sqrt(float(np.sum(mix * mix)))
         return cls(np.tile(centre, WIDTHS), np.tile(slope, WIDTHS), np.repeat(half_width, CENTRES), mix)
@@ -96,29 +97,32 @@ class RelayPlane:
 
 @dataclass(frozen=True, eq=False)
 class Relays:
-    """The relays' columns: of the film itself, in every row; as they are shown in every row and, over the noise, in the
-    fitted ones, (rows, columns), and the products of the latter."""
+    """The relays' columns at one temperature of the film: as they are, of the film itself (crept), as they are shown,
+    all (rows, columns); fitted: the latter in the fitted rows, over the noise; gram: its products. nodes: that
+    temperature, None where there are no relays; through: the filters passed since."""
 
+    nodes: FilmNodes | None
+    columns: Array
     film: Array
     every: Array
     fitted: Array
     gram: Array
-
-    @classmethod
-    def of(cls, film: Array, every: Array, fitted: Rows, noise: Whitening) -> Relays:
-        """With the products."""
-        chosen = noise.over(every[fitted])
-        return cls(film, every, chosen, chosen.T @ chosen)
+    through: tuple[Switched, ...] = ()
 
     @classmethod
     def none(cls, rows: int, fitted: Rows) -> Relays:
-        """A film of the class has none."""
+        """A Prandtl-Ishlinskii film has none."""
         empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
-        return cls(empty, empty, nothing, nothing.T @ nothing)
+        return cls(None, empty, empty, empty, nothing, nothing.T @ nothing)
 
-    def bent(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
-        """As they show where the reading changes by `slope` with the film's output, (rows,)."""
-        return Relays.of(self.film, self.every * slope[:, None], fitted, noise)
+    def shown_as(self, every: Array, fitted: Rows, noise: Whitening) -> Relays:
+        """The same shown otherwise, (rows, columns), with the products."""
+        chosen = noise.over(every[fitted])
+        return replace(self, every=every, fitted=chosen, gram=chosen.T @ chosen)
+
+    def seen_by(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
+        """As they show in a reading that changes by `slope` with the film's output, (rows,)."""
+        return self.shown_as(self.every * slope[:, None], fitted, noise)
 
     @property
     def count(self) -> int:
@@ -127,45 +131,33 @@ class Relays:
 
 
 class RelaysOfRecord:
-    """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter; the last ones that
-    were computed are kept, since the film's temperature moves with few of a fit's unknowns."""
+    """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter. Those that were
+    computed last are kept, since the film's temperature moves with few of a fit's unknowns: they would be the same."""
 
     def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitening) -> None:
         self.plane, self.taken_s, self.fitted, self.noise = plane, taken_s, fitted, noise
         self.none = Relays.none(taken_s.size, fitted)
-        self._columns: tuple[FilmNodes, Array] | None = None
-        self._relays: tuple[Array, list[Switched], Relays] | None = None
+        self._last = deque([self.none], maxlen=1)
 
     def at(self, links: Links, nodes: FilmNodes) -> Relays:
         """The relays at a temperature of the film."""
-        columns = self._columns_at(nodes)
-        passed = [*links.hysteretic_part, *links.meter_lags]
-        known = self._relays
-        if known is None or known[0] is not columns or not _same(known[1], passed):
-            film = self._through(columns, links.hysteretic_part)
-            shown = self._through(film, links.meter_lags)
-            self._relays = known = (columns, passed, Relays.of(film, shown, self.fitted, self.noise))
-        return known[2]
+        (known,) = self._last
+        through = (*links.hysteretic_part, *links.meter_lags)
+        same = known.nodes is not None and nodes.same_film(known.nodes)
+        if not same or not _same(known.through, through):
+            columns = known.columns if same else self.plane.columns(nodes)
+            film = followed_by(links.hysteretic_part, self.taken_s, columns)
+            plain = replace(self.none, nodes=nodes, columns=columns, film=film, through=through)
+            known = plain.shown_as(followed_by(links.meter_lags, self.taken_s, film), self.fitted, self.noise)
+            self._last.append(known)
+        return known
 
-    def signal(self, links: Links, nodes: FilmNodes, coefficients: Array) -> Array:
-        """What the relays add to the film's output at the points."""
-        if not coefficients.size:
-            return np.zeros(nodes.points.size)
-        if self._columns is not None and nodes.same_film(self._columns[0]):
-            signal = self._columns[1] @ coefficients
-        else:
-            signal = self.plane.signal(nodes, coefficients)
-        return nodes.at_points(self._through(signal[:, None], links.hysteretic_part)[:, 0])
 
-    def _columns_at(self, nodes: FilmNodes) -> Array:
-        if self._columns is None or not nodes.same_film(self._columns[0]):
-            self._columns = nodes, self.plane.columns(nodes)
-        return self._columns[1]
-
-    def _through(self, columns: Array, effects: Effects) -> Array:
-        for effect in effects:
-            columns = columns_followed(effect, self.taken_s, columns)
-        return columns
+def followed_by(effects: Effects, taken_s: Array, columns: Array) -> Array:
+    """Behind filters, one after the other."""
+    for effect in effects:
+        columns = columns_followed(effect, taken_s, columns)
+    return columns
 
 
 def _same(one: Sequence[Switched], other: Sequence[Switched]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.effects.effect import Switched, at_the_terminals
 from sim.model.record_own import FilmStart
@@ -27,10 +28,10 @@ class FilmParameters:
         return self.prior.relay_dec > 0.0
 
     @property
-    def bending(self) -> list[int]:
+    def nonlinear(self) -> list[int]:
         """Which of x bend the reading as a function of the resistance."""
         bends = [at_the_terminals(e.effect) for e in self.effects for q in e.effect.parameters if not q.choices]
-        return [4 + k for k, bent in enumerate(bends) if bent]
+        return [ENVELOPES + k for k, bent in enumerate(bends) if bent]
 
     def with_relays(self, relay_dec: float) -> FilmParameters:
         """The same with relays of this prior's width, or none at 0."""
@@ -46,7 +47,6 @@ class ResistanceFit:
     shown: Array
     film_output: Array
     score: float
-    sigma_dec: float
     coefficients: Array
     jacobian: Array
     minus_log: float
@@ -54,7 +54,7 @@ class ResistanceFit:
 
     @property
     def without_relays(self) -> FilmParameters:
-        """Those of the film of the class that it began from, or its own."""
+        """Those of the Prandtl-Ishlinskii film that it began from, or its own."""
         return self.plain or self.parameters.with_relays(0.0)
 
     @property

@@ -1,57 +1,48 @@
-"""The fit of the first links: current -> driver -> plate -> thermometer, by the simulation error over whole stretches.
+"""The fit of the first links to the thermometer's readings, by the simulation error over whole stretches.
 
-Unknowns are the plate's s, r, g, T_a (a heater's q, g, T_a), the effects' parameters, the temperatures of what has a
-temperature of its own at the first row and after each long gap, and the plate's temperature at the beginning of each
-stretch. The last are many but each acts on its own stretch only, so that they are eliminated from the normal equations.
+The equations are `plate_equations`; here are the readings, their noise, what is known beforehand, and the cost. The
+first temperatures of the stretches are many but each acts on its own stretch only, so that they are eliminated from the
+normal equations.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from compensator.hysteresis.functions import KELVIN, Array
+from compensator.hysteresis.functions import Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
 from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Mask, Record, Rows, driven_rows
+from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.known_beforehand import known_beforehand
-from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
-from sim.diagnosis.fit.plate_parameters import HEATER, PELTIER, ROOM_K, PlateParameters
-from sim.diagnosis.fit.unknowns import (
-    along_values,
-    fitted_sizes,
-    logarithmic,
-    unknowns_of,
-    values_inside,
-    with_values,
-)
+from sim.diagnosis.fit.own_temperature import with_own_temperature
+from sim.diagnosis.fit.plate_equations import PlateEquations
+from sim.diagnosis.fit.plate_parameters import PlateParameters
+from sim.diagnosis.fit.unknowns import along_values, fitted_sizes, logarithmic, unknowns_of
 from sim.effects.effect import Switched
-from sim.model.links import Links, links_of
-from sim.model.own_fit import APART_K, first_readings
-from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
-from sim.model.record_own import anew_rows
-from sim.model.recorded import COARSE, Spacing
+from sim.model.plate_path import PlatePath
+from sim.model.recorded import COARSE, Spacing, driven_rows
 
 DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
-ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
+FIRST_STEP_K = 0.01  # of first temperatures in difference quotients: the plate is next to linear in them
+FAR, STEP = 20.0, 1e-3  # of a body's or filter's own temperature, over `APART_K`: the furthest; of its differences
+STEPS, SETTLED = 40, 1e-3  # of a descent, which costs little; log-likelihood that the last one gains
 
 
 @dataclass(frozen=True, eq=False)
 class TemperatureFit:
     """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
-    were fitted; sigma_K: the noise; jacobian: d shown / d x (rows, unknowns), in K; converged."""
+    were fitted; jacobian: d shown / d x (rows, unknowns), in K; curvature: of the likelihood, over
+    the noise."""
 
     parameters: PlateParameters
     path: PlatePath
     shown_degC: Array
     minus_log: float
-    sigma_K: float
-    step_K: float
     jacobian: Array
     curvature: Array
 
@@ -71,9 +62,9 @@ class _Trial:
     cost: float
 
 
-class TemperatureChannel:
-    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the lattice that
-    readings of white noise lie on.
+class TemperatureChannel(PlateEquations):
+    """Fits on one record. fitted: the rows that count; noise: by which they are weighed; step_K: of the quantization
+    of readings with white noise.
 
     misfit: how many rows say as much as one of independent noise would: what no model explains goes on from row to row
     (`sim.diagnosis.data.misfit`). Above 1 the likelihood of the rows since a current first drove the plate is taken
@@ -89,33 +80,29 @@ class TemperatureChannel:
         spacing: Spacing = COARSE,
         misfit: float = 1.0,
     ) -> None:
-        self.record, self.noise, self.sigma_K, self.spacing = record, noise, noise.level, spacing
+        super().__init__(record, spacing)
+        self.noise, self.sigma_K = noise, noise.level
         self.step_K = step_K if noise.plain else 0.0
         self.misfit = misfit
-        self.rows = np.flatnonzero(fitted & record.temperature_used)
-        stretch = np.zeros(record.rows, dtype=np.int64)
-        stretch[record.first_rows] = 1
-        self.stretch = np.cumsum(stretch)[self.rows] - 1
+        self.fitted = fitted & record.temperature_used
+        self.rows = np.flatnonzero(self.fitted)
+        self.stretch = np.searchsorted(record.first_rows, self.rows, side="right") - 1
         self.stretches = record.first_rows.size
         begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
         self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
-        self.anew: Rows = np.union1d(anew_rows(record), record.joined)
-        self._record_of = np.searchsorted(record.joined, self.anew, side="right")
-        self._known_nodes: dict[bytes, Nodes] = {}
-        self.weight = np.where(driven_rows(record)[self.rows], 1.0 / misfit, 1.0)
+        self.weight = np.where(driven_rows(record, record.joined)[self.rows], 1.0 / misfit, 1.0)
 
     def with_misfit(self, misfit: float) -> TemperatureChannel:
         """The same rows, of which so many say as much as one."""
-        fitted = np.zeros(self.record.rows, dtype=np.bool_)
-        fitted[self.rows] = True
-        return TemperatureChannel(self.record, fitted, self.noise, self.step_K, self.spacing, misfit)
+        return TemperatureChannel(self.record, self.fitted, self.noise, self.step_K, self.spacing, misfit)
 
     @property
     def error_K(self) -> float:
         """By how much a model of this fit is off, as if it were in each row by itself; 0: by no more than the noise."""
         if self.misfit <= 1.0:
             return 0.0
-        return float(np.hypot(self.sigma_K, self.step_K / np.sqrt(12.0)) * np.sqrt(self.misfit))
+        rounding_K = self.step_K / np.sqrt(12.0)  # of an error that is uniform over a step
+        return float(np.hypot(self.sigma_K, rounding_K) * np.sqrt(self.misfit))
 
     def over(self, values: Array) -> Array:
         """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""
@@ -126,92 +113,12 @@ class TemperatureChannel:
         readings = self.record.temperature_degC[self.rows]
         if self.noise.plain:
             return likelihood(readings, shown[self.rows], self.sigma_K, self.step_K)
-        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)
+        z = np.clip(self.over(readings - shown[self.rows]), -1e9, 1e9)  # a trial far off has a square
         return Likelihood(0.5 * z * z, z, np.ones_like(z))
-
-    def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
-        """Parameters to begin with: base in the unknowns' own values."""
-        unknowns = PELTIER if kind == "peltier" else HEATER
-        x = np.array([u.inside(float(v)) for u, v in zip(unknowns, base, strict=True)])
-        return self.extended(PlateParameters(kind, (), x, self.rough_firsts()), effects)
-
-    def extended(self, parameters: PlateParameters, effects: Sequence[Switched]) -> PlateParameters:
-        """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
-        base = parameters.x[: len(parameters.base)]
-        before = self._own(parameters)
-        own = [before.get(effect.name, np.zeros(self.anew.size)) for effect in with_own_temperature(effects)]
-        count = self.record.joined.size
-        rooms = parameters.rooms_K / ROOM_K if parameters.rooms == count else np.zeros(count)
-        x = np.concatenate((base, values_inside(effects), rooms, *own))
-        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy(), count)
-
-    def awakened(self, p: PlateParameters) -> PlateParameters:
-        """The same, with a Joule heat where the plate alone has driven it to nothing: from there it would take long
-        to come back."""
-        if p.kind != "peltier" or self.record.current_A is None:
-            return p
-        s, r, _, _, ambient = p.plate()
-        least = ASLEEP * 2.0 * s * (ambient + KELVIN) / float(np.max(np.abs(self.record.current_A)))
-        if r >= least:
-            return p
-        x = p.x.copy()
-        x[1] = PELTIER[1].inside(least)
-        return replace(p, x=x)
-
-    def _own(self, p: PlateParameters) -> dict[str, Array]:
-        """Of each effect, at each of its beginnings here; parameters of another record begin as they did there."""
-        names = [e.name for e in with_own_temperature(p.effects)]
-        own = p.x[len(p.base) + len(unknowns_of(p.effects)) + p.rooms :]
-        each = own.reshape(len(names), own.size // max(len(names), 1))
-        if each.shape[1] != self.anew.size:
-            each = np.repeat(each[:, :1], self.anew.size, axis=1)
-        return dict(zip(names, each, strict=True))
-
-    def _owns(self, effects: Sequence[Switched]) -> int:
-        """How many temperatures of their own, at all beginnings."""
-        return len(with_own_temperature(effects)) * int(self.anew.size)
-
-    def rough_firsts(self) -> Array:
-        """The first reading of each stretch, degC."""
-        record = self.record
-        return first_readings(record, np.where(record.temperature_used, record.temperature_degC, np.nan))
 
     def in_its_stretches(self, fit: TemperatureFit) -> PlateParameters:
         """A fit's parameters, beginning where its path was where this record's stretches do: they may be others."""
         return replace(fit.parameters, first_degC=fit.path.at(self.record.time_s[self.record.first_rows]))
-
-    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array, Array]:
-        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), how far the
-        filters are behind (beginnings, filters), both in the chain's order, and by how much the room is warmer than the
-        first record's (beginnings,)."""
-        end = x.size - self._owns(p.effects)
-        effects = with_values(p.effects, x[len(p.base) : end])
-        p = replace(p, x=x)
-        ambient, rooms = p.plate()[4], np.append(0.0, p.rooms_K)[self._record_of]
-        apart = APART_K * x[end:].reshape(-1, self.anew.size)
-        flows = links_of(effects).plate
-        place = [k for k, e in enumerate(flows) if has_own(e)]
-        own = np.repeat((ambient + rooms)[:, None], len(flows), axis=1)
-        own[:, place] += apart[: len(place)].T
-        return effects, own, apart[len(place) :].T, rooms
-
-    def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
-        """The plate's path and what is shown in all rows."""
-        effects, own, late, rooms = self.split(p, x)
-        links = links_of(effects)
-        plate, nodes = replace(p, x=x).plate(), self._nodes(links)
-        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing, rooms)
-        return out.path, out.shown_degC
-
-    def _nodes(self, links: Links) -> Nodes:
-        """The times of a simulation; computed once where no effect moves the commands, or as long as they are moved
-        alike: a dead band that is held is simulated a hundred times."""
-        moved = b"".join(e.name.encode() + e.par.tobytes() for e in links.commands)
-        if moved not in self._known_nodes:
-            plain = self._known_nodes.get(b"")
-            self._known_nodes = {} if plain is None else {b"": plain}
-            self._known_nodes[moved] = plate_nodes(self.record, links, self.spacing)
-        return self._known_nodes[moved]
 
     def prior(self, p: PlateParameters, x: Array) -> tuple[Array, Rows, Array]:
         """What is known beforehand, as `sim.diagnosis.fit.known_beforehand` has it."""
@@ -232,15 +139,15 @@ class TemperatureChannel:
         """Least, largest and step of each unknown."""
         unknowns = [*p.base, *unknowns_of(p.effects)]
         own = p.x.size - len(unknowns)
-        low = np.array([u.low for u in unknowns] + [-20.0] * own)
-        high = np.array([u.high for u in unknowns] + [20.0] * own)
+        low = np.array([u.low for u in unknowns] + [-FAR] * own)
+        high = np.array([u.high for u in unknowns] + [FAR] * own)
         if self.misfit > 1.0:  # there a size stands in for a cause: none beyond what is met
             for k, (u, q) in enumerate(zip(unknowns_of(p.effects), fitted_sizes(p.effects), strict=True), len(p.base)):
                 high[k] = u.inside(q.largest)
                 low[k] = -high[k] if q.signed else low[k]
-        return low, high, np.array([u.step for u in unknowns] + [1e-3] * own)
+        return low, high, np.array([u.step for u in unknowns] + [STEP] * own)
 
-    def descend(self, p: PlateParameters, steps: int = 40, tolerance: float = 1e-3) -> TemperatureFit:
+    def descend(self, p: PlateParameters, steps: int = STEPS, tolerance: float = SETTLED) -> TemperatureFit:
         """The local minimum reached from p."""
         low, high, h = self.bounds(p)
         log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
@@ -253,8 +160,8 @@ class TemperatureChannel:
         def linearized(at: _Trial) -> Linearized[_Trial]:
             x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, x, first, shown, high, h, jacobian)
-            by_first = self.simulate(p, x, first + 0.01)[1][self.rows] - shown[self.rows]
-            e = self.over(by_first) / 0.01
+            by_first = self.simulate(p, x, first + FIRST_STEP_K)[1][self.rows] - shown[self.rows]
+            e = self.over(by_first) / FIRST_STEP_K
             like = self.likelihood(shown)
             j = self.over(jacobian[self.rows])
             w, pulled = self.weight * like.curvature, self.weight * like.pull
@@ -263,13 +170,13 @@ class TemperatureChannel:
             gradient[index] -= scale * away
             normal = (w[:, None] * j).T @ j
             normal[index, index] += scale * scale
-            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9
+            d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9  # > 0 of one without readings
             pull = np.bincount(self.stretch, e * pulled, self.stretches)
             cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
             held_at_bounds(reduced, right, x, low, high)
-            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)
+            diagonal = np.maximum(np.diag(reduced), 1e-12 * np.diag(normal) + 1e-30)  # > 0 beside rounding
 
             def moved(move: Array) -> _Trial:
                 to = np.clip(x + along_values(np.clip(move, -LONGEST_MOVE, LONGEST_MOVE), log), low, high)
@@ -277,11 +184,10 @@ class TemperatureChannel:
 
             return Linearized(reduced, right, diagonal, moved, FLAT)
 
-        def settled(before: float, after: float) -> bool:
-            return before - after < tolerance
-
         start = tried(np.clip(p.x, low, high), p.first_degC.copy())
-        best = descend(start, steps, lambda at: at.cost, linearized, settled, DAMPING)
+        best = descend(
+            start, steps, lambda at: at.cost, linearized, lambda before, after: before - after < tolerance, DAMPING
+        )
         self._slopes(p, best.x, best.first_degC, best.shown_degC, high, h, jacobian)
         return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
 
@@ -302,7 +208,7 @@ class TemperatureChannel:
         minus_log = float(self.weight @ like.minus_log)
         if self.misfit > 1.0:  # there sizes that nobody meets count against an effect
             minus_log -= self.priors(final)
-        return TemperatureFit(final, path, shown, minus_log, self.sigma_K, self.step_K, jacobian, like.curvature)
+        return TemperatureFit(final, path, shown, minus_log, jacobian, like.curvature)
 
     def _slopes(
         self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array

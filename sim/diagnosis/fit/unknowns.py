@@ -12,7 +12,9 @@ from sim.diagnosis.data.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
 
 LEAST_LEFT = 0.2  # of a value, after a step
-BEYOND = 30.0  # how far outside the sizes met a fit may go
+BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
+STEEP = (0.5, 200.0)  # least and most of a flank's slope, over the range of temperatures
+STEP = 1e-3  # of a difference quotient, of a value or its usual size: curvature and rounding are both below 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,10 @@ class Unknown:
 
 def positive(name: str, smallest: float, largest: float) -> Unknown:
     """A number > 0 between two bounds."""
-    return Unknown(name, True, 1.0, float(np.log(smallest)), float(np.log(largest)), 1e-3)
+    return Unknown(name, True, 1.0, float(np.log(smallest)), float(np.log(largest)), STEP)
 
 
-def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, step: float = 1e-3) -> Unknown:
+def free(name: str, scale: float, low: float = -np.inf, high: float = np.inf, step: float = STEP) -> Unknown:
     """A number of either sign and a usual size."""
     return Unknown(name, False, scale, low / scale, high / scale, step)
 
@@ -49,7 +51,7 @@ def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
     """Steepness and centre of either branch's envelope, over a record's temperatures."""
     low_T, high_T = float(np.min(plate_degC)), float(np.max(plate_degC))
     span = high_T - low_T
-    a = positive("a", 0.5 / span, 200.0 / span)
+    a = positive("a", STEEP[0] / span, STEEP[1] / span)
     c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
     return [a, c, a, c]
 
@@ -59,8 +61,8 @@ def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
     name = f"{effect.name}.{parameter.name}"
     if parameter.signed:
         scale = float(np.sqrt(parameter.smallest * parameter.largest))
-        return free(name, scale, -10.0 * parameter.largest, 10.0 * parameter.largest)
-    return positive(name, parameter.smallest / BEYOND, parameter.largest * 10.0)
+        return free(name, scale, -ABOVE * parameter.largest, ABOVE * parameter.largest)
+    return positive(name, parameter.smallest / BEYOND, parameter.largest * ABOVE)
 
 
 def fitted_parameters(effect: Effect) -> list[Parameter]:

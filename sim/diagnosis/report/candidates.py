@@ -92,7 +92,7 @@ def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
         sets |= {s | downstream for s in chain.first.fits}
     if chain.record.output is not None:
         sets |= {upstream | s for s in chain.last(upstream).fits}
-        sets = {s for s in sets if s <= chain.effects.keys() and chain.split(s)[0] in chain.searches}
+        sets = {s for s in sets if s <= chain.effects.keys() and chain.split(s)[0] in chain.found.searches}
     better = {s: chain.score(s) - chain.score(own) for s in sets if s != own and chain.assumed <= s}
     return sorted((s for s in better if better[s] > ENTRY), key=lambda s: -better[s])[:LOOKED_AT]
 
@@ -118,6 +118,7 @@ def _why(judged: Verdict, names: frozenset[str], left: float) -> str:
 
 def _share_left(candidate: Candidate) -> float:
     """Of the named set's error, in the channel that gains most."""
+    # > 0: of a simulated record an error may be 0
     return min(candidate.rmse_holdout[c] / max(candidate.rmse_named[c], 1e-300) for c in candidate.rmse_named)
 
 

@@ -8,7 +8,7 @@ from sim.diagnosis.search.chain import Chain
 CLOSE = 8.0  # log-likelihood: a set that is this close is as good
 LOOKED_AT = 3
 FAR = 40.0  # log-likelihood after a few steps that no more steps make up for
-HOPE = 0.5  # share of what the effect itself promises that a rival has to promise
+HOPE = 0.5  # share of the effect's own score test that a confounder has to reach
 
 
 def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str, list[str]]:
@@ -24,16 +24,16 @@ def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str,
             search = chain.last(upstream)
             fit = search.fit(downstream)
             others = [n for n in search.effects if n not in rest]
-            promises = {n: p.gain for n, p in search.promises(fit, others).items()}
+            gains = {n: max(t.gain for t in each) for n, each in search.score_tests(fit, others).items()}
         else:
             assert chain.first is not None
             first = chain.first.fit(upstream)
             others = [n for n in chain.first.effects if n not in rest]
-            promises = {n: chain.first.promise(first, n) for n in others}
-        own = min(promises[name], judged.evidence[name])
-        order = sorted((n for n in others if n != name), key=lambda n: -promises[n])[:LOOKED_AT]
+            gains = {n: chain.first.score_test(first, n) for n in others}
+        own = min(gains[name], judged.evidence[name])
+        order = sorted((n for n in others if n != name), key=lambda n: -gains[n])[:LOOKED_AT]
         for other in order:
-            if promises[other] < HOPE * own:
+            if gains[other] < HOPE * own:
                 continue
             if is_last:
                 named, quick = search.fit(chain.split(names)[1]), search.quick(fit, other)

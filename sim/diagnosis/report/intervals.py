@@ -12,6 +12,8 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
+from sim.diagnosis.fit.film_basis import ENVELOPES
+from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.judge.verdict import resistance_residual, temperature_residual
 from sim.diagnosis.search.chain import Chain
@@ -24,13 +26,15 @@ MUCH_WORSE = 8.0  # log-likelihood
 ON_END = 4  # cells much worse that end an interval
 MOST_CELLS = 40
 MEANINGLESS = 4.0  # half an interval on a log scale from which it has no meaning
+FARTHEST = 20.0  # half an interval on the fit's scale that is given: exp of it is no size
 VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
 
 
 def _deviations(columns: Array, z: Array) -> Array:
     """Standard deviations of unknowns whose columns were freed of all others."""
     normal = columns.T @ columns
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))  # > 0
+    # by the pseudoinverse: two unknowns may do the same
     covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
     plain = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     wide = np.asarray(block_sandwich(columns, z).standard_errors)
@@ -39,20 +43,20 @@ def _deviations(columns: Array, z: Array) -> Array:
 
 def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale; None without them."""
-    pair = chain.pair(names)
-    if pair is not None:
-        return _deviations(*pair.columns())[: pair.a.parameters.x.size]
+    joint = chain.joint(names)
+    if joint is not None:
+        return _deviations(*joint.columns())[: joint.a.parameters.x.size]
     a, _ = chain.fits(names)
     if a is None or chain.first is None:
         return None
     z, rows = temperature_residual(chain, names)
     channel = chain.first.channel
     p = a.parameters
-    first = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - a.shown_degC[rows]
-    e = channel.over(first) / 0.01
+    first = channel.simulate(p, p.x, p.first_degC + FIRST_STEP_K)[1][rows] - a.shown_degC[rows]
+    e = channel.over(first) / FIRST_STEP_K
     weight = np.sqrt(a.curvature)
     j = channel.over(a.jacobian[rows])
-    d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12
+    d = np.bincount(channel.stretch, weight**2 * e * e, channel.stretches) + 1e-12  # > 0 of one without readings
     for k in range(j.shape[1]):
         part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
         j[:, k] -= e * part[channel.stretch]
@@ -66,16 +70,17 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     first = first_deviations(chain, names)
     if a is not None and first is not None:
         out |= _by_name(list(a.effects), first[len(a.parameters.base) :])
-    pair = chain.pair(names)
-    if pair is not None:
-        p = pair.a.parameters
-        out |= _by_name(list(pair.b.effects), _deviations(*pair.columns())[p.x.size + p.first_degC.size + 4 :])
+    joint = chain.joint(names)
+    if joint is not None:
+        p = joint.a.parameters
+        begin = p.x.size + p.first_degC.size + ENVELOPES
+        out |= _by_name(list(joint.b.effects), _deviations(*joint.columns())[begin:])
     elif b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)
         point = last.point(b.parameters, b.parameters.x, b.coefficients)
         j = point.off(last.over(b.jacobian[rows]))
-        out |= _by_name(list(b.effects), _deviations(j, z)[4:])
+        out |= _by_name(list(b.effects), _deviations(j, z)[ENVELOPES:])
     return out | _profiles(chain, names)
 
 
@@ -103,7 +108,7 @@ def _by_name(
             if p in fitted_parameters(e.effect):
                 u = unknown_of(e.effect, p)
                 x, half = u.inside(value), NORMAL_95 * float(deviations[k])
-                low, high = u.outside(x - min(half, 20.0)), u.outside(x + min(half, 20.0))
+                low, high = u.outside(x - min(half, FARTHEST)), u.outside(x + min(half, FARTHEST))
                 values[p.name] = (value, None if u.log and half > MEANINGLESS else (low, high))
                 k += 1
             else:
@@ -123,7 +128,8 @@ def _profiles(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
 
 
 def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[float, tuple[float, float] | None]:
-    """The values of a parameter that has to be searched for at which the likelihood falls by less than 1.92.
+    """The values of a parameter that has to be searched for at which the likelihood falls by less than
+    `HALF_CHI2_95`.
 
     All else follows. The cost is not smooth: a stretch that is worse ends the interval only where it is much worse for
     some cells on end.
@@ -138,6 +144,7 @@ def _profile(chain: Chain, names: frozenset[str], effect: Switched) -> tuple[flo
     ends = []
     for side in (-1, 1):
         last, worse = middle, 0
+        # three steps of all else: from cell to cell it hardly moves
         for k, near in islice(search.walk(fit, original, edges, side, 3), MOST_CELLS - 1):
             fall = near.minus_log - fit.minus_log
             if fall < HALF_CHI2_95:

@@ -65,7 +65,7 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     found: dict[str, tuple[float, Interval]] = {}
     doubts = []
     for unknown, x, deviation in zip(p.base, p.x.tolist(), deviations.tolist(), strict=False):
-        half, name = min(NORMAL_95 * deviation, 1e3), NAMES[unknown.name]
+        half, name = min(NORMAL_95 * deviation, 1e3), NAMES[unknown.name]  # below what exp overflows at
         meaningless = unknown.log and half > MEANINGLESS
         ci = None if meaningless else (unknown.outside(x - half), unknown.outside(x + half))
         value = unknown.outside(x)

@@ -85,16 +85,16 @@ def saturated_sink(chain: Chain) -> list[Warning]:
         last = min(int(last), record.rows - 1)
         t = record.time_s[first:last]
         v = record.temperature_degC[first:last]
-        if t.size < 8 or t[-1] - t[0] < FEWEST_S:
+        if t.size < 8 or t[-1] - t[0] < FEWEST_S:  # fewer rows have no slope, as fewer readings below
             continue
-        half = t.size // 3
+        half = t.size // 3  # until then it may still be cooling
         tail = slice(half, None)
         good = np.isfinite(v[tail])
         if np.sum(good) < 5:
             continue
         slope = np.polyfit(t[tail][good], v[tail][good], 1)[0]
         rise = slope * (t[-1] - t[half])
-        if rise > max(0.3, 2.0 * record.step_K):
+        if rise > max(0.3, 2.0 * record.step_K):  # less is the end of the plate's own transient
             found.append(
                 Warning(
                     "heat_sink_saturated",

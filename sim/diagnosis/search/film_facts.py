@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.multistart import transition
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Mask, Record, Rows
+from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise
-from sim.diagnosis.fit.film_basis import FilmBasis
+from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_memory import remembered
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
@@ -29,71 +29,61 @@ from sim.model.record_own import FilmStart
 LEAST_NOISE_DEC = 1e-5  # of a reading: six digits
 MEMORY_ROUNDS = 3  # of memory and envelopes in turn: each moves the other less than before
 QUIET = 0.25  # of the readings, whose noise is the instrument's own
+BETTER_SQUARE = 0.97  # times the mean square, from which the second memory is the better one: chance changes it by less
 
 
 def least_noise(noise: NoiseModel, output: Array) -> Array | float:
-    """The noise at least among which a reading is lone: as it is at such readings, where it is not the same at all."""
+    """The least noise by which an outlier is told: as it is at such readings, where it is not the same at all."""
     return LEAST_NOISE_DEC if noise.plain else noise.marginal(np.nan_to_num(output))
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class FilmFacts:
     """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, how
     large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, and rows
-    whose readings are lone."""
+    whose readings are outliers."""
 
     basis: FilmBasis
     shape: Array
     start: FilmStart
     noise: NoiseModel
-    prior: PriorWidths = field(default_factory=PriorWidths)
-    sparse: SparseLoop | None = None
-    strays: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    prior: PriorWidths
+    sparse: SparseLoop | None
+    outliers: Rows
 
 
-def film_facts(
-    record: Record, path: PlatePath, fitted: Mask, curve: bool, relays: bool = True, path_K: float = 0.0
-) -> FilmFacts:
+def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True, path_K: float = 0.0) -> FilmFacts:
     """A global search for the film's envelopes on thinned rows, for each memory it may have begun with. relays: whether
     it may be of another kind; path_K: as `Chain.path_K`."""
     assert record.output is not None
+    fitted, output = ~record.held_out, np.nan_to_num(record.output)
     used = record.output_used & fitted
-    output = np.nan_to_num(record.output)
-    starts = [FilmStart("heated"), FilmStart("cooled")]
-    best, shape = FilmStart("heated"), np.zeros(4)
-    least = np.inf
-    for start in starts:
+    best, shape, least = FilmStart("heated"), np.zeros(ENVELOPES), np.inf
+    for start in (FilmStart("heated"), FilmStart("cooled")):
         thin = thinned_path(film_nodes(record, path, Links(), [], None, start), output, used, start)
         found, square = starting_shape(thin, curve)
-        if square < 0.97 * least:
+        if square < BETTER_SQUARE * least:
             best, shape, least = start, found, square
     thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
-    middle, half = transition(thin)
     noise = NoiseModel.white(max(quick_noise(output[used]), LEAST_NOISE_DEC))
-    facts = FilmFacts(FilmBasis.over(record, path, middle, half, curve), shape, best, noise)
-    channel = ResistanceChannel(record, path, fitted, noise, facts.basis)
-    fit = channel.descend(FilmParameters((), shape, facts.start))
+    basis = FilmBasis.over(record, path, *transition(thin), curve)
+    channel = ResistanceChannel.of(record, path, fitted, noise, basis)
+    fit = channel.descend(FilmParameters((), shape, best))
     for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
         start = remembered(channel, fit.parameters)
-        if start == facts.start:
+        if start == fit.parameters.start:
             break
-        facts.start = start
         fit = channel.descend(replace(fit.parameters, start=start))
-    facts.shape = fit.parameters.x[:4]
-    return _weighed(facts, channel, fit, relays, path_K)
+    return _weighed(channel, fit, relays, path_K)
 
 
-def _weighed(
-    facts: FilmFacts, channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_K: float
-) -> FilmFacts:
-    """With the noise that the fit shows, and whether a single loop's branches are shifted copies."""
-    record, output, used = channel.record, channel.output, channel.fitted
-    facts.noise = ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, path_K)
-    other = shifted_branches(channel, fit.parameters, LEAST_NOISE_DEC) if relays and one_loop(record) else None
-    if other is not None:
-        fit = other
-        facts.prior, facts.noise = fit.parameters.prior, ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, path_K)
-    quiet = float(np.quantile(facts.noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
-    facts.sparse = sparse_loop(record, quiet)
-    facts.strays = strays(output, fit.shown, record.output_used, least_noise(facts.noise, output))
-    return facts
+def _weighed(channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_K: float) -> FilmFacts:
+    """What the fit shows: the noise, outliers, and whether a single loop's branches are shifted copies."""
+    record, output, used, p = channel.record, channel.output, channel.fitted, fit.parameters
+    other = shifted_branches(channel, p, LEAST_NOISE_DEC) if relays and one_loop(record) else None
+    shown = fit if other is None else other
+    noise = ohmmeter_noise(channel, shown, LEAST_NOISE_DEC, path_K)
+    quiet = float(np.quantile(noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
+    outliers = strays(output, shown.shown, record.output_used, least_noise(noise, output))
+    prior = PriorWidths() if other is None else other.parameters.prior
+    return FilmFacts(channel.basis, p.x[:ENVELOPES], p.start, noise, prior, sparse_loop(record, quiet), outliers)

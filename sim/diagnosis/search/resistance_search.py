@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
@@ -9,17 +10,18 @@ from itertools import combinations, product
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_memory import begun, remembered
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.budget import Budget
-from sim.diagnosis.search.views import View
+from sim.diagnosis.search.views import NOTHING, View
 from sim.effects.effect import Effect, Parameter, Reading, Switched, Warming, at_the_terminals, switched
 from sim.model.film_nodes import FilmNodes
 
 FEWEST_ROWS = 30  # on either side of a threshold
-QUICK_STEPS = 4
+QUICK_STEPS = 4  # of a descent that is compared with others alike
 SIZES = 4  # of an effect that are looked at
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
@@ -27,24 +29,22 @@ AS_GOOD = 1.2
 WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
-RELAY_STEPS = 6
+RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
-PAIR_SIZES = 7
-TWO_PROMISE = 8.0  # log-likelihood from which two effects at once are tried
+PAIR_SIZES = 7  # of each of two effects: 49 pairs
+TWO_AT_ONCE = 8.0  # log-likelihood from which two effects at once are tried
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
 
 @dataclass(frozen=True, eq=False)
-class Promise:
-    """How much an effect may bring: gain of the log-likelihood, and the values to begin from; beside: the gain and the
-    values with the film as the fit has it, relays and all."""
+class ScoreTest:
+    """How much an effect may bring: gain of the log-likelihood, and the values to begin from."""
 
     gain: float
     start: Switched
-    beside: tuple[float, Switched] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +61,10 @@ class KnownShape:
         return nodes.same_film(self.nodes) and float(np.mean(apart**2)) < 1.0
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class ResistanceSearch:
-    """Fits of the last links by the names of their effects, each computed once. assumed: the effects that the user
-    knows are there; budget: of time, for the search."""
+    """Fits of the last links. assumed: the effects that the user knows are there; budget: of time, for the search. What
+    was found so far: fits, the best by the names of their effects; shapes, the envelopes last searched for globally."""
 
     channel: ResistanceChannel
     effects: dict[str, Effect]
@@ -72,7 +72,7 @@ class ResistanceSearch:
     assumed: frozenset[str] = frozenset()
     budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
-    known_shape: KnownShape | None = None
+    shapes: deque[KnownShape] = field(default_factory=lambda: deque(maxlen=1))
 
     def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
         """The best fit with exactly these effects; `near`: one to begin from."""
@@ -86,18 +86,16 @@ class ResistanceSearch:
         if len(missing) == 1:
             return self.finish(self.quick(near, missing[0]))
         kept = [e for e in near.effects if e.name in names]
-        for name in missing:
-            kept.append(starts_of(self.effects[name], self.channel)[0])
+        kept += [starts_of(self.effects[name], self.channel)[0] for name in missing]
         return self.keep(self.whole(self.channel.extended(near.parameters, kept)))
 
-    def quick(self, near: ResistanceFit, name: str, promise: Promise | None = None) -> ResistanceFit:
-        """A few steps with one more effect, from the values that promise most, as if the film were of the class."""
-        promise = promise or self.promise(near, name)
+    def quick(self, near: ResistanceFit, name: str, test: ScoreTest | None = None) -> ResistanceFit:
+        """A few steps with one more effect, from the values of the best score test, without relays."""
+        test = test or self.score_test(near, name)
         plain = near.plain or near.parameters
         others = [e for e in plain.effects if e.name != name]
-        found = []
-        for start in self.starts(plain, others, name, promise.start):
-            found.append(self.channel.descend(start, QUICK_STEPS))
+        begin = self.starts(plain, others, name, test.start)
+        found = [self.channel.descend(start, QUICK_STEPS) for start in begin]
         return max(found, key=lambda fit: fit.score if np.isfinite(fit.score) else -np.inf)
 
     def finish(self, quick: ResistanceFit) -> ResistanceFit:
@@ -135,20 +133,20 @@ class ResistanceSearch:
     ) -> list[FilmParameters]:
         """Where to begin: of the likely values and those over the range, the ones at which the film fits best with its
         envelopes as they are."""
-        channel = self.channel
-        tried: list[tuple[float, int, FilmParameters]] = []
-        for start in (*likely, *starts_of(self.effects[name], channel, FINER)):
-            p = channel.extended(plain.with_relays(0.0), [*others, start])
-            tried.append((channel.point(p, p.x).cost, len(tried), p))
-        tried.sort()
-        return [p for cost, _, p in tried[:BEGUN] if cost <= AS_GOOD * tried[0][0]]
+        sizes, bare = (*likely, *starts_of(self.effects[name], self.channel, FINER)), plain.with_relays(0.0)
+        tried = self._best_of([self.channel.extended(bare, [*others, size]) for size in sizes])
+        return [p for cost, p in tried if cost <= AS_GOOD * tried[0][0]]
+
+    def _best_of(self, begin: Sequence[FilmParameters]) -> list[tuple[float, FilmParameters]]:
+        """Those few at which the film fits best with its envelopes as they are, and the costs."""
+        return sorted(((self.channel.point(p, p.x).cost, p) for p in begin), key=lambda found: found[0])[:BEGUN]
 
     def whole(self, parameters: FilmParameters) -> ResistanceFit:
-        """To the end: first as if the film were of the class, then with relays where that leaves something."""
+        """To the end: first as a Prandtl-Ishlinskii film, then with relays where that leaves something."""
         return self._wide(self.plain(parameters))
 
     def plain(self, parameters: FilmParameters) -> ResistanceFit:
-        """To the end as if the film were of the class."""
+        """To the end as if the film were a Prandtl-Ishlinskii one."""
         fit = self._remembered(self._reshaped(self.channel.descend(parameters.with_relays(0.0), WHOLE_STEPS)))
         return replace(fit, plain=fit.parameters)
 
@@ -178,13 +176,13 @@ class ResistanceSearch:
             return fit
         _, nodes = channel.nodes(p, p.x)
         film = channel.output - (fit.shown - fit.film_output)  # as an ohmmeter without its effects would read it
-        known = self.known_shape
-        if known is None or not known.serves(nodes, film, channel):
+        known = next((shape for shape in self.shapes if shape.serves(nodes, film, channel)), None)
+        if known is None:
             thin = thinned_path(nodes, film, channel.fitted, p.start)
             known = KnownShape(nodes, film, starting_shape(thin, channel.basis.curve is not None)[0])
-            self.known_shape = known
+            self.shapes.append(known)
         x = p.x.copy()
-        x[:4] = known.shape
+        x[:ENVELOPES] = known.shape
         prior = replace(p.prior, weight_dec=self.base.prior.weight_dec)
         other = channel.descend(replace(p, x=x, prior=prior), WHOLE_STEPS)
         return other if other.score > fit.score else fit
@@ -204,8 +202,8 @@ class ResistanceSearch:
         return self.keep(best)
 
     def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
-        """One more effect from where it does the most of the relays' work: a film of the class with it if that leaves
-        nothing, else beside the fit's relays; kept."""
+        """One more effect from where it does the most of the relays' work: beside a Prandtl-Ishlinskii film if that
+        leaves nothing, else beside the fit's relays; kept."""
         plain = self.plain(self.quick(fit, name).parameters)
         if self.channel.mean_square(plain) <= RELAYS_FROM:
             return self.keep(plain)
@@ -249,64 +247,57 @@ class ResistanceSearch:
         fit = self.fit(names)
         return self.keep(self._relayed(fit)) if not fit.parameters.has_relays else fit
 
-    def promises(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, Promise]:
-        """What each effect may bring, seen from the fit, and from the same as if the film were of the class."""
+    def score_tests(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, list[ScoreTest]]:
+        """What each effect may bring: seen from the fit, and, where that has relays, from the same without."""
         seen = [fit]
         if fit.plain is not None and fit.parameters.has_relays:
             seen.append(self.channel.descend(fit.plain, 1))
-        found = {}
-        for name in names:
-            each = [self.promise(f, name) for f in seen]
-            best = max(each, key=lambda p: p.gain)
-            found[name] = Promise(best.gain, best.start, (each[0].gain, each[0].start))
-        return found
+        return {name: [self.score_test(f, name) for f in seen] for name in names}
 
-    def promise(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> Promise:
+    def score_test(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> ScoreTest:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
         view, effect = View(self.channel, fit), self.effects[name]
         best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
         for trial in starts_of(effect, self.channel, sizes):
             delta = view.left_of(trial)
             size, along = float(delta @ delta), float(delta @ view.residual)
-            if not size > 1e-9 or not np.isfinite(size):
+            if not size > NOTHING or not np.isfinite(size):
                 continue
             if along > 0.0 or any(par.signed for par in effect.parameters):
                 best = max(best, 0.5 * along * along / size)
             if along - 0.5 * size > nearest:  # what this very size would bring
                 nearest, start = along - 0.5 * size, trial
-        return Promise(best, start)
+        return ScoreTest(best, start)
 
     def two_at_once(self, fit: ResistanceFit) -> ResistanceFit | None:
         """The best fit with two more effects of the ohmmeter's terminals: what one bends the other may straighten, so
-        that neither shows alone. None where no two promise anything."""
+        that neither shows alone. None where no two pass a score test."""
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
-        view, promised = View(self.channel, plain), []
-        for pair in combinations(others, 2):
-            starts = [starts_of(self.effects[name], self.channel) for name in pair]
-            columns = [[view.left_of(start) for start in of_one] for of_one in starts]
-            for one, other in product(*columns):
-                both = np.stack((one, other), axis=1)
-                if np.all(np.isfinite(both)):
-                    share = np.linalg.lstsq(both, view.residual, rcond=1e-6)[0]
-                    if np.all(share > 0.0) and 0.5 * float(view.residual @ (both @ share)) > TWO_PROMISE:
-                        promised.append(pair)
-                        break
-        p = plain.parameters.with_relays(0.0)
-        ends = [self._two(p, pair) for pair in promised]
+        view, p = View(self.channel, plain), plain.parameters.with_relays(0.0)
+        left = {name: [view.left_of(start) for start in starts_of(self.effects[name], self.channel)] for name in others}
+        pairs = [(one, two) for one, two in combinations(others, 2) if _pass(view.residual, left[one], left[two])]
+        ends = [self._two(p, pair) for pair in pairs]
         return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None
 
     def _two(self, p: FilmParameters, pair: tuple[str, str]) -> ResistanceFit:
         """A plain fit with these two as well, from the sizes of both at which the film fits best."""
-        begin: list[tuple[float, int, FilmParameters]] = []
-        for two in product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair)):
-            trial = self.channel.extended(p, [*p.effects, *two])
-            begin.append((self.channel.point(trial, trial.x).cost, len(begin), trial))
-        begin.sort()
-        fits = [self.channel.descend(trial, WHOLE_STEPS) for _, _, trial in begin[:BEGUN]]
-        best = max(fits, key=lambda fit: fit.score)
+        sizes = product(*(starts_of(self.effects[name], self.channel, PAIR_SIZES) for name in pair))
+        begin = self._best_of([self.channel.extended(p, [*p.effects, *two]) for two in sizes])
+        best = max((self.channel.descend(trial, WHOLE_STEPS) for _, trial in begin), key=lambda fit: fit.score)
         return replace(best, plain=best.parameters)
+
+
+def _pass(residual: Array, one: list[Array], two: list[Array]) -> bool:
+    """Whether two effects, at some of their sizes, pass a score test together, both with the sign that they have.
+    residual; one, two: of each size what it changes; all in the fitted rows, over the noise."""
+    for both in (np.stack(columns, axis=1) for columns in product(one, two)):
+        if np.all(np.isfinite(both)):
+            share = np.linalg.lstsq(both, residual, rcond=1e-6)[0]  # 0 of what does the same
+            if np.all(share > 0.0) and 0.5 * float(residual @ (both @ share)) > TWO_AT_ONCE:
+                return True
+    return False
 
 
 def thresholds_inside(threshold: Parameter, channel: ResistanceChannel) -> tuple[float, ...]:
@@ -326,12 +317,13 @@ def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) ->
         elif p.signed:
             values = np.geomspace(p.smallest, p.largest, sizes)[::2]
             axes.append([float(v) for v in (*-values[::-1], *values)])
-        else:
+        else:  # three values of what an effect has besides its size
             axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
     heated = isinstance(effect.form, Warming) and effect.form.heated and not effect.parameters[0].choices
     if heated and channel.record.test_current_A is not None:
         ohm = channel.record.quantity.ohm(channel.output[channel.rows])
         power = channel.record.test_current_A[channel.rows] ** 2 * ohm
-        largest = max(float(np.max(power)), 1e-30)
+        largest = max(float(np.max(power)), 1e-30)  # > 0
+        # warmer by so many K at the largest power, within 1 to 1e5 K/W: any film on any substrate
         axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
     return [switched(effect, list(values)) for values in product(*axes)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.joint_fit import widened
+from sim.diagnosis.search.learned import first_renoised, last_renoised, with_film
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.search.temperature_search import TemperatureSearch, beside_misfit
@@ -18,13 +20,13 @@ from sim.effects.effect import Reading, Switched, jumps
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
 CHOICE = 5.0  # what an effect has to bring besides for each of its values that was chosen among several
-PROMISING = 4.0
+PASSES = 4.0  # of a score test: log-likelihood from which an effect is tried
 MOST_EFFECTS = 4  # one more than the blind cases ever hide
 TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
-HINT = 2.0  # log-likelihood in the first channel that makes an effect a rival of one in the last
+HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
@@ -54,9 +56,9 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
         fit = search.fit(names)
         others = [n for n in search.effects if n not in names]
         rough = 2.0 * fit.minus_log / search.channel.rows.size > ROUGH
-        promise = {n: search.promise(fit, n) for n in others}
-        order = sorted(others, key=lambda n: -promise[n])
-        tried = order if rough else [n for n in order if promise[n] > PROMISING][:TRIED]
+        scores = {n: search.score_test(fit, n) for n in others}
+        order = sorted(others, key=lambda n: -scores[n])
+        tried = order if rough else [n for n in order if scores[n] > PASSES][:TRIED]
         found = {n: search.fit(names | {n}, fit) for n in search.budget.in_time(tried)}
         gains = {n: fit.minus_log - f.minus_log for n, f in found.items() if has_meaning(search, f)}
         if not gains or max(gains.values()) < ENTRY:
@@ -72,7 +74,7 @@ def select_first_links(search: TemperatureSearch, names: frozenset[str] = frozen
 
 def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozenset[str]:
     """Swaps and removals until none is better."""
-    for _ in range(4):
+    for _ in range(4):  # nearly all end in the second turn
         best, changed = search.fit(names).minus_log, names
         for name in search.budget.in_time(sorted(names - search.assumed)):
             rest = names - {name}
@@ -81,8 +83,8 @@ def _improved_first(search: TemperatureSearch, names: frozenset[str]) -> frozens
                 return _improved_first(search, rest)
             if not rest:
                 continue  # the only one was the best of all
-            promise = {n: search.promise(fit, n) for n in search.effects if n not in names}
-            likely = sorted((n for n in promise if promise[n] >= PROMISING), key=lambda n: -promise[n])
+            scores = {n: search.score_test(fit, n) for n in search.effects if n not in names}
+            likely = sorted((n for n in scores if scores[n] >= PASSES), key=lambda n: -scores[n])
             for other in search.budget.in_time(likely[:TRIED]):
                 trial = search.fit(rest | {other}, fit)
                 if trial.minus_log < best - 1.0 and (search.channel.misfit == 1.0 or has_meaning(search, trial)):
@@ -139,16 +141,17 @@ def select_last_links(
 def _one_more(
     search: ResistanceSearch, fit: ResistanceFit, beside: frozenset[str] = frozenset()
 ) -> ResistanceFit | None:
-    """The best fit with one more effect: some steps for each that promises, to the end for the few that look best."""
+    """The best fit with one more effect: some steps for each that passes a score test, to the end for the best few."""
     names = frozenset(e.name for e in fit.effects)
     others = [n for n in search.effects if n not in names and n not in beside]
     if fit.parameters.has_relays and search.channel.mean_square(fit) <= RELAYED:
         return _one_more_beside(search, fit, others)
     rough = search.channel.mean_square(fit) > ROUGH
-    promises = search.promises(fit, others)
-    tried = sorted((n for n in others if rough or promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
+    tests = search.score_tests(fit, others)
+    best = {n: max(each, key=lambda test: test.gain) for n, each in tests.items()}
+    tried = sorted((n for n in others if rough or best[n].gain > PASSES), key=lambda n: -best[n].gain)
     budget = search.budget
-    quick = [search.quick(fit, n, promises[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
+    quick = [search.quick(fit, n, best[n]) for n in budget.in_time(tried if rough else tried[:TRIED])]
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
     ends = [e for e in ends if np.isfinite(e.score) and has_meaning(search, e)]
@@ -160,8 +163,8 @@ def _one_more(
     found = [search.widened(e) for e in budget.in_time(ends[:WIDENED])]
     far = search.channel.mean_square(fit) > FAR_FROM_NOISE
     if fit.parameters.has_relays and not far:  # what shows beside another film, and what it may have absorbed
-        likely = [p.beside for p in promises.values() if p.beside is not None and p.beside[0] > PROMISING]
-        begin = [start for _, start in sorted(likely, key=lambda b: -b[0])[:WIDENED]]
+        likely = [beside for beside, *_ in tests.values() if beside.gain > PASSES]
+        begin = [test.start for test in sorted(likely, key=lambda test: -test.gain)[:WIDENED]]
         readings = [n for n in others if isinstance(search.effects[n].form, Reading)]
         begin += [start for start in (search.absorbed(fit, search.effects[n]) for n in readings) if start is not None]
         found += [search.beside(fit, start) for start in budget.in_time(begin)]
@@ -171,9 +174,9 @@ def _one_more(
 
 def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[str]) -> ResistanceFit | None:
     """The best fit with one more effect, where relays leave nothing: what shows beside them, or does their work."""
-    promises = {n: search.promise(fit, n, FINER) for n in others}
-    likely = sorted((n for n in others if promises[n].gain > PROMISING), key=lambda n: -promises[n].gain)
-    found = [search.beside(fit, promises[n].start) for n in search.budget.in_time(likely[:TRIED])]
+    tests = {n: search.score_test(fit, n, FINER) for n in others}
+    likely = sorted((n for n in others if tests[n].gain > PASSES), key=lambda n: -tests[n].gain)
+    found = [search.beside(fit, tests[n].start) for n in search.budget.in_time(likely[:TRIED])]
     for name in search.budget.in_time(others):
         if isinstance(search.effects[name].form, Reading):
             found.append(search.in_their_place(fit, name))
@@ -199,7 +202,7 @@ def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[st
 
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     names = _best_timed(search, names)
-    for _ in range(3):
+    for _ in range(3):  # as above; each costs much more
         best = search.fit(names)
         too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
         if len(names) < 2 or search.channel.mean_square(best) > too_much_left:
@@ -210,7 +213,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
             if best.score - fit.score < entry_of(best):
                 return _improved_last(search, names - {name})
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
-                continue  # nothing else can do as much and leave nothing
+                continue  # nothing else can do as much and leave nothing (0.5 a row is the noise's own)
             other = _one_more(search, fit, frozenset({name}))
             if other is not None and other.score > (changed or best).score + 1.0:
                 changed = other
@@ -220,44 +223,54 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
     return names
 
 
-def select(chain: Chain, say: Progress) -> frozenset[str]:
-    """The effects that the whole record asks for."""
-    upstream: frozenset[str] = frozenset()
+def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
+    """The effects that the whole record asks for; and the chain with what was learned and found on the way. The one
+    given stays as it was."""
+    chain, upstream = chain.apart(), frozenset[str]()
     if chain.first is not None:
-        say("current to temperature")
-        upstream = select_first_links(chain.first)
-        if chain.renoised_first(upstream):
-            upstream = select_first_links(chain.first, upstream)
-        beside = beside_misfit(chain.first, upstream) if chain.record.output is None else None
-        if beside is not None:
-            say("current to temperature, beside what nothing explains")
-            chain.first = beside
-            upstream = select_first_links(beside)
-    names = upstream
-    if chain.record.output is not None:
-        names = upstream | _selected_last(chain, upstream, say)
-        if chain.first is not None:
-            say("both together")
-            names = _joint(chain, names)
-            chain.together = True
-            names = _told_by_the_film(chain, names)
-    return names
+        chain, upstream = _selected_first(chain, chain.first, say)
+    if chain.record.output is None:
+        return chain, upstream
+    chain, downstream = _selected_last(chain, upstream, say)
+    names = upstream | downstream
+    if chain.first is not None:
+        say("both together")
+        names = _joint(chain, names)
+        chain = replace(chain, together=True)
+        names = _of_both_channels(chain, names)
+    return chain, names
 
 
-def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> frozenset[str]:
+def _selected_first(chain: Chain, first: TemperatureSearch, say: Progress) -> tuple[Chain, frozenset[str]]:
+    """The effects of the first links, the noise weighed anew once they are known; beside what nothing explains where
+    there is no film to tell more."""
+    say("current to temperature")
+    names = select_first_links(first)
+    learned = first_renoised(chain, names)
+    if learned.first is not None and learned is not chain:
+        chain, first = learned, learned.first
+        names = select_first_links(first, names)
+    beside = beside_misfit(first, names) if chain.record.output is None else None
+    if beside is None:
+        return chain, names
+    say("current to temperature, beside what nothing explains")
+    return replace(chain, first=beside), select_first_links(beside)
+
+
+def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> tuple[Chain, frozenset[str]]:
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
-    names, search = frozenset[str](), chain.last(upstream)
+    chain, names = with_film(chain, upstream), frozenset[str]()
     if chain.facts is not None and chain.facts.sparse is not None:
-        return search.assumed  # the film between two rows may do what any effect does
+        return chain, chain.last(upstream).assumed  # the film between two rows may do what any effect does
     for steps in (1, MOST_EFFECTS):
-        before = names
+        before, changed = names, False
         names = select_last_links(chain.last(upstream), names, steps, say)
-        understood = 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows
-        changed = understood and chain.renoised(upstream | names)
+        if 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows:
+            chain, changed = last_renoised(chain, upstream | names)
         if names == before and not changed:
             break  # the same search would find the same
-    return select_last_links(chain.last(upstream), names, say=say) if changed else names
+    return chain, select_last_links(chain.last(upstream), names, say=say) if changed else names
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:
@@ -269,7 +282,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """What delays temperature and what delays resistance look alike in one channel: try each in place of the other."""
     first = chain.first
     assert first is not None
-    for _ in range(3):
+    for _ in range(3):  # as above; each costs much more
         upstream, downstream = chain.split(names)
         moving = [n for n in first.effects if first.effects[n].link != "plate"]
         timing = sorted((downstream & TIMING) - chain.assumed)
@@ -278,7 +291,7 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
         for n in moving:
             if n in upstream or not timing or chain.budget.over(SEARCHING):
                 continue
-            if first.promise(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
+            if first.score_test(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
                 options.append(upstream | {n})
         for a in moving:
             for b in moving:
@@ -298,20 +311,20 @@ def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     return names
 
 
-def _told_by_the_film(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+def _of_both_channels(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
     while len(names - chain.assumed) < MOST_EFFECTS:
-        pair = chain.pair(names)
-        if pair is None or chain.first is None:
+        joint = chain.joint(names)
+        if joint is None or chain.first is None:
             return names
         found: dict[str, tuple[float, Switched]] = {}
         for name, effect in chain.first.effects.items():
             if name not in names and not jumps(effect):
-                found[name] = pair.promised(effect)
+                found[name] = joint.score_test(effect)
         likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
         best, value = names, chain.score(names) + ENTRY
         for name in chain.budget.in_time(likely):
-            trial = widened(pair, found[name][1])
+            trial = widened(joint, found[name][1])
             if trial is None or not has_meaning(chain.first, trial.a):
                 continue
             chain.keep(names | {name}, trial)

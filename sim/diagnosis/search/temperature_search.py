@@ -11,16 +11,22 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.data.misfit import misfit_of
-from sim.diagnosis.data.record import Record, driven_rows
+from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.views import NOTHING as NO_CHANGE
 from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
+from sim.model.recorded import driven_rows
 
 ROUGH_STEPS = 12  # of a plate's start, of which the best goes on
 EXCHANGED_STEPS = 40  # of a fit that is compared with others, and has to have ended
 BEGUN_STEPS, ENDED_STEPS = 30, 60  # of several effects begun at once: until the starts differ; of the best, to its end
 FAR_STEPS = 10  # of all else, at values all over the range
+BESIDE_STEPS, WALK_STEPS, CLOSE_STEPS = 4, 6, 15  # of all else: beside the best value, in the next cell, at the end
+ADDED_STEPS, REMOVED_STEPS, NOTHING_STEPS = 10, 40, 30  # of a fit with one effect more, one less, one of no size
+OUTSIDE = 0.3, 3.0  # times the least and the largest size met, between which a search looks
+SMALL_SHARE = 0.03  # of a starting value: there a change is linear in the size
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
@@ -32,10 +38,10 @@ TOGETHER = 0.35, 0.75  # the same of several effects at once
 BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class TemperatureSearch:
-    """Fits of the first links by the names of their effects, each computed once. assumed: the effects that the user
-    knows are there; budget: of time, for the search."""
+    """Fits of the first links. assumed: the effects that the user knows are there; budget: of time, for the search.
+    fits: what was found so far, the best by the names of their effects."""
 
     channel: TemperatureChannel
     effects: dict[str, Effect]
@@ -49,8 +55,7 @@ class TemperatureSearch:
         if names in self.fits:
             return self.fits[names]
         if not names:
-            self.fits[names] = self.channel.descend(self.base.parameters)
-            return self.fits[names]
+            return self.keep(self.channel.descend(self.base.parameters))
         begin = [near] if near is not None else [self.fit(names - {name}) for name in sorted(names)]
         if self.channel.misfit > 1.0:
             begin += [
@@ -59,10 +64,14 @@ class TemperatureSearch:
         found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
         if self.channel.misfit > 1.0 and not any(jumps(self.effects[name]) for name in names):
             found += self._begun_together(names)
-        best = self._exchanged(min(found, key=lambda fit: fit.minus_log))
+        return self.keep(self._exchanged(min(found, key=lambda fit: fit.minus_log)))
+
+    def keep(self, fit: TemperatureFit) -> TemperatureFit:
+        """Remember a fit, if it is the best with its effects."""
+        names = frozenset(e.name for e in fit.effects)
         known = self.fits.get(names)
-        if known is None or best.minus_log < known.minus_log:
-            self.fits[names] = best
+        if known is None or fit.minus_log < known.minus_log:
+            self.fits[names] = fit
         return self.fits[names]
 
     def _begun_together(self, names: frozenset[str]) -> list[TemperatureFit]:
@@ -87,22 +96,18 @@ class TemperatureSearch:
             effect = self.effects[found.name]
             if jumps(effect) and 2.0 * fit.minus_log > LEFT * self.channel.rows.size:
                 fit = self._walked(fit, effect)
-        self.fits[names] = fit
+        self.keep(fit)
 
     def without(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         """The best fit without one of a fit's effects, beginning from where the fit is."""
         rest = [e for e in fit.effects if e.name != name]
-        trial = self.channel.descend(self.channel.extended(fit.parameters, rest), 40)
-        names = frozenset(e.name for e in rest)
-        if names not in self.fits or trial.minus_log < self.fits[names].minus_log:
-            self.fits[names] = trial
-        return self.fits[names]
+        return self.keep(self.channel.descend(self.channel.extended(fit.parameters, rest), REMOVED_STEPS))
 
     def _added(self, fit: TemperatureFit, name: str) -> TemperatureFit:
         effect = self.effects[name]
         if jumps(effect):
             return self._searched(fit, effect)
-        found = [self._descend(fit, switched(effect, start), 10) for start in starting_values(effect, fit)]
+        found = [self._descend(fit, switched(effect, start), ADDED_STEPS) for start in starting_values(effect, fit)]
         best = min(found, key=lambda trial: trial.minus_log)
         best = self.channel.descend(best.parameters, ENDED_STEPS)
         if best.minus_log > fit.minus_log:  # nothing found that is better: begin where the effect is next to nothing
@@ -110,7 +115,7 @@ class TemperatureSearch:
             if effect.inverse:
                 nothing[0] = effect.parameters[0].largest / NOTHING
             begin = switched(effect, with_pinned(effect, nothing))
-            other = self.channel.descend(self._descend(fit, begin, 10).parameters, 30)
+            other = self.channel.descend(self._descend(fit, begin, ADDED_STEPS).parameters, NOTHING_STEPS)
             best = min((best, other), key=lambda trial: trial.minus_log)
         return best
 
@@ -157,12 +162,13 @@ class TemperatureSearch:
         while stride:
             for k in (at - stride, at + stride):
                 if 0 <= k < values.size and k not in tried:
-                    tried[k] = self.held(best, effect, float(values[k]), 4)
+                    tried[k] = self.held(best, effect, float(values[k]), BESIDE_STEPS)
             near = min((k for k in (at - stride, at, at + stride) if k in tried), key=lambda k: tried[k].minus_log)
             if near == at:
                 stride //= 2
             at, best = near, tried[near]
-        return self._walked(self.held(best, effect, float(values[at]), 15), effect)  # what was far had not come down
+        ended = self.held(best, effect, float(values[at]), CLOSE_STEPS)  # what was far had not come down
+        return self._walked(ended, effect)
 
     def _walked(self, best: TemperatureFit, effect: Effect) -> TemperatureFit:
         """The best of a fit and those in the cells beside its own, as far as they become better."""
@@ -170,7 +176,7 @@ class TemperatureSearch:
             edges = cells(effect, self.channel.record, apart)
             for side in (-1, 1):
                 worse = 0
-                for _, other in self.walk(best, effect, edges, side, 6):
+                for _, other in self.walk(best, effect, edges, side, WALK_STEPS):
                     worse = 0 if other.minus_log < best.minus_log else worse + 1
                     best = min(best, other, key=lambda fit: fit.minus_log)
                     if worse == WORSE_ON_END:
@@ -195,7 +201,7 @@ class TemperatureSearch:
         held = Switched(held_effect(effect), np.array([value]))
         return self.channel.descend(self.channel.extended(fit.parameters, [*others, held]), steps)
 
-    def promise(self, fit: TemperatureFit, name: str) -> float:
+    def score_test(self, fit: TemperatureFit, name: str) -> float:
         """By how much the log-likelihood may rise with one more effect: a step along its own direction, the other
         unknowns free (score test); of an effect that has to be searched for, the best of its values."""
         effect = self.effects[name]
@@ -207,7 +213,7 @@ class TemperatureSearch:
         else:
             values = [
                 [
-                    0.03 * v if k == 0 or par.signed else v
+                    SMALL_SHARE * v if k == 0 or par.signed else v
                     for k, (v, par) in enumerate(zip(start, effect.parameters, strict=True))
                 ]
                 for start in starting_values(effect, fit)
@@ -216,7 +222,7 @@ class TemperatureSearch:
         for value in values:
             delta = view.left_of(switched(effect, list(value)))
             size = float(delta @ delta)
-            if size > 1e-9 and np.isfinite(size):
+            if size > NO_CHANGE and np.isfinite(size):
                 best = max(best, 0.5 * float(delta @ view.residual) ** 2 / size)
         return best
 
@@ -225,13 +231,13 @@ def beside_misfit(search: TemperatureSearch, names: frozenset[str]) -> Temperatu
     """A search that weighs the rows by what the fit with these effects leaves that nothing explains, its fits begun
     anew from the plate alone; None where that fit leaves nothing."""
     channel = search.channel
-    driven = driven_rows(channel.record)[channel.rows]
+    driven = driven_rows(channel.record, channel.record.joined)[channel.rows]
     misfit = misfit_of(channel.residual(search.fit(names))[driven])
     if misfit < MISFIT:
         return None
     channel = channel.with_misfit(misfit)
     base = channel.descend(search.base.parameters)
-    return TemperatureSearch(channel, search.effects, base, search.assumed, search.budget)
+    return replace(search, channel=channel, base=base, fits={})
 
 
 def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
@@ -240,7 +246,7 @@ def cells(effect: Effect, record: Record, apart: float = APART) -> Array:
     assert isinstance(form, Command)
     assert form.jumps is not None
     assert record.current_A is not None
-    low, high = 0.3 * parameter.smallest, 3.0 * parameter.largest
+    low, high = OUTSIDE[0] * parameter.smallest, OUTSIDE[1] * parameter.largest
     jumps = np.unique(form.jumps(record.current_A))
     edges = [low]
     for jump in jumps[(jumps > low) & (jumps < high)]:
@@ -257,7 +263,7 @@ def cell_of(value: float, edges: Array) -> int:
 def searched_values(effect: Effect) -> Array:
     """The values of an effect that has to be searched for."""
     parameter = effect.parameters[0]
-    return np.geomspace(0.3 * parameter.smallest, 3.0 * parameter.largest, SEARCHED)
+    return np.geomspace(OUTSIDE[0] * parameter.smallest, OUTSIDE[1] * parameter.largest, SEARCHED)
 
 
 def held_effect(effect: Effect) -> Effect:
@@ -271,13 +277,15 @@ def held_effect(effect: Effect) -> Effect:
 def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[list[float]]:
     """Where descents for an effect begin: within the sizes met, of both signs where it has one."""
     if any(p.signed for p in effect.parameters):
+        # a third of the geometric mean, of both signs: a descent grows it where it is larger
         middle = [0.3 * (p.smallest * p.largest) ** 0.5 for p in effect.parameters]
         other = [-v if p.signed else v for v, p in zip(middle, effect.parameters, strict=True)]
         return [with_pinned(effect, middle), with_pinned(effect, other)]
     starts = [[float(p.smallest * (p.largest / p.smallest) ** share) for p in effect.parameters] for share in BOTH]
     if fit is not None and isinstance(effect.form, HeatFlow) and effect.name == "radiative_loss":
         g = fit.parameters.plate()[2]
-        starts = [[0.05 * g / 1.2e8], [0.5 * g / 1.2e8]]
+        # shares of the conductance g; 4 T_a^3 at 310 K is 1.2e8 K^3
+        starts = [[share * g / 1.2e8] for share in (0.05, 0.5)]
     return [with_pinned(effect, start) for start in starts]
 
 
@@ -288,7 +296,7 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
     edges = [*record.first_rows.tolist(), record.rows]
     for first, last in itertools.pairwise(edges):
         used = record.temperature_used[first:last]
-        if np.sum(used) >= 3:
+        if np.sum(used) >= 3:  # readings, that a balance can be integrated over
             part = slice(first, last)
             temperature = np.where(used, record.temperature_degC[part], 0.0)
             steps = np.diff(record.time_s[part])
@@ -297,10 +305,9 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
     for kind in kinds:
         for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
             s, r, g, q, h = (float(v) for v in rough[:5])
-            ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)
-            base = (
-                [max(s, 1e-6), max(r, 1e-5), max(g, 1e-5), ambient] if kind == "peltier" else [q, max(g, 1e-5), ambient]
-            )
+            ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)  # of any room in which a fit may begin
+            s, r, g = max(s, 1e-6), max(r, 1e-5), max(g, 1e-5)  # far below any plate's: a balance may have them < 0
+            base = [s, r, g, ambient] if kind == "peltier" else [q, g, ambient]
             found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
     best = min(found, key=lambda fit: fit.minus_log)
-    return channel.descend(best.parameters, 60)
+    return channel.descend(best.parameters, ENDED_STEPS)

@@ -12,8 +12,10 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
-from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K, TemperatureChannel, TemperatureFit
 from sim.effects.effect import Switched
+
+NOTHING = 1e-9  # a square in units of the noise's: what changes the rows less changes nothing
 
 
 class FirstView:
@@ -25,9 +27,9 @@ class FirstView:
         weight = np.sqrt(channel.weight)
         self.residual = channel.residual(fit) * weight
         columns = channel.over(fit.jacobian[rows]) * weight[:, None]
-        moved = channel.simulate(p, p.x, p.first_degC + 0.01)[1][rows] - fit.shown_degC[rows]
-        self._e = e = channel.over(moved) * weight / 0.01
-        self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12
+        moved = channel.simulate(p, p.x, p.first_degC + FIRST_STEP_K)[1][rows] - fit.shown_degC[rows]
+        self._e = e = channel.over(moved) * weight / FIRST_STEP_K
+        self._d = np.bincount(channel.stretch, e * e, channel.stretches) + 1e-12  # > 0 of one without readings
         nuisance = np.stack([self._off_firsts(c) for c in columns.T], axis=1)
         norms = np.linalg.norm(nuisance, axis=0)
         self._q = np.linalg.qr(nuisance[:, norms > 0.0] / norms[norms > 0.0])[0]
@@ -60,8 +62,8 @@ class View:
         outer = self._point.off(channel.over(fit.jacobian[rows]))
         norms = np.linalg.norm(outer, axis=0)
         self._q = (
-            np.linalg.qr(outer[:, norms > 1e-9] / norms[norms > 1e-9])[0]
-            if np.any(norms > 1e-9)
+            np.linalg.qr(outer[:, norms > NOTHING] / norms[norms > NOTHING])[0]
+            if np.any(norms > NOTHING)
             else np.zeros((rows.size, 1))
         )
 
@@ -74,6 +76,7 @@ class View:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
         channel, fit, rows = self._channel, self._fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
-        shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit)[0]
+        trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
+        shown = channel.predict_from(trial, fit, near=near)[0]
         delta = self._point.off(channel.over(shown[rows] - self._point.shown[rows])[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)

@@ -63,25 +63,26 @@ def adequacy(z: Array, time_s: Array, temperature_degC: Array, state: dict[str, 
     """z: residuals over noise (rows,). state: other columns by name, grouped by their quantiles.
 
     Under closed-loop control the current of a row answers to the row's own noise: give that of the row before."""
-    z = np.clip(z, -6.0, 6.0)
+    z = np.clip(z, -6.0, 6.0)  # a reading further off went astray
     n = z.size
     scale = float(np.mean(z * z))
     if 0.85 < scale < 1.15:  # the noise itself is known this well only
         z = z / math.sqrt(scale)
     questions = []
     size = 4
-    while n // size >= 6:
+    while n // size >= 6:  # blocks: with fewer, one is the record's whole trend
         questions.append(_grouped(f"blocks of {size} rows", z, (np.arange(n) // size).astype(np.int64)))
-        size *= 3
+        size *= 3  # what shows at one size and not at the next lasts for no longer
     rising = np.diff(temperature_degC, prepend=temperature_degC[0]) > 0.0  # the next step answers to this noise
+    # 30 bins of temperature: a tenth of a loop's flank each, and enough readings
     bins = np.clip(np.searchsorted(np.quantile(temperature_degC, np.linspace(0, 1, 31)[1:-1]), temperature_degC), 0, 29)
     questions.append(_grouped("temperature", z, (2 * bins + rising).astype(np.int64)))
     for name, values in state.items():
         levels = np.unique(values)
-        if levels.size <= 12:
+        if levels.size <= 12:  # a few commands or ranges, not a continuum
             group = np.searchsorted(levels, values)
         else:
-            group = np.searchsorted(np.quantile(values, np.linspace(0, 1, 41)[1:-1]), values)
+            group = np.searchsorted(np.quantile(values, np.linspace(0, 1, 41)[1:-1]), values)  # 40 of them
         questions.append(_grouped(name, z, group.astype(np.int64)))
     return Adequacy(tuple(questions), scale)
 
@@ -94,16 +95,16 @@ def describe(z: Array, time_s: Array, temperature_degC: Array, left: tuple[Quest
         parts.append(f"period {period:.3g} s")
     rising = np.gradient(temperature_degC) > 0.0
     up, down = float(np.mean(z[rising] ** 2)), float(np.mean(z[~rising] ** 2)) if np.any(~rising) else 0.0
-    if up > 2.0 * down:
+    if up > 2.0 * down:  # twice the mean square: for most of what is left
         parts.append("mostly while heating")
     elif down > 2.0 * up:
         parts.append("mostly while cooling")
-    edges = np.quantile(temperature_degC, np.linspace(0.0, 1.0, 13))
+    edges = np.quantile(temperature_degC, np.linspace(0.0, 1.0, 13))  # twelve places
     square = [
         float(np.mean(z[(temperature_degC >= a) & (temperature_degC <= b)] ** 2)) for a, b in itertools.pairwise(edges)
     ]
     k = int(np.argmax(square))
-    if square[k] > 2.5 * float(np.mean(square)):
+    if square[k] > 2.5 * float(np.mean(square)):  # a fifth of all in a twelfth of the rows
         parts.append(f"between {edges[k]:.1f} and {edges[k + 1]:.1f} degC")
     parts += [f"from {when:.0f} s on" for when in [onset_s(z, time_s)] if when is not None]
     return ", ".join(parts) if parts else f"structure in {left[0].name}" if left else "structure"
@@ -115,10 +116,10 @@ def main_period_s(z: Array, time_s: Array) -> float | None:
     count = int((time_s[-1] - time_s[0]) / step) + 1
     even = np.interp(time_s[0] + step * np.arange(count), time_s, z)
     power = np.abs(np.fft.rfft(even * np.hanning(count))) ** 2
-    power[:3] = 0.0
+    power[:3] = 0.0  # a trend
     k = int(np.argmax(power))
-    around = np.median(power[max(3, k - 60) : k + 60])
-    if power[k] < 40.0 * around or k < 4:
+    around = np.median(power[max(3, k - 60) : k + 60])  # lines enough for a median
+    if power[k] < 40.0 * around or k < 4:  # of noise, one line in 1e12; and three periods are a trend, too
         return None
     return count * step / k
 
@@ -127,8 +128,9 @@ def onset_s(z: Array, time_s: Array) -> float | None:
     """The time from which on the residual is several times larger, None where there is none."""
     n = z.size
     total = np.cumsum(z * z)
-    k = np.arange(n // 10, n - n // 10)
+    k = np.arange(n // 10, n - n // 10)  # with a tenth of the record at least on either side
     before, after = total[k] / (k + 1), (total[-1] - total[k]) / (n - k - 1)
     ratio = after / np.maximum(before, 0.5)
     best = int(np.argmax(ratio * np.minimum(k, n - k)))
-    return float(time_s[k[best]]) if ratio[best] > 4.0 and before[best] < 1.5 else None
+    sudden = ratio[best] > 4.0 and before[best] < 1.5  # four times the mean square, and about the noise's before
+    return float(time_s[k[best]]) if sudden else None

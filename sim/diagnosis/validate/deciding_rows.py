@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Rows
-from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.chain import OF_STEP, Chain
 
 
 def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
@@ -21,7 +21,8 @@ def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
     channel = chain.first.channel
     residual = residual / np.sqrt(channel.misfit)
     if channel.noise.plain:
-        return np.asarray(residual / max(channel.sigma_K, 0.3 * record.step_K), dtype=np.float64)
+        sigma_K = max(channel.sigma_K, OF_STEP * record.step_K)
+        return np.asarray(residual / sigma_K, dtype=np.float64)
     return channel.noise.on(rows, record.temperature_degC[rows]).over(residual)
 
 

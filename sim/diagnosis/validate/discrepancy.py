@@ -24,7 +24,7 @@ TURNS = 12  # of widths and coefficients in turn
 def cosines(place: Array, rows: int) -> list[Array]:
     """Cosines over the record in bands of their frequency, each (samples, k); place: the row of each sample."""
     count = int(min(rows / SHORTEST_ROWS, MOST_COSINES))
-    if count < 3:
+    if count < BANDS:  # a cosine in each
         return []
     k = np.arange(1, count + 1)
     columns = np.sqrt(2.0) * np.cos(np.pi * np.outer((place + 0.5) / rows, k))
@@ -36,12 +36,12 @@ def whitened_score(z: Array, free: Array, bands: list[Array]) -> float:
     """The marginal log-likelihood of residuals z (rows,) with unknowns moving along `free` (rows, k) and a
     discrepancy."""
     norm = np.linalg.norm(free, axis=0)
-    keep = norm > 1e-9
+    keep = norm > 1e-9  # what moves
     free = free[:, keep] / norm[keep] * np.sqrt(z.size)
     columns = np.concatenate([free, *bands], axis=1)
     sizes = [free.shape[1], *[band.shape[1] for band in bands]]
     gram, right, square = columns.T @ columns, columns.T @ z, float(z @ z)
-    widths = [10.0, *[0.05] * len(bands)]
+    widths = [10.0, *[0.05] * len(bands)]  # unknowns next to free; a discrepancy that begins far below the noise
     score, best = -np.inf, -np.inf
     for _ in range(TURNS):
         prior = np.concatenate([np.full(n, w**-2) for n, w in zip(sizes, widths, strict=True)])
@@ -56,10 +56,10 @@ def whitened_score(z: Array, free: Array, bands: list[Array]) -> float:
         for b, size in enumerate(sizes[1:], 1):
             part = slice(place, place + size)
             power = float(np.sum(c[part] ** 2))
-            known = max(size - float(np.sum(variance[part])) * widths[b] ** -2, 1e-2)
-            widths[b] = float(np.clip(np.sqrt(power / known), 1e-4, 100.0))
+            known = max(size - float(np.sum(variance[part])) * widths[b] ** -2, 1e-2)  # > 0
+            widths[b] = float(np.clip(np.sqrt(power / known), 1e-4, 100.0))  # of the noise: nothing, and everything
             place += size
-        if score < best + 0.05:
+        if score < best + 0.05:  # log-likelihood: settled
             break
         best = score
     return max(score, best)

@@ -36,6 +36,6 @@ def gain(before: Array, after: Array, held_out: Mask) -> Gain:
     count = np.bincount(place)
     b, a = np.bincount(place, before[rows] ** 2), np.bincount(place, after[rows] ** 2)
     draw = np.random.default_rng(0).integers(0, count.size, (RESAMPLES, count.size))
-    reduction = 1.0 - np.sqrt(a[draw].sum(axis=1) / np.maximum(b[draw].sum(axis=1), 1e-300))
-    low, high = np.percentile(reduction, [2.5, 97.5])
+    reduction = 1.0 - np.sqrt(a[draw].sum(axis=1) / np.maximum(b[draw].sum(axis=1), 1e-300))  # > 0
+    low, high = np.percentile(reduction, [2.5, 97.5])  # 95 % between them
     return Gain(rmse(before[rows]), rmse(after[rows]), (float(low), float(high)), int(rows.size))

@@ -25,7 +25,7 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask 
     a, b = chain.fits(names)
     driven = a is not None and other.current_A is not None
     read = b is not None and other.output is not None
-    last = chain.film_channel(names) if read else None
+    last = chain.film_channel(names).elsewhere(other) if read else None
     fitted = FittedChain(a, b, last)
     error_K = chain.first.channel.error_K if chain.first is not None else 0.0
     told = replace(told_of(other), error_K=error_K)

@@ -1,0 +1,191 @@
+"""The equations of the last links: plate temperature -> film -> ohmmeter, for given parameters and coefficients.
+
+    y = D(T_f) + sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]        then the ohmmeter's effects
+
+F_j are play operators with one pair of envelopes (the model's class), N_k relays spread over the Preisach plane: they
+stand for whatever a film of another kind does besides. Nothing here knows of noise, or of how well a reading is met.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.operator_outputs import radius_floor
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
+from sim.diagnosis.fit.film_point import Point
+from sim.diagnosis.fit.preisach_density import Relays, followed_by
+from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.diagnosis.fit.unknowns import Unknown, envelope_unknowns, unknowns_of, values_inside, with_values
+from sim.effects.effect import Switched
+from sim.model.film_columns import operator_columns
+from sim.model.film_nodes import FilmNodes, film_nodes
+from sim.model.links import Links, behind, columns_followed, links_of
+from sim.model.meter_power import MeterPower
+from sim.model.ohmmeter import shown_in_rows
+from sim.model.plate_path import PlatePath
+from sim.model.recorded import Spacing
+
+FAR_BEHIND = 20.0  # K: of a filter at the first row, more than a plate moves in its time constant
+STEP_BEHIND = 1e-2  # K, the same of a difference quotient
+
+
+def straight_readings(record: Record) -> Array:
+    """The film's output in each row, (rows,): as it was read, straight between readings where there is none."""
+    assert record.output is not None
+    used = np.flatnonzero(record.output_used)
+    return np.interp(np.arange(record.rows), used, record.output[used])
+
+
+@dataclass(frozen=True, eq=False)
+class FilmEquations:
+    """On one record and one path of the plate's temperature. readings: the film's output as far as it is known before a
+    fit, (rows,), by whose resistance the ohmmeter heats; relays: whether the film may be of another kind."""
+
+    record: Record
+    path: PlatePath
+    basis: FilmBasis
+    readings: Array
+    relays: bool
+    spacing: Spacing
+
+    def on(self, path: PlatePath) -> Self:
+        """The same rows on another path."""
+        return replace(self, path=path)
+
+    def elsewhere(self, record: Record) -> FilmEquations:
+        """The same film over another record, its path to be given yet."""
+        return FilmEquations(record, self.path, self.basis, straight_readings(record), self.relays, self.spacing)
+
+    @staticmethod
+    def filters_behind(effects: Sequence[Switched]) -> int:
+        """How many of x, at its end, say how far the film's own filters are behind at the first row."""
+        return len(links_of(effects).film_lags)
+
+    def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
+        """The same film with these effects."""
+        x = np.concatenate((p.x[:ENVELOPES], values_inside(effects), np.zeros(self.filters_behind(effects))))
+        return replace(p, effects=tuple(effects), x=x)
+
+    def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
+        """Effects with their values, and how far the film's filters are behind (K)."""
+        count = self.filters_behind(p.effects)
+        return with_values(p.effects, x[ENVELOPES : x.size - count]), x[x.size - count :]
+
+    def nodes(self, p: FilmParameters, x: Array) -> tuple[Links, FilmNodes]:
+        """The effects with their values in the chain's order, and the film's temperature."""
+        effects, late = self.split(p, x)
+        test, power, links = self.record.test_current_A, None, links_of(effects)
+        if test is not None and links.heated:
+            own = self._at_rows_s(links, self._film_output(p))
+            power = MeterPower(self.record.time_s, test, -own if self.record.quantity.rises else own)
+        return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
+
+    def _film_output(self, p: FilmParameters) -> Array:
+        """The film's own output as far as it is known before a fit; rows."""
+        return self.readings if p.film_output is None else p.film_output
+
+    def _at_rows_s(self, links: Links, output: Array) -> Array:
+        """What was taken for the rows' readings, at the rows' own times: they may be stamped too early or too late."""
+        taken, time = links.taken(self.record.taken_s), self.record.time_s
+        if np.array_equal(taken, time):
+            return output
+        order = np.argsort(taken, kind="stable")
+        return np.interp(time, taken[order], output[order])
+
+    def _signals(self, links: Links, nodes: FilmNodes, x: Array) -> Array:
+        """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
+        operators = self._operators(nodes, x)
+        parts = [np.ones((nodes.points.size, 1))]
+        if self.basis.curve is not None:
+            parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
+        extra = []
+        for effect in links.hysteretic_part:
+            operators = columns_followed(effect, nodes.points_s, operators)
+            extra.append(behind(effect, nodes.points_s))
+        return np.concatenate([*parts, operators, *extra], axis=1)
+
+    def _operators(self, nodes: FilmNodes, x: Array) -> Array:
+        floor, _ = radius_floor(x[:ENVELOPES])
+        return operator_columns(nodes, x[:ENVELOPES], floor + (1.0 - floor) * self.basis.fractions)
+
+    def own_output(self, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]) -> Array:
+        """The film's own output at the points: the columns of `_signals` times c, its coefficients. late_dec: how far
+        each filter of the hysteretic part is behind."""
+        signal = self._operators(nodes, x) @ c[self.basis.free : self.basis.columns]
+        for effect, late in zip(links.hysteretic_part, late_dec, strict=True):
+            signal = columns_followed(effect, nodes.points_s, signal[:, None])[:, 0]
+            signal = signal + late * behind(effect, nodes.points_s)[:, 0]
+        if self.basis.curve is not None:
+            signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
+        return np.asarray(c[0] + signal, dtype=np.float64)
+
+    def of_relays(self, p: FilmParameters, x: Array, point: Point) -> tuple[Links, FilmNodes, Array]:
+        """Effects and film at another x, and what the relays add: all that the envelopes leave alone."""
+        links, nodes = self.nodes(p, x)
+        first = point.coefficients.size - self.relay_count(p)
+        return links, nodes, self._signal_of(links, nodes, point.coefficients[first:], point.problem.relays)
+
+    def predict(
+        self, p: FilmParameters, x: Array, point: Point, relays: tuple[Links, FilmNodes, Array] | None = None
+    ) -> Array:
+        """What is shown at another x with the point's coefficients. relays: as `of_relays` has them, where known."""
+        links, nodes, of_relays = self.of_relays(p, x, point) if relays is None else relays
+        c = point.coefficients
+        creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
+        late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
+        signal = self.own_output(links, nodes, x, c, late[:creeps]) + of_relays
+        return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
+
+    def predict_from(
+        self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None, near: Relays | None = None
+    ) -> tuple[Array, Array]:
+        """What is shown, and the film's own output, with p's effects and the coefficients of a fit that has all of them
+        but one; rows. late: how far each filter of the hysteretic part and of log R is behind at the first row, by
+        effect; one that is not named, by nothing; None: as in the fit. near: the fit's relays, if known."""
+        links, nodes = self.nodes(p, p.x)
+        c = fit.coefficients
+        late = self.late_dec(fit) if late is None else late
+        relays = c[c.size - self.relay_count(fit.parameters) :]
+        signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
+        signal = signal + self._signal_of(links, nodes, relays, near)
+        shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
+        return shown, nodes.of_rows(signal)
+
+    def _signal_of(self, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None) -> Array:
+        """What the relays add to the film's output at the points. near: those of a fit, which may be at the same
+        temperature of the film."""
+        if not coefficients.size:
+            return np.zeros(nodes.points.size)
+        if near is not None and near.nodes is not None and nodes.same_film(near.nodes):
+            signal = near.columns @ coefficients
+        else:
+            signal = self.basis.plane.signal(nodes, coefficients)
+        return nodes.at_points(followed_by(links.hysteretic_part, self.record.taken_s, signal[:, None])[:, 0])
+
+    def late_dec(self, fit: ResistanceFit) -> dict[str, float]:
+        """How far a fit has each filter of the hysteretic part and of log R behind at the first row."""
+        links, place = links_of(fit.effects), self.basis.columns
+        names = [e.name for e in (*links.hysteretic_part, *links.meter_lags)]
+        return dict(zip(names, fit.coefficients[place : place + len(names)].tolist(), strict=True))
+
+    def relay_count(self, p: FilmParameters) -> int:
+        """How many coefficients the relays have; none where their prior's width is 0."""
+        return self.basis.plane.count if self.relays and p.has_relays else 0
+
+    def bounds(self, p: FilmParameters) -> tuple[Array, Array, Array]:
+        """Least, largest and step of each of x."""
+        unknowns = self.unknowns(p)
+        behind = p.x.size - len(unknowns)
+        low = np.array([u.low for u in unknowns] + [-FAR_BEHIND] * behind)
+        high = np.array([u.high for u in unknowns] + [FAR_BEHIND] * behind)
+        return low, high, np.array([u.step for u in unknowns] + [STEP_BEHIND] * behind)
+
+    def unknowns(self, p: FilmParameters) -> list[Unknown]:
+        """Of the envelopes and of the effects."""
+        return [*envelope_unknowns(self.path.plate_degC), *unknowns_of(p.effects)]

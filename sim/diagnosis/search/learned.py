@@ -1,0 +1,75 @@
+"""What is learned of a record on the way: another chain, searched anew where that matters.
+
+The noise is estimated from what a fit leaves, and so are outliers and missing rows; with more effects known it is known
+better. Each function takes a chain and the effects by which it learns, and gives the chain that knows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.data.segments import off_after_missing_rows
+from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
+from sim.diagnosis.fit.film_memory import remembered
+from sim.diagnosis.fit.temperature_channel import TemperatureChannel
+from sim.diagnosis.search.chain import LEAST_NOISE_K, Chain, Found
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, film_facts, least_noise
+
+SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
+NEAR_STEPS = 10  # of a fit that only the weights of its rows have changed for
+
+
+def with_film(chain: Chain, upstream: frozenset[str]) -> Chain:
+    """With the film's facts, of the path behind these effects of the first links; nothing of the film found yet."""
+    facts = film_facts(chain.record, chain.path(upstream), chain.curve, chain.relays, chain.path_K)
+    record = chain.record.without(facts.outliers[:0], facts.outliers)
+    return replace(chain, record=record, as_read=chain.as_read or chain.record, facts=facts, found=Found())
+
+
+def first_renoised(chain: Chain, upstream: frozenset[str]) -> Chain:
+    """With the first channel weighed by the noise that the fit with these effects leaves, without the readings that it
+    shows to be outliers, in stretches that begin where it shows that a row is missing; the same chain where nothing
+    changes. What a fit with too few effects took for an outlier comes back. The film is not known yet."""
+    old, before = chain.first, chain.record
+    assert old is not None
+    whole, fit = chain.as_read or before, old.fit(upstream)
+    noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K)
+    outliers = strays(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
+    record = whole.without(outliers, outliers[:0])
+    left = np.where(record.temperature_used, (before.temperature_degC - fit.shown_degC) / noise.level, np.nan)
+    off = off_after_missing_rows(left, before.time_s, before.first_rows)
+    same = np.array_equal(record.temperature_used, before.temperature_used) and not off.size
+    if same and noise.alike(old.channel.noise, before.temperature_degC[:1], SAME_NOISE):
+        return chain
+    record = record.begun_also(off)
+    channel = TemperatureChannel(record, ~record.held_out, noise, record.step_K)
+    base = replace(old.base, parameters=channel.in_its_stretches(old.base))
+    near = {key: channel.in_its_stretches(known) for key, known in old.fits.items() if key <= upstream}
+    fits = {key: channel.descend(p, NEAR_STEPS) for key, p in near.items()}
+    first = replace(old, channel=channel, base=base, fits=fits)
+    return replace(chain, record=record, as_read=whole.begun_also(off), first=first)
+
+
+def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
+    """The same of the last channel, with the memory that fits best beside these effects; and whether effects have to be
+    selected anew for it: what only comes back was fitted without being seen."""
+    upstream, _ = chain.split(names)
+    before, facts, b = chain.record, chain.facts, chain.fits(names)[1]
+    if b is None or facts is None or before.output is None:
+        return chain, False
+    whole, channel = chain.as_read or before, chain.last(upstream).channel
+    noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K)
+    outliers = strays(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
+    start, used = remembered(channel, b.parameters), before.output_used
+    same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start
+    same = same and not np.any(used[outliers])
+    record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers)
+    if same and np.array_equal(record.output_used, used):
+        return chain, False
+    chain = replace(chain, record=record, facts=replace(facts, noise=noise, start=start), found=Found())
+    search = chain.last(upstream)
+    search.keep(search.whole(replace(b.plain or b.parameters, start=start)))
+    return chain, not same
