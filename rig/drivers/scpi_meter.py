@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import isfinite, nan
+from math import isfinite, isnan, nan
 from typing import Any, ClassVar
 
 from rig.core.errors import Corrupt, OutOfStep, Refused
@@ -27,6 +27,7 @@ from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 RANGE_UP, RANGE_DOWN = 0.95, 0.08  # of full scale, where the driver changes the range, ahead of the overrange
+RESOLVED = 300.0  # of a range's full scale: below that share bench meters are sure of a reading to 0.3 % at best
 LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz
 COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
@@ -85,6 +86,7 @@ class ScpiMeter:
         self._function = ""
         self._four_wire = True
         self._nplc = nan
+        self.most_test_current_A = nan  # that `configure` allowed
         self._message = ""
         self._settling = False
         self._looking = False
@@ -164,6 +166,15 @@ class ScpiMeter:
         """Whether that is the highest range that may be used, so that what is beyond it is beyond all of them."""
         return self._index == len(self._ranges) - 1
 
+    def steady_test_current_A(self, least_ohm: float, largest_ohm: float, most_A: float) -> float:
+        """The largest test current (A), up to most_A, with which all resistances between these are read; nan: none."""
+        allowed_A = {ohm: current_A for ohm, current_A in self._test_currents_A.items() if current_A <= most_A}
+        first = next((ohm for ohm in allowed_A if largest_ohm <= RANGE_UP * ohm), nan)
+        if self._reads_volts or isnan(first):
+            return nan
+        lowest = min(ohm for ohm, current_A in allowed_A.items() if current_A <= allowed_A[first])
+        return allowed_A[first] if lowest <= RESOLVED * least_ohm else nan
+
     @asked_again
     def identify(self) -> Identity:
         """`*IDN?`; Refused where it is another instrument."""
@@ -184,6 +195,7 @@ class ScpiMeter:
             raise ValueError(f"a test current of {max_test_current_A} A is below the least, {least_A} A")
         nearest = min(allowed, key=lambda ohm: abs(ohm - self._first_range_ohm))
         self._configure(self._function_for(four_wire), four_wire, nplc, allowed, nearest)
+        self.most_test_current_A = max_test_current_A
 
     @asked_again
     def configure_voltage(self, nplc: float, range_V: float, four_wire: bool = False) -> None:

@@ -28,6 +28,7 @@ from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
+from rig.experiment.steady_meter import allow_test_current, test_current_for_A
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, check_feasible, wanted
@@ -94,6 +95,7 @@ def _calibrated(session: Session, path: Path) -> Calibration:
         raise fault(file.path, "bench.meter", f"reads {bench.meter.output}; a calibration needs an ohmmeter")
     _needs_current(session)
     with one_run(session, path, "calibration") as (loop, folder):
+        allow_test_current(loop, file.content, file.content.limits.meter_current_A)
         check_polarity(loop, file.content, file.content.calibration.period_s)
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
@@ -230,6 +232,7 @@ def _one_law(
     plan = plan_tracking(file.content, target, model, name, watchable_rate_K_per_s(known))
     plan = replace(plan, correction=correction)
     with one_run(session, where, f"law {name}") as (loop, folder):
+        allow_test_current(loop, file.content, test_current_for_A(loop.bench.meter, file.content, model, target))
         if name == e.law and result.calibration is None:
             check_polarity(loop, file.content, e.period_s, known)
         else:
@@ -281,6 +284,7 @@ def _profile(session: Session, path: Path, result: Result) -> None:
         )
         policy = Follow(law, target)
     with one_run(session, path, e.kind) as (loop, folder):
+        allow_test_current(loop, file.content, file.content.limits.meter_current_A)
         check_polarity(loop, file.content, e.period_s, known)
         if isinstance(policy, Follow):
             start = to_temperature(loop, policy.law, None, float(target.values[0]), e.settle_s, "approach", False)

@@ -25,12 +25,13 @@ from copy import copy
 from typing import Final
 
 from rig.core.outcome import Tripped
-from rig.safety.first_plate import OF_A_PULSE, KnownPlate
+from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, KnownPlate
 
 LEAST_K: Final = 2.0  # a draught, a neighbour's heat
 STEPS, SIGMAS = 2.0, 8.0  # of the thermometer
 WARM_SINK_K, COLD_SINK_K = 50.0, 25.0  # that a heat sink may be from the model's ambient, either way
 HIDDEN_K = 2.0  # above the limit
+OTHER_PLATE: Final = " If all is well with it, the plate is another than the model's: calibrate."
 FULL = 0.9  # of the useful current
 LEAST_SHARE, LEAST_PREDICTED_K, AGAINST_K = 0.1, 3.0, 1.0
 NOISE_SHARE, BEND = 0.02, 1.95  # of a second difference, whose mean size is so many times the noise
@@ -253,11 +254,12 @@ class PlateWatch:
         return LEAST_K + model + STEPS * step + SIGMAS * min(seen.noise_K, 0.25)
 
     def _trip_unseen(self, now_s: float, seen: _Seen, off_K: float, bound_K: float) -> None:
+        of_a_model = self.known is not None and self.known.doubt is OF_A_MODEL
         text = (
             f"the thermometer shows {seen.reading_degC:.2f} degC, where the current that was sent and the plate give "
             f"{seen.shown_degC:.2f} degC: {abs(off_K):.1f} K {'less' if off_K < 0.0 else 'more'}, more than the "
             f"{bound_K:.1f} K that the plate model may be wrong by: thermometer fallen off or stuck, polarity, or "
-            "something else that heats or cools?"
+            f"something else that heats or cools?{OTHER_PLATE if of_a_model else ''}"
         )
         raise Tripped("unseen_heat", text, now_s)
 

@@ -303,3 +303,22 @@ def test_a_meter_that_was_switched_off_gets_its_settings_again(
         meter.read()
     assert meter.read().value == pytest.approx(1e4)
     assert (dmm.function, dmm.settings["FRES:NPLC"]) == ("FRES", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("least_ohm", "largest_ohm", "most_A", "expected_A"),
+    [
+        (2e3, 2e4, 1e-3, 1e-5),  # the range of 100 kohm
+        (1e3, 9e3, 1e-3, 1e-4),  # of 10 kohm
+        (2e3, 3e5, 1e-3, 1e-5),  # of 1 Mohm, which has the current of the one below
+        (100.0, 900.0, 1e-3, 1e-3),
+        (100.0, 900.0, 1e-4, 1e-4),
+        (10.0, 2e4, 1e-3, math.nan),  # a ten-thousandth of the range is no reading
+        (1e3, 2e8, 1e-3, math.nan),
+    ],
+)
+def test_one_test_current_for_a_span_of_resistances(
+    attach: Attach, clock: VirtualClock, least_ohm: float, largest_ohm: float, most_A: float, expected_A: float
+) -> None:
+    meter, _ = scripted(attach, clock, [])
+    assert meter.steady_test_current_A(least_ohm, largest_ohm, most_A) == pytest.approx(expected_A, nan_ok=True)

@@ -137,6 +137,19 @@ def test_a_sensor_that_sticks_while_the_plate_is_heated(doubt: Doubt) -> None:
     assert plate_degC < 65.0
 
 
+def test_a_plate_that_is_a_fifth_off_and_a_thermometer_that_shows_four_fifths_look_alike() -> None:
+    """So either ends the run, and only the first is a matter of another calibration."""
+    ramp: Course = lambda t, degC: PLATE.current_for_rate_A(degC, 1.2 + 0.5 * (30.0 + 1.2 * t - degC), 4.0)  # noqa: E731
+    weaker = PlateModel(0.8 * 1.6e-3, 0.06, 0.018, 25.0)
+    of_another, _ = course(ramp, true=lambda t: weaker, first_degC=30.0)
+    half_off, plate_degC = course(ramp, lambda t, degC: 25.0 + 0.8 * (degC - 25.0), first_degC=30.0)
+    for trip in (of_another, half_off):
+        assert trip is not None
+        assert trip.cause == "unseen_heat"
+        assert "the plate is another than the model's: calibrate" in str(trip)
+    assert plate_degC < 75.0
+
+
 @pytest.mark.parametrize("current_A", [3.0, -3.0])
 def test_a_polarity_that_turns(current_A: float) -> None:
     trip, _ = course(lambda t, degC: current_A, wired=lambda t, current: -current)

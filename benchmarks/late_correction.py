@@ -1,0 +1,151 @@
+"""What a driver's delay costs on a film that no model tells exactly, whatever the law: corrections come that much late.
+
+    ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class]
+
+Plate, films, target and noise are those of `benchmark tracking`. For each film the rig is calibrated, and the full law
+runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s that it knows exactly. What the film
+model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings, as
+late as they reach the film: half a period, the readings' age, and the delay. The predictor is a Kalman filter for a
+random walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is about the
+least that a law can leave which corrects this model so; plate and turning points cost nothing in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks._beside_the_plant import AGES_S, PERIOD_S, driven, placed
+from benchmarks._hidden_effects import EffectPlant, Hidden
+from benchmarks._tracked_plant import NOISE_DEC
+from benchmarks._tracking_runs import (
+    FILMS,
+    HOT_DEGC,
+    NOMINAL,
+    SETTLE_S,
+    Bench,
+    Film,
+    Run,
+    configuration,
+    course,
+    error,
+    span,
+)
+from compensator.hysteresis.film import FilmModel
+from rig.experiment.extended_model import chain_observer
+from rig.experiment.tracking import law_and_design
+from rig.files.configuration import read_configuration
+from rig.files.model_file import read_model
+from sim.effects.actuator_delay import EFFECT as DELAY
+from sim.effects.effect import switched
+
+DELAY_S = 1.0
+STEP_S = 0.05  # of the courses that are compared: half a period
+WALKS = np.geomspace(1e-6, 3e-3, 25)  # variance (decades^2) along `LENGTH_DEC`, tried: errors of 0.001 to 0.05 decades
+LENGTH_DEC = 0.05
+NOISES = 3  # drawn, and averaged over
+
+
+def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float) -> float:
+    """RMS (n) of the model's error `off` that the best of the predictors leaves, from readings that are late_s old."""
+    late, every = round(late_s / STEP_S), round(PERIOD_S / STEP_S)
+    moved = np.abs(np.diff(true_log_ohm, prepend=true_log_ohm[0]))
+    chance = np.random.default_rng(0)
+    readings = [off + chance.normal(0.0, NOISE_DEC, off.size) for _ in range(NOISES)]
+    return min(float(np.mean([_left(r, off, used, moved, walk, late, every) for r in readings])) for walk in WALKS)
+
+
+def _left(
+    reading: np.ndarray, off: np.ndarray, used: np.ndarray, moved: np.ndarray, walk: float, late: int, every: int
+) -> float:
+    known, doubt, estimate = reading[0], NOISE_DEC**2, np.empty(off.size)
+    for k in range(off.size):
+        doubt += walk * moved[k] / LENGTH_DEC
+        if k % every == 0:
+            share = doubt / (doubt + NOISE_DEC**2)
+            known += share * (reading[k] - known)
+            doubt *= 1.0 - share
+        estimate[k] = known
+    left = (off[late:] - estimate[: off.size - late])[used[late:]]
+    return float(np.sqrt(np.mean(left**2))) / NOISE_DEC
+
+
+def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(times in s, true log10 R, the same less the model's) over the plant's course, which begins as `placed` says."""
+    time, degC, log_ohm = np.array(plant.course).T
+    _, memory = film.step(float(degC[0]), film.initial_memory(HOT_DEGC, "heated"))
+    off = log_ohm + film.simulate(degC, memory)[0]
+    grid = np.arange(float(time[0]), float(time[-1]), STEP_S)
+    return grid, np.interp(grid, time, log_ohm), np.interp(grid, time, off)
+
+
+def measured(case: tuple[str, int]) -> dict[float, tuple[float, float]]:
+    """(RMS of the law, of the best predictor, in n) by the delay (s), on one film."""
+    kind, seed = case
+    film, folder = Film(kind, seed, ()), Path(tempfile.mkdtemp(prefix="late-"))
+    (folder / "target.csv").write_text("time_s,target_ohm\n0,1e4\n1,1e4\n")
+    try:
+        text = Bench(film, Run("cal"), folder).command("calibrate", "target.csv")
+        if text:
+            raise RuntimeError(text)
+        model = read_model(folder / "cal" / "MODEL.toml", needs=("film", "plate"))
+        path = folder / "config.toml"
+        path.write_text(configuration(film, Run("full"), "cal/MODEL.toml"))
+        content = read_configuration(path).content
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    times, values = course(*span(FILMS[kind](seed)), seed)
+    found = {}
+    for delay_s in (0.0, DELAY_S):
+        effects = [switched(DELAY, {"delay_s": delay_s})] if delay_s else []
+        found[delay_s] = _on_one_delay(film, replace(model, effects=()), content, effects, delay_s, times, values)
+    return found
+
+
+def _on_one_delay(
+    film: Film, model: Any, content: Any, effects: Any, delay_s: float, times: list[float], values: list[float]
+) -> tuple[float, float]:
+    observer = chain_observer(effects, model.plate, model.film, PERIOD_S)
+    law, _ = law_and_design("full", content, model.film, model.plate, observer)
+    plant = EffectPlant(NOMINAL, FILMS[film.kind](film.seed), film.seed, 0.0, Hidden(delay_s=delay_s))
+    state = placed(plant, law, model.film, values[0], HOT_DEGC)
+    driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
+    grid, true_log_ohm, off = model_error(model.film, plant)
+    used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
+    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
+    return error(plant, SETTLE_S, times, values, times[-1])[0], least
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--first", type=int, default=10)
+    parser.add_argument("--film", choices=sorted(FILMS), default="outside")
+    parser.add_argument("--workers", type=int, default=2)
+    options = parser.parse_args()
+    print("RMS error in n = 0.002 decades: the law, and the least that a correction so late leaves of the film model's")
+    cases = [(options.film, seed) for seed in range(options.first, options.first + options.seeds)]
+    ratios = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for (kind, seed), found in zip(cases, pool.map(measured, cases), strict=True):
+            (law, least), (late_law, late_least) = found[0.0], found[DELAY_S]
+            ratios.append((late_law / law, late_least / law))
+            print(f"{kind} {seed}: no delay {law:.2f}, least {least:.2f}; ", end="")
+            print(f"{DELAY_S:g} s, known exactly {late_law:.2f}, least {late_least:.2f}", flush=True)
+    law_ratio, least_ratio = np.median(np.array(ratios), axis=0)
+    print(f"with over without the delay: the law {law_ratio:.2f}; with the least in its place {least_ratio:.2f}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
