@@ -78,16 +78,18 @@ def model_of(extended: ExtendedModel) -> Model:
 
 
 def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record]) -> Diagnosis:
-    """The diagnosis with the extended model's errors on other records as `predict --initial fitted` measures them."""
+    """The diagnosis with the extended model's errors on other records as `predict --initial fitted` measures them, in
+    the rows that judge."""
     errors: dict[str, list[Array]] = {}
-    for record in holdout:
+    judging = diagnosis.halves.judging if diagnosis.halves is not None else []
+    for record, judges in zip(holdout, judging, strict=True):
         found = predicted(model, record, record.source, initial="fitted")
         if found.temperature_degC is not None:
             left = found.temperature_degC - record["temperature_degC"]
-            errors.setdefault("temperature_K", []).append(left[~found.fitted_rows])
+            errors.setdefault("temperature_K", []).append(left[~found.fitted_rows & judges])
         if found.output is not None and model.film is not None:
             left = found.output - record.output(model.film.output)
-            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.fitted_rows])
+            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.fitted_rows & judges])
     channels = dict(diagnosis.channels)
     for name, parts in errors.items():
         error = np.concatenate(parts)
@@ -99,11 +101,11 @@ def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record
 
 
 def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
-    """The kinds of plate to try: a drive that never cools may be a heater's."""
+    """The kinds of plate to try: a drive that never cools may be a heater's, in ampere, too."""
     if plate is not None:
         return (plate,)
     if record.drive == "pwm255":  # a switched heater's drive is its power
         return ("heater",)
-    if record.drive is not None and record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
+    if record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
         return ("peltier", "heater")
     return ("peltier",)

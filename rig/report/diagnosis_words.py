@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
+UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 
 
 def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
@@ -74,7 +75,8 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
             lines.append(f"{what}: {text}")
         elif channel is not None and channel.rmse_extended > NOISY * channel.noise:
             times = channel.rmse_extended / channel.noise
-            lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: what was fitted {SHORTFALL}")
+            why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
+            lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: {why}")
     return lines
 
 

@@ -15,6 +15,7 @@ from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
+from sim.diagnosis.judge.turns_between import TURNS, only_turns
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
     Verdict,
@@ -28,7 +29,7 @@ from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
-from sim.diagnosis.report.warnings import out_of_time, warnings_of
+from sim.diagnosis.report.warnings import decided_elsewhere, out_of_time, unlogged_currents, warnings_of
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_search
@@ -93,14 +94,12 @@ def diagnose(
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
-        others = [
-            read_columns(other, held_out=False, quantity=quantity).commanded_in_sight(known.values())
-            for other in holdout
-        ]
-        judged = borne_out(chain, judged, others)
-        unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others))
+        read = [read_columns(other, held_out=False, quantity=quantity) for other in holdout]
+        told = borne_out(chain, judged, [other.commanded_in_sight(known.values()) for other in read])
+        elsewhere = tuple(Other(o, told_rows(o) if as_predicted else None) for o in told.others)
+        unseen = UnseenRows(chain, elsewhere, told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
-        found = _diagnosis(chain, judged, unseen, say)
+        found = _diagnosis(chain, told.judged, unseen, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
         if base == "generalized_pi" and chain.record.output is not None:
@@ -122,6 +121,7 @@ def _chain(
     if record.current_A is not None:
         first = temperature_search(record, known, kinds, assumed, budget)
         record = first.channel.record
+        as_read = replace(as_read, early=record.early)
     elif record.output is None:
         raise ValueError(f"record: neither current_A nor {record.quantity.column}; expected at least one of them")
     return Chain(record, known, first, assumed=assumed, budget=budget, as_read=as_read)
@@ -215,7 +215,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
     noise = unseen.noise(names)
     channels = _channels(unseen, names, noise)
     say("candidates")
-    candidates = candidates_of(chain, judged, unseen.left, unseen.deciding, unseen.rows, noise)
+    candidates = candidates_of(chain, judged, unseen.left, unseen.parts, unseen.rows, noise)
     say("intervals")
     rivals = rivals_of(chain, names, judged)
     findings = _findings(chain, judged, unseen, rivals)
@@ -239,8 +239,11 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         [text for text in unexplained.values() if text is not None],
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
+        record.early == 0.0,
     )
-    verdict = verdict_of(findings, unexplained, sparse is not None)
+    if turns := only_turns(chain, names, unexplained):
+        unexplained["resistance_dec"] = TURNS
+    verdict = verdict_of(findings, unexplained, sparse is not None or turns)
     if verdict == "too_short" and sparse is not None:
         next_experiment = [f"record {sparse.missing}", *next_experiment]
     return Diagnosis(
@@ -249,7 +252,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         channels,
         unexplained,
         film,
-        warnings_of(chain, names),
+        [*warnings_of(chain, names), *unlogged_currents(record), *decided_elsewhere(unseen.halves)],
         next_experiment,
         record,
         chain,
@@ -259,7 +262,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         upper_limits(chain, names),
         {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
         _rooms_degC(chain, names),
-        sum(other.record.rows for other in unseen.others),
+        unseen.halves,
     )
 
 

@@ -16,6 +16,7 @@ from sim.diagnosis.report.upper_limits import UpperLimit
 from sim.diagnosis.report.warnings import Warning
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
+from sim.diagnosis.validate.halves import Halves
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words,
     the film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large
     what is not named may be, the parameters of what was assumed, each record's room (of a record with a current);
-    sources: of the records; judging_elsewhere: rows of other records held out; record and chain: for figures and
+    sources: of the records; halves: of other records held out; record and chain: for figures and
     for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
     (`sim.diagnosis.data.quantity`)."""
 
@@ -65,23 +66,25 @@ class Diagnosis:
     limits: list[UpperLimit]
     assumed: dict[str, dict[str, tuple[float, tuple[float, float] | None]]]
     rooms_degC: list[float]
-    judging_elsewhere: int
+    halves: Halves | None
     sources: tuple[str, ...] = ()
     model: str | None = None
 
     def _rows(self) -> dict[str, Any]:
-        """How many rows fitted, decided and judged, and which readings were left out. Of other records that
-        are held out all rows judge, and all of the record itself are fitted."""
+        """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left
+        out. Of the record itself all rows are fitted where others are held out; `held_out` then says which of their
+        rows are in which half, `folds` how many of them decide and judge."""
         record = self.record
-        return {
-            "fitted": int(np.sum(~record.held_out)),
-            "deciding": int(np.sum(record.deciding)),
-            "judging": int(np.sum(record.judging)) or self.judging_elsewhere,
-            "left_out": [
-                {"time_s": float(record.time_s[row]), "column": column, "rule": rule}
-                for row, column, rule in record.left_out
-            ],
-        }
+        left_out = [
+            {"time_s": float(record.time_s[row]), "column": column, "rule": rule}
+            for row, column, rule in record.left_out
+        ]
+        fitted = int(np.sum(~record.held_out))
+        if self.halves is None:
+            deciding, judging = int(np.sum(record.deciding)), int(np.sum(record.judging))
+            return {"fitted": fitted, "deciding": deciding, "judging": judging, "left_out": left_out}
+        folds, held_out = self.halves.folds, self.halves.document()
+        return {"fitted": fitted, **folds[0], "left_out": left_out, "folds": folds, "held_out": held_out}
 
     def document(self) -> dict[str, Any]:
         """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
@@ -144,7 +147,7 @@ def _values(parameters: Mapping[str, tuple[float, tuple[float, float] | None]]) 
 
 def verdict_of(findings: list[Finding], unexplained: dict[str, str | None], sparse: bool = False) -> str:
     """clean, explained, partly_unexplained or unexplained; too_short where nothing is named and nothing left but in the
-    film's channel, of a record too sparse to tell a film's flank: nothing was looked for there."""
+    film's channel, of a record too sparse to tell a film's flank or the turns of its temperature."""
     if sparse and not findings and unexplained["temperature_K"] is None:
         return "too_short"
     left = any(text is not None for text in unexplained.values())

@@ -23,12 +23,24 @@ def misfit_of(z: Array) -> float:
     """z: residual over the noise, (rows,), in order; at least 1."""
     if z.size < 3:
         return 1.0
-    scale = 1.4826 * float(np.median(np.abs(z)))
-    z = np.clip(z, -FAR * scale, FAR * scale)
+    return max(min(float(np.mean(_astray_clipped(z) ** 2)) * correlated_rows(z), z.size / FEWEST), 1.0)
+
+
+def correlated_rows(z: Array) -> float:
+    """For how many rows a residual hangs together; at least 1. z: (rows,), in order."""
+    if z.size < 3:
+        return 1.0
+    z = _astray_clipped(z)
     square = float(np.mean(z * z))
     if square <= 0.0:
         return 1.0
     spectrum = np.abs(np.fft.rfft(z, 2 * z.size)) ** 2
     rho = np.fft.irfft(spectrum)[1 : z.size] / (square * z.size)
     until = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else rho.size
-    return max(min(square * (1.0 + 2.0 * float(np.sum(rho[:until]))), z.size / FEWEST), 1.0)
+    return 1.0 + 2.0 * float(np.sum(rho[:until]))
+
+
+def _astray_clipped(z: Array) -> Array:
+    """Without what is no misfit."""
+    scale = 1.4826 * float(np.median(np.abs(z)))
+    return np.clip(z, -FAR * scale, FAR * scale)

@@ -15,14 +15,22 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
 
 Rows = NDArray[np.int64]
+
+
+class Whitens(Protocol):
+    """What turns values of some rows into independent ones."""
+
+    def over(self, values: Array) -> Array: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +39,8 @@ class NoiseModel:
     neighbouring rows, of that part of the variance (`shared`: which share) that goes on from row to row, as rounding
     does not; weights: of each row of the record in the likelihood, (rows,), None: 1, and the degrees of the Student's t
     that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root mean square
-    of the noise over the record's readings."""
+    of the noise over the record's readings; walk: where the plate may have gone that no row tells, beside white noise.
+    """
 
     level: float
     edges: Array
@@ -41,6 +50,7 @@ class NoiseModel:
     weights: Array | None = None
     degrees: float = math.inf
     floor: Array | None = None
+    walk: UnloggedWalk | None = None
 
     @classmethod
     def white(cls, deviation: float) -> NoiseModel:
@@ -50,7 +60,7 @@ class NoiseModel:
     @property
     def plain(self) -> bool:
         """Whether it is white and the same everywhere."""
-        return not self.edges.size and self.correlation == 0.0 and self.weights is None
+        return not self.edges.size and self.correlation == 0.0 and self.weights is None and self.walk is None
 
     def at(self, readings: Array, rows: Rows | None = None) -> Array:
         """The standard deviation at these readings. rows: the record's that they are in, None: they are another's."""
@@ -79,11 +89,13 @@ class NoiseModel:
         apart = np.log(self.at(readings) / other.at(readings))
         return root_mean_square(apart) < share and abs(self.correlation - other.correlation) < share
 
-    def on(self, rows: Rows, readings: Array, begins: NDArray[np.bool_] | None = None) -> Whitening:
+    def on(self, rows: Rows, readings: Array, begins: NDArray[np.bool_] | None = None) -> Whitens:
         """For some rows of the record. readings: of these rows; begins: which of them hang together with none before,
         (rows,)."""
         if self.plain:
             return Whitening(1.0 / np.full(rows.size, self.level))
+        if self.walk is not None:
+            return UnloggedWhitening(*self.walk.between(rows), self.level)
         scale = 1.0 / self.at(readings, rows)
         root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
         if self.correlation == 0.0:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
 from compensator.identification.outliers import lone_outliers
+from sim.diagnosis.data.between_rows import acted_before
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
@@ -55,8 +56,8 @@ class Record:
     commanded_s: when the row's current began to act. test_current_A: of the ohmmeter, 0 where it is not known.
     after_gaps: the row after each gap; first_rows: where a stretch begins (the first row, and after each gap through
     which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
-    there, each with its row, column and the rule by which. quantity: what the output is. joined: where further records
-    of the same rig begin.
+    there, each with its row, column and the rule by which. quantity: what the output is. early: the share of a change
+    of the current that acts before its row (`between_rows`). joined: where further records of the same rig begin.
     """
 
     time_s: Array
@@ -75,6 +76,7 @@ class Record:
     left_out: tuple[LeftOut, ...]
     uneven: bool
     quantity: Quantity = RESISTANCE
+    early: float = 0.0
     joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
@@ -134,9 +136,11 @@ class Record:
     @cached_property
     def commands(self) -> tuple[Array, Array]:
         """When a current was commanded, and which: of the rows, and in a gap on a straight line, at the usual pace or
-        a thousand times."""
+        a thousand times. Where it changes between the rows, its mean there."""
         assert self.current_A is not None
         time = []
+        change = np.diff(self.current_A, append=self.current_A[-1])
+        change[np.union1d(self.after_gaps, self.joined) - 1] = 0.0
         for k in self.after_gaps:
             begin, end = self.time_s[k - 1], self.time_s[k]
             steps = min(max(round((end - begin) / self.interval_s), 1), MOST_IN_A_GAP)
@@ -144,7 +148,8 @@ class Record:
         between = np.concatenate(time) if time else np.empty(0)
         every = np.concatenate((self.commanded_s, between))
         order = np.argsort(every, kind="stable")
-        current = np.concatenate((self.current_A, np.interp(between, self.time_s, self.current_A)))
+        mean_A = self.current_A + self.early * change
+        current = np.concatenate((mean_A, np.interp(between, self.time_s, self.current_A)))
         return every[order], current[order]
 
     def commanded_in_sight(self, effects: Iterable[Effect]) -> Record:
@@ -223,7 +228,10 @@ def read_columns(
         current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")
     begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, told, after)
-    steps = np.diff(time)
+    steps, early = np.diff(time), 0.0
+    if current is not None and "current_time_s" not in data:
+        readings = np.where(used, temperature, np.nan)
+        early = acted_before(time, readings, np.where(told, current, np.nan), np.union1d(after, _none(joined)))
     return Record(
         time - time[0],
         temperature,
@@ -241,8 +249,13 @@ def read_columns(
         tuple(left_out),
         bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
         quantity,
-        joined if joined is not None else np.empty(0, dtype=np.int64),
+        early,
+        _none(joined),
     )
+
+
+def _none(rows: Rows | None) -> Rows:
+    return rows if rows is not None else np.empty(0, dtype=np.int64)
 
 
 def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | None, Mask, Rows]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
-from compensator.hysteresis.functions import Array
+from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
 from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.data.unlogged_walk import UnloggedWalk
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -21,6 +25,10 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     """Of the thermometer. One beneath the quantization is white, as far as anybody can tell."""
     record, rows = channel.record, channel.rows
     step, residual = record.step_K, record.temperature_degC - fit.shown_degC
+    if record.early > 0.0 and record.current_A is not None:
+        walk = _unlogged(channel, fit)
+        sigma_K = max(walk.noise_K(residual[rows], rows), step / math.sqrt(12.0), least_K)
+        return replace(NoiseModel.white(sigma_K), walk=walk)
     if step <= DITHERED * quick_noise(residual[rows]):
         used, readings = record.temperature_used, record.temperature_degC
         model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
@@ -30,14 +38,23 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     return NoiseModel.white(max(sigma_K, least_K))
 
 
+def _unlogged(channel: TemperatureChannel, fit: TemperatureFit) -> UnloggedWalk:
+    """For currents that changed between the rows."""
+    record = channel.record
+    assert record.current_A is not None
+    s, r, g, q, _ = (float(v) for v in fit.parameters.plate())
+    per_A = s * (fit.path.at(record.time_s) + KELVIN) + r * np.abs(record.current_A) + q
+    return UnloggedWalk.of(record.time_s, record.current_A, record.early, record.first_rows, per_A, g)
+
+
 def ohmmeter_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float) -> NoiseModel:
     """Of the ohmmeter. Where it is not the same everywhere it may be far below what the path is uncertain by (path_K)
     on a flank: a film is no better a thermometer than the plate's own, until both channels are fitted as one."""
     noise = noise_of(channel.output - fit.shown, channel.output, channel.record.output_used, channel.fitted, least_dec)
-    return noise.with_floor(path_K * _steepness(channel, fit))
+    return noise.with_floor(path_K * steepness(channel, fit))
 
 
-def _steepness(channel: ResistanceChannel, fit: ResistanceFit) -> Array:
+def steepness(channel: ResistanceChannel, fit: ResistanceFit) -> Array:
     """By how much what is shown changes with the plate's temperature about each row, decades / K, (rows,)."""
     around = np.ones(STEEPNESS_ROWS)
     moved = np.abs(np.gradient(channel.path.at(channel.record.time_s)))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.noise_model import Whitening
+from sim.diagnosis.data.noise_model import Whitens
 from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.preisach_density import Relays
 
@@ -33,7 +33,7 @@ class LinearProblem:
     right: Array
     wanted: Array
     fitted: Rows
-    noise: Whitening
+    noise: Whitens
     range_of: Array | None
 
     @classmethod
@@ -45,7 +45,7 @@ class LinearProblem:
         relays: Relays,
         output: Array,
         fitted: Rows,
-        noise: Whitening,
+        noise: Whitens,
         range_of: Array | None,
     ) -> LinearProblem:
         """With its products."""

@@ -44,6 +44,11 @@ def corrected_path(
             best, correction = value, smooth
     if correction is None:
         return path
+    return moved_path(record, path, correction)
+
+
+def moved_path(record: Record, path: PlatePath, correction: Array) -> PlatePath:
+    """With what is added in each row, K, (rows,)."""
     added = np.interp(path.time_s, record.time_s, correction)
     slope = np.gradient(correction, record.time_s)
     slopes = path.slopes + np.interp(path.time_s, record.time_s, slope)[:, None]

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.noise_model import Whitening
+from sim.diagnosis.data.noise_model import Whitens
 from sim.diagnosis.data.record import Rows
 from sim.effects.effect import Switched
 from sim.model.film_columns import play_outputs
@@ -115,12 +115,12 @@ class Relays:
         empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
         return cls(None, empty, empty, empty, nothing, nothing.T @ nothing)
 
-    def shown_as(self, every: Array, fitted: Rows, noise: Whitening) -> Relays:
+    def shown_as(self, every: Array, fitted: Rows, noise: Whitens) -> Relays:
         """The same shown otherwise, (rows, columns), with the products."""
         chosen = noise.over(every[fitted])
         return replace(self, every=every, fitted=chosen, gram=chosen.T @ chosen)
 
-    def seen_by(self, slope: Array, fitted: Rows, noise: Whitening) -> Relays:
+    def seen_by(self, slope: Array, fitted: Rows, noise: Whitens) -> Relays:
         """As they show in a reading that changes by `slope` with the film's output, (rows,)."""
         return self.shown_as(self.every * slope[:, None], fitted, noise)
 
@@ -134,7 +134,7 @@ class RelaysOfRecord:
     """The plane's relays on a record's rows, through the filters of the film and of the ohmmeter. Those that were
     computed last are kept, since the film's temperature moves with few of a fit's unknowns: they would be the same."""
 
-    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitening) -> None:
+    def __init__(self, plane: RelayPlane, taken_s: Array, fitted: Rows, noise: Whitens) -> None:
         self.plane, self.taken_s, self.fitted, self.noise = plane, taken_s, fitted, noise
         self.none = Relays.none(taken_s.size, fitted)
         self._last = deque([self.none], maxlen=1)

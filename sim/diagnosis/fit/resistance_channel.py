@@ -17,7 +17,7 @@ from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
-from sim.diagnosis.data.noise_model import NoiseModel, Whitening
+from sim.diagnosis.data.noise_model import NoiseModel, Whitens
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_equations import FilmEquations, straight_readings
@@ -50,7 +50,7 @@ class ResistanceChannel(FilmEquations):
     fitted: Mask
     rows: Rows
     output: Array
-    whitening: Whitening
+    whitening: Whitens
     plane: RelaysOfRecord
 
     @classmethod

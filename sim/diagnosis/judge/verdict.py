@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.record import Record, Rows
+from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
@@ -26,7 +26,6 @@ from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
 from sim.diagnosis.validate.deciding_rows import over_noise, unseen_rows
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
-from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.effect import Switched
 
 SURVIVES = 25.0  # whitened log-likelihood that an effect keeps where something is left
@@ -179,8 +178,11 @@ def _worth(
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
         return evidence, (weak, "held-out rows are predicted far worse than the noise with it")
-    if not upstream and temperature is not None and not temperature.clean and evidence < BEHIND_UNKNOWN:
-        return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
+    if not upstream and temperature is not None and evidence < BEHIND_UNKNOWN:
+        if not temperature.clean:
+            return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
+        if chain.record.early > 0.0:
+            return evidence, (evidence, "the plate's temperature between the rows, which drives the film, is not known")
     if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
         return evidence, (weak, "the film is not understood, and may bend its output itself")
     left = temperature if upstream else resistance
@@ -235,18 +237,6 @@ def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None)
         return True
     unseen = _unseen_square(chain, names, True)
     return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
-
-
-def bends_elsewhere(chain: Chain, names: frozenset[str], other: Record) -> frozenset[str]:
-    """The effects that bend the reading of a film of another kind which another record shows not to be understood."""
-    bends = frozenset(n for n in names - chain.assumed if only_bends(chain.effects[n]))
-    if not bends or chain.facts is None or film_of_the_class(chain, names):
-        return frozenset()
-    left = residuals_on(chain, names, other).get("resistance_dec")
-    if left is None or other.output is None:
-        return frozenset()
-    square = np.nanmean((left / chain.facts.noise.marginal(np.nan_to_num(other.output))) ** 2)
-    return bends if np.sqrt(square) > UNSEEN else frozenset()
 
 
 def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
@@ -335,7 +325,8 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
     else:
         assert chain.first is not None
         noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
-        sigma = noise * np.sqrt(chain.first.channel.misfit)
+        walk = chain.first.channel.noise.walk  # a simulation does not know where the plate wandered
+        sigma = np.hypot(noise * np.sqrt(chain.first.channel.misfit), 0.0 if walk is None else walk.deviation_K[rows])
     return float(np.mean((residual / sigma) ** 2))
 
 

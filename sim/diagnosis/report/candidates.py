@@ -17,7 +17,7 @@ from sim.diagnosis.data.record import Mask
 from sim.diagnosis.judge.verdict import UNSEEN, Verdict
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.stepwise import ENTRY
-from sim.diagnosis.validate.gain import gain
+from sim.diagnosis.validate.gain import Gain, gain
 
 Residuals = Callable[[frozenset[str]], dict[str, Array]]
 LOOKED_AT: Final = 8  # sets, the best in the fitted rows first: each costs a simulation of the held-out rows
@@ -53,20 +53,26 @@ class Candidate:
 
 
 def candidates_of(
-    chain: Chain, judged: Verdict, residuals: Residuals, choosing: Mask, judging: Mask, noise: dict[str, float]
+    chain: Chain,
+    judged: Verdict,
+    residuals: Residuals,
+    parts: tuple[Mask, Mask],
+    judging: Mask,
+    noise: dict[str, float],
 ) -> list[Candidate]:
-    """The best of them first, at most three. residuals: of a set's fit in every row, nan without a reading; choosing,
-    judging: rows that no fit has seen, by which they are chosen and on which their gain is measured; noise: of each
-    channel."""
+    """The best of them first, at most three. residuals: of a set's fit in every row, nan without a reading; parts: of
+    the rows that no fit has seen, each of which a candidate has to tell better; judging: those on which its gain is
+    measured; noise: of each channel."""
     named = residuals(judged.fitted)
     found: list[Candidate] = []
     for names in chain.budget.in_time(_fitted_better(chain, judged), 1.0):
         after = residuals(names)
-        seen, gains = ({c: gain(named[c], after[c], rows) for c in named} for rows in (choosing, judging))
-        if not all(any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in of.values()) for of in (seen, gains)):
+        seen = [_gains(named, after, rows) for rows in parts]
+        if not all(any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in of.values()) for of in seen):
             continue
-        if any(g.rmse_after > AS_GOOD * g.rmse_before for g in (*seen.values(), *gains.values())):
+        if any(g.rmse_after > AS_GOOD * g.rmse_before for of in seen for g in of.values()):
             continue
+        gains = _gains(named, after, judging)
         left = max(g.rmse_after / noise[channel] for channel, g in gains.items())
         found.append(
             Candidate(
@@ -80,6 +86,11 @@ def candidates_of(
         )
     found.sort(key=_share_left)
     return [c for c in found if not _told_by_fewer(c, found)][:SHOWN]
+
+
+def _gains(before: dict[str, Array], after: dict[str, Array], rows: Mask) -> dict[str, Gain]:
+    """Of the channels that were read in these rows."""
+    return {c: gain(before[c], after[c], rows) for c in before if np.any(np.isfinite(before[c][rows]))}
 
 
 def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:

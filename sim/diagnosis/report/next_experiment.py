@@ -21,6 +21,7 @@ SPLITS: dict[frozenset[str], str] = {
     frozenset({"heat_sink_warmup", "ambient_drift"}): "log the sink's and the ambient's temperature",
     frozenset({"creep", "film_drift"}): "a long dwell inside the transition after a sweep, then the first cycle again",
 }
+LOG_CURRENTS = "log a row whenever the current changes, or current_time_s with it: between the rows it is not known"
 
 
 def next_experiments(
@@ -30,9 +31,10 @@ def next_experiments(
     unexplained: Sequence[str],
     has_current: bool,
     has_test_current: bool,
+    logs_currents: bool = True,
 ) -> list[str]:
-    """In the order in which they help."""
-    found: list[str] = []
+    """In the order in which they help. logs_currents: whether each change of the current is in the record."""
+    found: list[str] = [] if logs_currents else [LOG_CURRENTS]
     for name in names:
         for rival in rivals.get(name, []):
             pair = frozenset({name, rival})

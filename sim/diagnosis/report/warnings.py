@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from sim.diagnosis.data.record import OUTLYING
+from sim.diagnosis.data.record import OUTLYING, Record
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.halves import Halves
 
 FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 LARGE = 0.8  # of the largest current
@@ -70,6 +71,32 @@ def out_of_time(doing: str, seconds: float) -> Warning:
     """Of a diagnosis that its time cut short."""
     text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
     return Warning("out_of_time", text)
+
+
+def unlogged_currents(record: Record) -> list[Warning]:
+    """Of a record whose current changed between its rows."""
+    if record.early == 0.0:
+        return []
+    text = (
+        f"the temperature bends before the rows in which the current changes: {record.early:.0%} of a change had acted "
+        "before its row, on average. The current changed between the rows, and is in none: its mean there was taken, "
+        "and a prediction from it is off by more than the noise"
+    )
+    return [Warning("current_between_rows", text)]
+
+
+def decided_elsewhere(halves: Halves | None) -> list[Warning]:
+    """Where halves of other records disagree about a name, so that not all of their rows judge."""
+    if halves is None or not halves.decided or (halves.first_judges and halves.second_judges):
+        return []
+    fold = halves.folds[0]
+    text = "each half of the other records speaks against another name: errors there are optimistic"
+    if fold["judging"]:
+        text = (
+            f"{fold['deciding']} rows of the other records speak against a name that the other {fold['judging']} rows "
+            "leave: it is not said, and errors are of these"
+        )
+    return [Warning("held_out_rows_decided", text)]
 
 
 def saturated_sink(chain: Chain) -> list[Warning]:

@@ -11,12 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sim.diagnosis.data.between_rows import MOST
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.data.residual_outliers import strays
 from sim.diagnosis.fit.channel_noise import thermometer_noise
-from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
+from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -32,6 +33,7 @@ LEAST_NOISE_K = 1e-4  # less than any instrument's: of records without noise, ro
 OF_STEP = 0.3  # of a step: the deviation of a uniform error
 AGAIN_STEPS = 2  # of a Prandtl-Ishlinskii film, on the simulated path
 EXPECTED = 0.5  # of what relays and a corrected path bring
+SHARE_STEPS, SHARE_STEP = 2, 0.05  # of a share that enters linearly, but for what the plate's numbers make of it
 FALSE_ALARM = 0.01  # of records with nothing in them that may be given a name, where nobody chose another share
 
 
@@ -56,9 +58,31 @@ def temperature_search(
         record = record.without(outliers, outliers[:0])
         channel = TemperatureChannel(record, fitted, white, record.step_K)
         base = channel.descend(base.parameters)
+    if record.early > 0.0:
+        channel, base = _share_fitted(channel, base, fitted)
+        record = channel.record
     channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
     mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed.intersection(mine), budget or Budget())
+
+
+def _share_fitted(
+    channel: TemperatureChannel, base: TemperatureFit, fitted: Mask
+) -> tuple[TemperatureChannel, TemperatureFit]:
+    """The plate with what acts before its row fitted as well: on ramps, of which bends say nothing, it is a time by
+    which all is late."""
+    for _ in range(SHARE_STEPS):
+        record, rows, p = channel.record, channel.rows, base.parameters
+        moved = replace(record, early=record.early + SHARE_STEP)
+        other = TemperatureChannel(moved, fitted, channel.noise, record.step_K)
+        column = (other.simulate(p, p.x, p.first_degC)[1] - base.shown_degC) / SHARE_STEP
+        columns = np.concatenate((base.jacobian, column[:, None]), axis=1)[rows]
+        left = (record.temperature_degC - base.shown_degC)[rows]
+        more = float(np.linalg.lstsq(columns, left)[0][-1])
+        record = replace(record, early=min(max(record.early + more, 0.0), MOST))
+        channel = TemperatureChannel(record, fitted, channel.noise, record.step_K)
+        base = channel.descend(p)
+    return channel, base
 
 
 def rounds(effect: Effect) -> bool:
@@ -127,9 +151,11 @@ class Chain:
             return measured_path(self.record)
         channel, fit = self.first.channel, self.first.fit(upstream)
         rows, residual = channel.rows, channel.residual(fit) * channel.sigma_K
-        if channel.sigma_K >= channel.step_K:
+        if channel.sigma_K >= channel.step_K or channel.noise.walk is not None:
             rows = np.flatnonzero(channel.record.temperature_used)
             residual = (channel.record.temperature_degC - fit.shown_degC)[rows]
+        if (walk := channel.noise.walk) is not None:
+            return moved_path(channel.record, fit.path, walk.smoothed(residual, rows, channel.sigma_K))
         return corrected_path(channel.record, fit, residual, rows, channel.noise.correlation)
 
     @property
@@ -160,7 +186,7 @@ class Chain:
 
     def joint(self, names: frozenset[str]) -> JointFit | None:
         """Both channels fitted as one; None where each is fitted for itself."""
-        if not self.together or self.first is None or self.record.output is None:
+        if not self.together or self.first is None or self.record.output is None or self.record.early > 0.0:
             return None
         known = self.found.joint
         if names not in known:

@@ -290,7 +290,8 @@ def starting_values(effect: Effect, fit: TemperatureFit | None = None) -> list[l
 
 
 def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] = ("peltier",)) -> TemperatureFit:
-    """The plate alone, from the balance integrated over windows and from typical plates."""
+    """The plate alone, from the balance integrated over windows and from typical plates; of several kinds the one that
+    fits best."""
     assert record.current_A is not None
     stretches = []
     edges = [*record.first_rows.tolist(), record.rows]
@@ -301,13 +302,18 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
             temperature = np.where(used, record.temperature_degC[part], 0.0)
             steps = np.diff(record.time_s[part])
             stretches.append(Stretch(0, first, steps, record.current_A[part], temperature, used))
-    found: list[TemperatureFit] = []
+    best: TemperatureFit | None = None
     for kind in kinds:
+        if best is not None and 2.0 * best.minus_log <= LEFT * channel.rows.size:
+            break  # one that leaves nothing needs no other
+        found: list[TemperatureFit] = []
         for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
             s, r, g, q, h = (float(v) for v in rough[:5])
             ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)  # of any room in which a fit may begin
             s, r, g = max(s, 1e-6), max(r, 1e-5), max(g, 1e-5)  # far below any plate's: a balance may have them < 0
             base = [s, r, g, ambient] if kind == "peltier" else [q, g, ambient]
             found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))
-    best = min(found, key=lambda fit: fit.minus_log)
-    return channel.descend(best.parameters, ENDED_STEPS)
+        fit = channel.descend(min(found, key=lambda fit: fit.minus_log).parameters, ENDED_STEPS)
+        best = fit if best is None or fit.minus_log < best.minus_log else best
+    assert best is not None
+    return best

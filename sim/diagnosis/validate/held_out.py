@@ -17,10 +17,13 @@ from sim.model.own_fit import fit_own
 from sim.model.record_own import FilmStart
 
 
-def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask | None = None) -> dict[str, Array]:
+def residuals_on(
+    chain: Chain, names: frozenset[str], other: Record, rows: Mask | None = None, known: bool = False
+) -> dict[str, Array]:
     """Residuals of the fit with these effects in the other record's rows, in K and decades; nan without a reading.
 
-    rows: those by which what belongs to the record is fitted, nan in the residuals; None: all of them, none left out.
+    rows: those by which what belongs to the record is fitted, nan in the residuals unless known; None: all of them,
+    none left out.
     """
     a, b = chain.fits(names)
     driven = a is not None and other.current_A is not None
@@ -34,12 +37,12 @@ def residuals_on(chain: Chain, names: frozenset[str], other: Record, rows: Mask 
     path = None if driven else measured_path(other)
     memory = FilmStart(b.parameters.start.initial) if b is not None else FilmStart()
     own, path = fit_own(fitted, other, told if rows is None else told.only(rows), memory, path)
-    unseen = np.ones(other.rows, dtype=np.bool_) if rows is None else ~rows
+    unseen = np.ones(other.rows, dtype=np.bool_) if rows is None or known else ~rows
     out: dict[str, Array] = {}
     if driven:
         left = told.temperature_degC - fitted.plate(other, own).shown_degC
         out["temperature_K"] = np.where(unseen, left, np.nan)
     if read and b is not None and told.output is not None:
-        known = unseen & read_within(other, links_of(b.effects).taken(other.taken_s))
-        out["resistance_dec"] = np.where(known, told.output - fitted.shown(other, path, own), np.nan)
+        read_then = unseen & read_within(other, links_of(b.effects).taken(other.taken_s))
+        out["resistance_dec"] = np.where(read_then, told.output - fitted.shown(other, path, own), np.nan)
     return out

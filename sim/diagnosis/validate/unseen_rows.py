@@ -8,9 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import rmse
+from sim.diagnosis.validate.halves import Halves
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.diagnosis.validate.residuals import residuals, rounded
 
@@ -25,24 +27,25 @@ class Other(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class UnseenRows:
     """Where the gain is measured. chain: what was fitted; others: other records, one after the other, none: the
-    held-out rows of the record itself; on_lattice: whether the thermometer's readings are rounded by more than their
-    noise."""
+    held-out rows of the record itself; halves: theirs; on_lattice: whether the thermometer's readings are rounded by
+    more than their noise."""
 
     chain: Chain
     others: tuple[Other, ...] = ()
+    halves: Halves | None = None
     on_lattice: bool = False
 
     @property
-    def deciding(self) -> Mask:
-        """The rows that no fit has seen and by which it may be chosen: of other records all."""
-        return self.rows if self.others else self.chain.record.deciding
+    def parts(self) -> tuple[Mask, Mask]:
+        """The rows that no fit has seen, in two parts, each of which a candidate has to tell better."""
+        if self.halves is None:
+            return self.chain.record.deciding, self.chain.record.judging
+        return np.concatenate(self.halves.first), np.concatenate(self.halves.second)
 
     @property
     def rows(self) -> Mask:
-        """The rows that no fit has seen and no name was decided by: of other records all."""
-        if not self.others:
-            return self.chain.record.judging
-        return np.ones(sum(other.record.rows for other in self.others), dtype=np.bool_)
+        """The rows that no fit has seen and no name was decided by."""
+        return self.chain.record.judging if self.halves is None else np.concatenate(self.halves.judging)
 
     def residuals(self, names: frozenset[str], chain: Chain | None = None) -> dict[str, Array]:
         """Of the fit with these effects in every row, K and decades, as if no reading were rounded; nan without a
@@ -52,7 +55,8 @@ class UnseenRows:
             return residuals(chain, names)
         found = [(other.record.rows, residuals_on(chain, names, *other)) for other in self.others]
         channels = dict.fromkeys(channel for _, left in found for channel in left)
-        return {c: np.concatenate([left.get(c, np.full(rows, np.nan)) for rows, left in found]) for c in channels}
+        whole = {c: np.concatenate([left.get(c, np.full(rows, np.nan)) for rows, left in found]) for c in channels}
+        return {c: left for c, left in whole.items() if np.any(np.isfinite(left[self.rows]))}
 
     def left(self, names: frozenset[str]) -> dict[str, Array]:
         """The same against what a thermometer shows that rounds, where it does."""
@@ -70,6 +74,8 @@ class UnseenRows:
         if self._rounds(everywhere):
             variance = self._rounded(everywhere["temperature_K"])[1]
             noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[self.rows])))
+        if with_path and first is not None and (walk := first.channel.noise.walk) is not None:
+            noise["temperature_K"] = float(np.hypot(noise["temperature_K"], root_mean_square(walk.deviation_K)))
         if facts is not None:
             output = np.concatenate([_output(record) for record in self._records])
             rows = np.flatnonzero(self.rows & np.isfinite(output))
