@@ -25,6 +25,7 @@ SURE: Final = 6.0  # standard deviations: one record in a thousand million by ch
 EARLIER: Final = 5  # changes before: what a lag of some rows still shows of them
 TOGETHER: Final = 4  # rows over which the noise of a bend hangs together: two, and a little that the plate adds
 FEWEST: Final = 100  # bends
+LEAST: Final = 0.01  # of what acts from the row on: less is the rounding of a record without noise
 MOST: Final = 0.5  # of a row's change: the mean, where it may have begun anywhere between two rows
 
 
@@ -51,9 +52,10 @@ def acted_before(time_s: Array, temperature_degC: Array, current_A: Array, broke
         cross = score[lag:].T @ score[:-lag]
         spread += (1.0 - lag / (TOGETHER + 1)) * (cross + cross.T)
     deviation = float(np.sqrt((inverse @ spread @ inverse)[0, 0]))
-    if a[0] * np.sign(a[1]) < SURE * deviation:
+    before, after = float(a[0] * np.sign(a[1])), abs(float(a[1]))
+    if before <= max(SURE * deviation, LEAST * after):
         return 0.0
-    return min(float(a[0] / (a[0] + a[1])), MOST)
+    return min(before / (before + after), MOST)
 
 
 def off_the_line(current_A: Array) -> Array:
