@@ -20,7 +20,7 @@ def test_nothing_hidden_nothing_named(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_something_that_no_effect_accounts_for(seed: int) -> None:
-    """A room that is cycled; a pickup of the mains, beside which everything is searched for to its end."""
+    """A room that is cycled; interference on the ohmmeter, beside which everything is searched for to its end."""
     document = diagnose(case("outside", seed).columns).document()
     assert names(document) == set()
     assert document["verdict"] == "unexplained"
