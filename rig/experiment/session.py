@@ -28,7 +28,7 @@ from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
-from rig.experiment.steady_meter import allow_test_current, test_current_for_A
+from rig.experiment.steady_meter import allow_test_current, largest_test_current_A
 from rig.experiment.summaries import calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, check_feasible, wanted
@@ -232,7 +232,7 @@ def _one_law(
     plan = plan_tracking(file.content, target, model, name, watchable_rate_K_per_s(known))
     plan = replace(plan, correction=correction)
     with one_run(session, where, f"law {name}") as (loop, folder):
-        allow_test_current(loop, file.content, test_current_for_A(loop.bench.meter, file.content, model, target))
+        allow_test_current(loop, file.content, largest_test_current_A(loop.bench.meter, file.content, model, target))
         if name == e.law and result.calibration is None:
             check_polarity(loop, file.content, e.period_s, known)
         else:

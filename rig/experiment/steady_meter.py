@@ -22,7 +22,7 @@ from rig.files.target import Target
 BEYOND = 1.1  # of the target's ends: a film off by 0.04 decades still finds its range
 
 
-def test_current_for_A(
+def largest_test_current_A(
     meter: ResistanceMeter | None, configuration: Configuration, model: Model, target: Target
 ) -> float:
     """The largest test current that a run on this target may have, A.

@@ -36,8 +36,8 @@ RANK = (
 class Asked:
     """How to diagnose. base: of the film; output: as in a model file; plate: its kind, None: what the drive allows.
     effect_files: with effects of one's own, which another process has to load too; assume: NAME[:param=value,...] of
-    effects that are there; budget_s: how long each record may take; false_alarm: the share of
-    records with nothing in them that may be given a name, None: 1 %."""
+    effects that are there; budget_s: how long each record may take; false_alarm: the share of records with nothing in
+    them that may be given a name, None: 1 %."""
 
     base: str | None = None
     output: str = FALLING_RESISTANCE

@@ -95,9 +95,9 @@ def diagnose(
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
         read = [read_columns(other, held_out=False, quantity=quantity) for other in holdout]
-        told = borne_out(chain, judged, [other.commanded_in_sight(known.values()) for other in read])
-        elsewhere = tuple(Other(o, told_rows(o) if as_predicted else None) for o in told.others)
-        unseen = UnseenRows(chain, elsewhere, told.halves)
+        others = [other.commanded_in_sight(known.values()) for other in read]
+        told = borne_out(chain, judged, others)
+        unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others), told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, unseen, say)
         if cut is not None:

@@ -48,11 +48,6 @@ class BorneOut:
     judged: Verdict
     halves: Halves | None = None
 
-    @property
-    def others(self) -> tuple[Record, ...]:
-        """Those that were asked."""
-        return self.halves.others if self.halves is not None else ()
-
 
 def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneOut:
     """What others of the same rig leave of a verdict."""
