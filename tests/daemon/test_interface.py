@@ -9,6 +9,7 @@ import random
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -64,13 +65,10 @@ def test_a_job_from_its_start_to_its_report(bench: RunningBench) -> None:
     assert status == 201
     assert set(job) >= JOB
 
-    def ended() -> object:
-        return next(j for j in bench.ask("GET", "/api/jobs")[1] if j["id"] == job["id"] and j["ended_s"])
+    def ended() -> dict[str, Any] | None:
+        return next((j for j in bench.ask("GET", "/api/jobs")[1] if j["id"] == job["id"] and j["ended_s"]), None)
 
-    with contextlib.suppress(StopIteration):
-        until(lambda: any(j["id"] == job["id"] and j["report"] for j in bench.ask("GET", "/api/jobs")[1]), "its end")
-    done = ended()
-    assert isinstance(done, dict)
+    done = until(ended, "its end")
     assert (done["state"], done["report"]) == ("done", f"/runs/{job['id']}/report.html")
     status, headers, page = bench.ask_fully("GET", done["report"])
     assert (status, headers["content-type"].partition(";")[0]) == (200, "text/html")
