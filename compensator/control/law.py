@@ -31,6 +31,7 @@ from typing import Final
 
 import numpy as np
 
+from compensator.control.disturbance import NONE, moved_to, unknown_errors
 from compensator.control.law_step import NAMES, Command, Inputs, LawName, LawState, Rule, law_step
 from compensator.control.observer import Observer, observed_step
 from compensator.control.packing import flattener, rebuilder
@@ -43,6 +44,8 @@ from compensator.inverse.inverse import Choice, Inverse
 from compensator.thermal.plate import PlateModel
 
 NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
+GRID: Final = 101  # temperatures on which a film's range is looked at
+TINY: Final = 1e-9
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
 
 
@@ -110,10 +113,19 @@ class Law:
             s.fastest_K_per_s,
             s.most_share,
             float(film is not None),
+            self._output_range(),
             s.gains,
         )
         self.ruled = np.array(flattener(Rule)(self.rule))
         self.packed_film, self.inverse = inverse.model.packed, inverse.settings(s.heading)
+
+    def _output_range(self) -> float:
+        """Of the film, from one of the law's limits to the other, in the output's unit; without one 1."""
+        if self.film is None:
+            return 1.0
+        grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
+        outputs, _ = self.film.simulate(grid, self.film.initial_memory(self.settings.low_degC, "heated"))
+        return max(float(np.ptp(outputs)), TINY)
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0
@@ -128,7 +140,9 @@ class Law:
             now = Reference(observer.film_degC, observer.plate_degC + observer.warming_K)
         memory = memory if memory is not None else Memory(t, np.zeros(1))
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)
-        return LawState(t, now, memory.input_degC, memory.plays, 0.0, pid, current_A, observer=observer)
+        errors = unknown_errors(self.rule.output_range) if self.film is not None else NONE
+        known = memory.input_degC, memory.plays, 0.0, pid, current_A
+        return LawState(t, now, *known, errors=errors, observer=observer)
 
     def start_anywhere(self, temperature_degC: float, output: float, test_current_A: float = 0.0) -> LawState:
         """State at the first readings of a film whose memory nobody knows; output: as read, in the film's unit.
@@ -147,7 +161,7 @@ class Law:
         disturbance = mean_of(possible, plays)
         possible.setflags(write=False)
         state = self.start(temperature_degC, Memory(temperature_degC, plays), test_current_A=test_current_A)
-        return state._replace(possible=possible, disturbance=disturbance)
+        return state._replace(possible=possible, disturbance=disturbance, errors=moved_to(state.errors, disturbance))
 
     def preview_times_s(self) -> Array:
         """How far ahead of a step each target lies that it is given: later than a driver's delay and an ohmmeter's lag,
@@ -164,7 +178,7 @@ class Law:
         if self.observer is not None:
             return observed_step(self.rule, self.packed_film, self.inverse, self.observer, state, inputs)
         numbers = np.array(NUMBERS(state))
-        answer, after, plays, possible = law_step(
+        answer, after, plays, possible, errors, heats = law_step(
             self.ruled,
             self.packed_film,
             self.inverse,
@@ -172,9 +186,13 @@ class Law:
             numbers,
             state.plays,
             state.possible,
+            state.errors,
+            state.heats,
             inputs,
         )
         plays.setflags(write=False)
         possible.setflags(write=False)
-        following: LawState = STATE(after.tolist(), plays, possible, None)
+        errors.setflags(write=False)
+        heats.setflags(write=False)
+        following: LawState = STATE(after.tolist(), plays, possible, errors, heats, None)
         return Command(*answer), following

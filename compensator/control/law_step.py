@@ -14,7 +14,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from compensator.control.estimate import Estimate, corrected_disturbance, corrected_temperature, grown_doubt
+from compensator.control.disturbance import NONE as NO_ERRORS
+from compensator.control.disturbance import corrected, grown, moved_to, told
+from compensator.control.estimate import Estimate, learned_noise
 from compensator.control.packing import numbers_of, packed, unpacked
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
@@ -27,6 +29,7 @@ from compensator.control.reference_shaping import (
     next_reference,
     next_temperature,
 )
+from compensator.control.unknown_heat import corrected_temperature, unknown_heats
 from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array, memoryless_value
@@ -80,8 +83,9 @@ class LawState(NamedTuple):
     film's memory. disturbance: reading minus film model, in the output's unit. current_A: in force. toward: sign of the
     output's last move; moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan:
     not yet). possible: the memories that the film may have, where nobody knows it
-    (`compensator.control.unknown_memory`), plays then their mean; no rows where it is known. observer: the state of the
-    law's observer, None without one.
+    (`compensator.control.unknown_memory`), plays then their mean; no rows where it is known. errors: what the film
+    model may lack (`compensator.control.disturbance`), disturbance their mean. heats: how unsteady the plate's unknown
+    heat may be (`compensator.control.unknown_heat`). observer: the state of the law's observer, None without one.
     """
 
     temperature_degC: float
@@ -96,6 +100,8 @@ class LawState(NamedTuple):
     warming_K: float = nan
     estimate: Estimate = Estimate()
     possible: Array = NONE
+    errors: Array = NO_ERRORS
+    heats: Array = unknown_heats()
     observer: Any = None
 
     @property
@@ -129,6 +135,7 @@ class Rule(NamedTuple):
     fastest_K_per_s: float
     most_share: float
     has_film: float
+    output_range: float
     gains: PidGains
 
 
@@ -136,62 +143,71 @@ class Rule(NamedTuple):
 def read_temperature(
     rule: Rule,
     estimate: Estimate,
+    heats: Array,
     shown_degC: float,
     shown_K_per_s: float,
     plate_degC: float,
     lag_s: float,
     inputs: Inputs,
-) -> tuple[float, float, Estimate]:
-    """(thermometer, plate, both in degC as the command acts, the estimate) after the thermometer's reading.
+) -> tuple[float, float, Estimate, Array]:
+    """(thermometer, plate, both in degC as the command acts, the estimate, heats) after the thermometer's reading.
 
     shown_degC, plate_degC: predicted for then; shown_K_per_s: how fast the thermometer moves; lag_s: behind the plate.
     """
     reading = inputs.temperature_degC
     if math.isnan(reading) or rule.name == FEEDFORWARD:
-        return shown_degC, plate_degC, estimate
+        return shown_degC, plate_degC, estimate, heats
     if rule.name == INSTRUMENT_PID or not rule.trusts_model:  # the current is the controller's own
-        return reading, reading, estimate
+        return reading, reading, estimate, heats
     since = shown_K_per_s * inputs.acts_after_s
-    shown, plate, known = corrected_temperature(estimate, shown_degC - since, plate_degC, reading, rule.period_s, lag_s)
-    return shown + since, plate, known
+    shown, plate, known, heats = corrected_temperature(
+        estimate, heats, shown_degC - since, plate_degC, reading, rule.period_s, lag_s
+    )
+    return shown + since, plate, known, heats
 
 
 @njit(cache=True)
 def read_output(
-    rule: Rule, estimate: Estimate, disturbance: float, off: float, moved: float, inputs: Inputs
-) -> tuple[float, Estimate]:
-    """(disturbance, estimate) after the ohmmeter's reading, which is `off` the film model."""
-    if rule.name not in (FULL, INSTRUMENT_PID) or not math.isfinite(off):
-        return disturbance, estimate
-    return corrected_disturbance(estimate, disturbance, off, inputs.output, moved, rule.period_s, rule.most_share)
+    rule: Rule, estimate: Estimate, errors: Array, off: float, moved: float, inputs: Inputs
+) -> tuple[Estimate, Array]:
+    """(estimate, what the film model may lack) after the ohmmeter's reading, which is `off` the film model; nan: there
+    was none. moved: by how much the output was to move since the reading before."""
+    if rule.name not in (FULL, INSTRUMENT_PID):
+        return estimate, errors
+    errors = grown(errors, rule.output_range, moved, rule.period_s)
+    if not math.isfinite(off):
+        return estimate, errors
+    noise = learned_noise(estimate.output, inputs.output)
+    known = Estimate(estimate.drift_K_per_s, estimate.degC, noise)
+    return known, corrected(errors, off, noise.variance, rule.most_share)
 
 
 @njit(cache=True)
 def remembered(
     rule: Rule,
-    before: Estimate,
+    before: Array,
+    errors: Array,
     known: Estimate,
     possible: Array,
     plays: Array,
-    disturbance: float,
     off: float,
     moved: float,
     film: Packed,
-) -> tuple[Array, Array, float]:
-    """(possible memories, their mean, the disturbance) after a reading, which is `off` the mean memory's output.
+) -> tuple[Array, Array, Array]:
+    """(possible memories, their mean, errors) after a reading, which is `off` the mean memory's output.
 
-    possible: at the temperature of now, changed. before, known: the estimate before and after the reading. disturbance:
-    as it was before. Without a reading the likelihoods stay.
+    possible: at the temperature of now, changed. before, errors: what the film model may lack, before and after the
+    reading. Without a reading the likelihoods stay.
     """
     mean = np.empty(plays.size)
     if rule.name in (FULL, INSTRUMENT_PID) and math.isfinite(off):
-        doubt = grown_doubt(before, moved, rule.period_s)
+        doubt = told(grown(before, rule.output_range, moved, rule.period_s))[1]
         variance = doubt + known.output.variance
         possible = weighed(possible, plays, off, doubt / variance, variance, film)
-        disturbance = mean_of(possible, mean)
-        return (possible[:0] if possible.shape[0] == 1 else possible), mean, disturbance
+        errors = moved_to(errors, mean_of(possible, mean))
+        return (possible[:0] if possible.shape[0] == 1 else possible), mean, errors
     mean_of(possible, mean)
-    return possible, mean, disturbance
+    return possible, mean, errors
 
 
 @njit(cache=True)
@@ -278,16 +294,19 @@ def law_step(
     numbers: Array,
     plays: Array,
     possible: Array,
+    errors: Array,
+    heats: Array,
     inputs: Inputs,
-) -> tuple[Answer, Array, Array, Array]:
-    """One period of a law whose plate and film have no effects on them: (the command's numbers, the next state's
-    numbers, play operators and possible memories). ruled: the numbers of `Rule`; numbers: of `Known`."""
+) -> tuple[Answer, Array, Array, Array, Array, Array]:
+    """One period of a law whose plate and film have no effects on them: (the command's numbers; the next state's
+    numbers, play operators, possible memories, errors of the film model, unknown heats). ruled: the numbers of `Rule`;
+    numbers: of `Known`."""
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
     here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
     moving = rate(plate, here, s.current_A) + drift
-    _, here, known = read_temperature(rule, s.estimate, here, moving, here, 0.0, inputs)
-    plays, possible, disturbance, output, v = plays.copy(), possible.copy(), s.disturbance, nan, s.input_degC
+    _, here, known, heats = read_temperature(rule, s.estimate, heats.copy(), here, moving, here, 0.0, inputs)
+    plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
     envelopes, radii, weights, code, par = film
     if rule.has_film:
         if possible.shape[0] > 0:
@@ -297,22 +316,22 @@ def law_step(
             advance(here, v, envelopes, radii, plays)
         v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
         off = inputs.output + s.moved / period * (inputs.output_age_s + inputs.acts_after_s) - output
-        before = known
-        disturbance, known = read_output(rule, known, disturbance, off, s.moved, inputs)
+        before = errors
+        known, errors = read_output(rule, known, errors, off, s.moved, inputs)
         if possible.shape[0] > 0:
-            possible, plays, disturbance = remembered(
-                rule, before, known, possible, plays, disturbance, off, s.moved, film
-            )
+            possible, plays, errors = remembered(rule, before, errors, known, possible, plays, off, s.moved, film)
             output = memoryless_value(code, par, here) + weighted_sum(weights, plays)
+    disturbance, doubt = told(errors)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
         after = Known(here, s.reference, v, disturbance, pid, current, s.toward, s.moved, nan, known)
-        return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible
+        return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, known.doubt, targets)
+    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, doubt, targets)
     now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)
     after = Known(here, plan.reference, v, disturbance, pid, current, toward, plan.move, nan, known)
-    return (current, next_degC, now_degC, output, plan.reached), packed(after, numbers.size), plays, possible
+    answer = current, next_degC, now_degC, output, plan.reached
+    return answer, packed(after, numbers.size), plays, possible, errors, heats

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from compensator.control.disturbance import told
 from compensator.control.estimate import Estimate
 from compensator.control.law_step import (
     TEMPERATURE,
@@ -122,7 +123,7 @@ def observed_step(
     rule: Rule, film: Packed, inverse: Settings, observer: Observer, state: LawState, inputs: Inputs
 ) -> tuple[Command, LawState]:
     """One period of a law with an observer: see the module."""
-    seen, estimate, disturbance, possible = observed(rule, film, observer, state, inputs)
+    seen, estimate, errors, heats, possible = observed(rule, film, observer, state, inputs)
     test = inputs.test_current_A
     there = observer.ahead(seen, test, estimate.drift_K_per_s)
     plate = observer.plate_now(there).numbers
@@ -132,7 +133,7 @@ def observed_step(
     there_now = FilmNow(there.film_degC, memory.plays.copy(), film, inverse)
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     before = state.reference
-    lag_s, doubt = observer.film_lag_s, estimate.doubt
+    lag_s, (disturbance, doubt) = observer.film_lag_s, told(errors)
     plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, wanted - disturbance)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
     warming_K = observer.warming_K(there, next_output, test, rule.period_s) if math.isfinite(next_output) else 0.0
@@ -153,36 +154,40 @@ def observed_step(
         warming_K,
         estimate,
         possible,
+        errors,
+        heats,
         observer.sent(seen, current),
     )
 
 
 def observed(
     rule: Rule, film: Packed, observer: Observer, state: LawState, inputs: Inputs
-) -> tuple[Any, Estimate, float, Array]:
-    """(the observer's state after both readings, the estimate, the disturbance, the possible memories)."""
+) -> tuple[Any, Estimate, Array, Array, Array]:
+    """(the observer's state after both readings, the estimate, errors of the film model, unknown heats, the possible
+    memories)."""
     before, possible = state.observer, state.possible
     now = observer.predicted(before, state.estimate.drift_K_per_s)
     shown_K_per_s = (now.thermometer_degC - before.thermometer_degC) / rule.period_s
-    shown, plate, estimate = read_temperature(
-        rule, state.estimate, now.thermometer_degC, shown_K_per_s, now.plate_degC, observer.thermometer_lag_s, inputs
-    )
+    told, lag_s = (now.thermometer_degC, shown_K_per_s, now.plate_degC), observer.thermometer_lag_s
+    shown, plate, estimate, heats = read_temperature(rule, state.estimate, state.heats.copy(), *told, lag_s, inputs)
+    heats.setflags(write=False)
     now = observer.followed(now, plate, shown, inputs.test_current_A)
     if possible.size > 0:
         possible = possible.copy()
         taken_along(possible, now.film_degC, before.film_degC, film)
-    if not rule.has_film or not math.isfinite(inputs.output):
-        return now, estimate, state.disturbance, possible
+    if not rule.has_film:
+        return now, estimate, state.errors, heats, possible
     expected, last = (float(observer.own(each.shown_output)) for each in (now, before))
     output = float(observer.own(inputs.output))
     passed = (expected - last) / rule.period_s * (inputs.output_age_s + inputs.acts_after_s)
     off = output + (passed if math.isfinite(passed) else 0.0) - expected
-    disturbance, known = read_output(rule, estimate, state.disturbance, off, state.moved, inputs)
+    known, errors = read_output(rule, estimate, state.errors.copy(), off, state.moved, inputs)
     if possible.size > 0:
         plays = np.array(now.film_memory.plays)
-        possible, plays, disturbance = remembered(
-            rule, estimate, known, possible, plays, state.disturbance, off, state.moved, film
+        possible, plays, errors = remembered(
+            rule, state.errors.copy(), errors, known, possible, plays, off, state.moved, film
         )
         now = observer.remembering(now, Memory(now.film_degC, plays))
     possible.setflags(write=False)
-    return now, known, disturbance, possible
+    errors.setflags(write=False)
+    return now, known, errors, heats, possible

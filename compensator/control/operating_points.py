@@ -14,13 +14,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from compensator.control.estimate import Covariance, Estimate, Noise, corrected_temperature
+from compensator.control.disturbance import one_error
+from compensator.control.estimate import Noise
 from compensator.control.law import Law
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.linear_plant import LinearPlant, Timing, observed_plant, plate_plant, regulated_plant
 from compensator.control.linearized import LinearLaw, linearized
 from compensator.control.observer import Observer
 from compensator.control.own_pid import OwnPid
+from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, corrected_temperature, unknown_heats
 
 Way = Literal["heating", "cooling", "at rest"]
 DEC_PER_S = 0.01  # of a usual ramp; the margins hardly depend on it, as long as the plate can follow
@@ -72,16 +74,18 @@ def temperatures(law: Law, way: int, levels: Sequence[float]) -> list[float]:
     return [float(grid[int(np.argmax(gone >= level * gone[-1]))]) for level in levels]
 
 
-def believed(law: Law, noise_K: float, known: Estimate) -> Estimate:
-    """The same, the noise of the thermometer known for long, and the ohmmeter taken at its word."""
+def believed(law: Law, noise_K: float, state: LawState) -> LawState:
+    """The same, the noise of the thermometer known for long, and the ohmmeter taken at its word: of the sizes that the
+    model's error may have one is left, and a reading counts in full."""
     lag_s = law.observer.thermometer_lag_s if law.observer is not None else 0.0
-    settled = Estimate(degC=Noise(noise_K**2))
+    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:])
     for _ in range(SETTLED):
-        _, _, settled = corrected_temperature(settled, 0.0, 0.0, 0.0, law.settings.period_s, lag_s)
-        settled = settled._replace(degC=Noise(noise_K**2))
-    covariance = Covariance(*settled.covariance)
-    output = known.output._replace(variance=QUIET[0])
-    return known._replace(covariance=covariance, degC=Noise(noise_K**2), output=output, doubt=QUIET[1])
+        heats = corrected_temperature(known, heats, 0.0, 0.0, 0.0, law.settings.period_s, lag_s)[-1]
+    heats.setflags(write=False)
+    output = state.estimate.output._replace(variance=QUIET[0])
+    return state._replace(
+        estimate=known._replace(output=output), errors=one_error(state.disturbance, QUIET[1]), heats=heats
+    )
 
 
 def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: int, degC: float) -> Point:
@@ -98,15 +102,15 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
     state = law.start(degC, memory, held_A)
     if law.observer is not None:
         state = state._replace(observer=_held(law.observer, state.observer, degC, held_A, h))
-    state = state._replace(estimate=believed(law, noise_K, state.estimate))
-    settled = state.estimate
+    state = believed(law, noise_K, state)
+    settled, heats = state.estimate, state.heats
     lag_s = law.observer.film_lag_s + law.observer.delay_s if law.observer is not None else 0.0
     steps, ahead = max(20, math.ceil(5.0 * lag_s / h)), law.preview_times_s()
     aged = timing.output_age_s, timing.acts_after_s
     for k in range(steps):
         wanted = output + speed * (k * h + aged[1] + ahead)
         _, state = law.step(state, Inputs(math.nan, math.nan, output + speed * k * h, wanted, *aged))
-        state = state._replace(estimate=settled)
+        state = state._replace(estimate=settled, errors=one_error(state.disturbance, QUIET[1]), heats=heats)
     inputs = _read(law, state, steps * h, output, speed, aged)
     linear = linearized(law, state, inputs)
     slope = _slope(law, state, way)

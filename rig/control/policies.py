@@ -173,7 +173,9 @@ def handed_over(state: LawState, law: Law) -> LawState:
         fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
-    return fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
+    errors = state.errors if state.errors.size > 0 else fresh.errors  # a law of temperatures has none
+    fresh = fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
+    return fresh._replace(errors=errors, heats=state.heats)
 
 
 def warmed_up(law: Law) -> Law:

@@ -7,11 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from compensator.control.estimate import CREEP_PER_ROOT_S, LENGTH, UNSTEADY_K_PER_S2
+from compensator.control.disturbance import REMEMBERED, SIZES, STANDS_S
+from compensator.control.estimate import STRANGE
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
+from compensator.control.unknown_heat import REMEMBERED_S, UNSTEADY_K_PER_S2
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
@@ -28,14 +30,16 @@ def law_of(name: LawName) -> Law:
 
 
 class PlainEstimate:
-    """Both filters, written once more: noise by second differences, Kalman by matrices, with a learned model error."""
+    """Both banks of filters, written once more: noise by second differences, Kalman by matrices."""
 
-    def __init__(self) -> None:
+    def __init__(self, output_range: float) -> None:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
         self.lately: dict[str, list[float]] = {"degC": [], "output": []}
-        self.drift, self.doubt, self.error2, self.lengths = 0.0, 1e-4, 9e-6, 0
-        self.covariance = np.diag([1e-4, 4e-4])  # of temperature and heating rate
-        self.course, self.mark, self.moved, self.toward = 0.0, math.nan, 0.0, 0.0
+        self.drift, self.range, self.sizes2 = 0.0, output_range, (SIZES * output_range) ** 2
+        self.values, self.doubts, self.chances = np.zeros(SIZES.size), self.sizes2.copy(), np.ones(SIZES.size)
+        self.heats = [(w, np.zeros(2), np.diag([1e-4, 4e-4])) for w in UNSTEADY_K_PER_S2]  # temperature, heating rate
+        self.likely = np.ones(len(self.heats))
+        self.moved, self.toward = 0.0, 0.0
 
     def learn(self, which: str, value: float) -> None:
         past, noise = self.lately[which], self.noise[which]
@@ -47,26 +51,38 @@ class PlainEstimate:
     def temperature(self, predicted: float, reading: float, period: float) -> float:
         self.learn("degC", reading)
         forward, heat = np.array([[1.0, period], [0.0, 1.0]]), np.array([0.5 * period**2, period])
-        p = forward @ self.covariance @ forward.T + UNSTEADY_K_PER_S2**2 * np.outer(heat, heat)
-        gain = p[:, 0] / (p[0, 0] + self.noise["degC"][0] + 1e-12)
-        self.covariance = p - np.outer(gain, p[0])
-        self.drift += gain[1] * (reading - predicted)
-        return float(predicted + gain[0] * (reading - predicted))
+        self.likely **= math.exp(-period / REMEMBERED_S)
+        for k, (w, over, covariance) in enumerate(self.heats):
+            p = forward @ covariance @ forward.T + w**2 * np.outer(heat, heat)
+            whole, over = p[0, 0] + self.noise["degC"][0] + 1e-12, forward @ over
+            off, gain = reading - predicted - over[0], p[:, 0] / whole
+            self.heats[k] = w, over + gain * off, p - np.outer(gain, p[0])
+            self.likely[k] *= math.exp(-0.5 * min(off**2 / whole, STRANGE)) / math.sqrt(whole)
+        self.likely /= np.max(self.likely)
+        told = sum(chance * over for chance, (_, over, _) in zip(self.likely, self.heats, strict=True))
+        told /= np.sum(self.likely)
+        self.heats = [(w, over - told, covariance) for w, over, covariance in self.heats]
+        self.drift += float(told[1])
+        return float(predicted + told[0])
 
-    def disturbance(self, before: float, off: float, output: float, period: float) -> float:
-        self.learn("output", output)
-        self.doubt += 2.0 * self.error2 * abs(self.moved) / LENGTH + CREEP_PER_ROOT_S**2 * period
-        share = self.doubt / (self.doubt + self.noise["output"][0] + 1e-12)
-        self.doubt *= 1.0 - share
-        found = before + share * (off - before)
-        self.course += abs(self.moved)
-        if self.course >= LENGTH:
-            if not math.isnan(self.mark):
-                sample = 0.5 * (found - self.mark) ** 2 * LENGTH / self.course - self.doubt
-                self.error2 = max(self.error2 + (sample - self.error2) / (min(self.lengths, 20) + 3), 1e-8)
-                self.lengths += 1
-            self.course, self.mark = 0.0, found
-        return found
+    @property
+    def doubt(self) -> float:
+        share = self.chances / np.sum(self.chances)
+        return float(np.sum(share * (self.doubts + self.values**2)) - np.sum(share * self.values) ** 2)
+
+    def disturbance(self, off: float, output: float, period: float) -> float:
+        gone = abs(self.moved) / self.range
+        self.doubts += self.sizes2 * (gone + period / STANDS_S)
+        self.chances **= math.exp(-gone / REMEMBERED)
+        if math.isfinite(off):
+            self.learn("output", output)
+            whole = self.doubts + self.noise["output"][0] + 1e-12
+            likely = np.exp(-0.5 * np.minimum((off - self.values) ** 2 / whole, STRANGE)) / np.sqrt(whole)
+            self.chances *= likely
+            self.chances /= np.max(self.chances)
+            self.values += self.doubts / whole * (off - self.values)
+            self.doubts *= 1.0 - self.doubts / whole
+        return float(np.sum(self.chances * self.values) / np.sum(self.chances))
 
 
 def plain_step(
@@ -83,9 +99,9 @@ def plain_step(
     memory, disturbance = state.memory, state.disturbance
     if film is not None:
         expected, memory = film.step(here, memory)
-        if s.name in ("full", "instrument_pid") and math.isfinite(output):
+        if s.name in ("full", "instrument_pid"):
             off = output + known.moved / s.period_s * (AGE_S + ACTS_S) - expected
-            disturbance = known.disturbance(disturbance, off, output, s.period_s)
+            disturbance = known.disturbance(off, output, s.period_s)
     before = state.reference_degC
     if s.name == "pid":
         current = state.current_A
@@ -131,7 +147,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
     law, rng, plate_degC, current = law_of(name), np.random.default_rng(5), 50.0, 0.0
     film_memory = FILM.initial_memory(50.0)
     state = law.start(50.0, film_memory if law.film is not None else None)
-    ahead, rows, known = law.preview_times_s(), [], PlainEstimate()
+    ahead, rows, known = law.preview_times_s(), [], PlainEstimate(law.rule.output_range)
     for k in range(400):
         t = 0.1 * k
         plate_degC = PLATE.step(plate_degC, current, 0.1) + 0.002 * math.sin(t)

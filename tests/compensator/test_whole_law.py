@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from compensator.control.design import design_temperature
+from compensator.control.disturbance import DOUBT, one_error
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs, LawState
 from compensator.control.limit_cycle import at_ohmmeter, backlash, dead_band, limit_cycles, steps
 from compensator.control.linear_plant import Timing, plate_plant, regulated_plant
 from compensator.control.operating_points import Point, believed, operating_points
 from compensator.control.own_pid import OwnPid, design_own_pid
+from compensator.control.unknown_heat import UNSTEADY_K_PER_S2
 from compensator.control.whole_law import (
     NOISES_K,
     RATIOS,
@@ -55,7 +57,7 @@ def course(law: Law, ratio: float, gain: float, ticks: int, push_K: float) -> Ar
     memory = FILM.step(FIRST_DEGC, FILM.initial_memory(10.0, "heated"))[1]
     first, memory = FILM.step(FIRST_DEGC, memory)
     state: LawState = law.start(FIRST_DEGC, memory, PLATE.current_for_rate_A(FIRST_DEGC, 0.0, 4.0))
-    known = believed(law, NOISE_K, state.estimate)
+    known = believed(law, NOISE_K, state)
     t, h = TIMING, TIMING.period_s
     degC, current, film, ahead = FIRST_DEGC, state.current_A, memory, law.preview_times_s()
     hold, output, found, before = state.current_A, first, np.empty(ticks), first
@@ -65,7 +67,9 @@ def course(law: Law, ratio: float, gain: float, ticks: int, push_K: float) -> Ar
         wanted = first + DEC_PER_S * (k * h + t.acts_after_s + ahead)
         inputs = Inputs(degC, output, first + DEC_PER_S * k * h, wanted, t.output_age_s, t.acts_after_s)
         held = state.estimate.drift_K_per_s
-        state = state._replace(estimate=known._replace(drift_K_per_s=held))
+        errors = one_error(state.disturbance, float(known.errors[0, DOUBT]))
+        estimate = known.estimate._replace(drift_K_per_s=held)
+        state = state._replace(estimate=estimate, errors=errors, heats=known.heats)
         command, state = law.step(state, inputs)
         found[k] = degC
         sent = hold + (1.0 + so_far * (gain - 1.0)) * (command.current_A - hold)
@@ -135,6 +139,15 @@ def test_a_film_at_rest_is_held_by_the_temperature_alone() -> None:
         assert point.way == "at rest"
         assert worst_ms([point], 2.2) == pytest.approx(worst_ms([point], 0.6), rel=1e-6)
         assert critical_gain(point) > 1.1
+
+
+def test_a_steadier_plate_takes_nothing_from_the_margins() -> None:
+    """Margins are those of the largest size of unknown heat; the smallest has the gains of a noisier thermometer."""
+    steadier = NOISE_K * UNSTEADY_K_PER_S2[-1] / UNSTEADY_K_PER_S2[0]
+    law = law_of(0.3)
+    for noise in (NOISE_K, steadier):
+        points = operating_points(law, TIMING, noise, levels=(0.5,))[:2]
+        assert all(worst_ms(points, ratio) <= bearable_ms(ratio) for ratio in RATIOS)
 
 
 def test_delay_that_nobody_tells_costs_margin() -> None:

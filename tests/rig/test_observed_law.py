@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks._hidden_effects import EffectPlant, Hidden
-from benchmarks._tracked_plant import Plate
+from benchmarks._tracked_plant import NOISE_DEC, Plate
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Command, Inputs, LawState
@@ -91,8 +91,10 @@ def without() -> float:
 
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name != "none"])
 def test_a_known_effect_costs_next_to_nothing(name: str, without: float) -> None:
-    late = 1.6 if name == "actuator_delay" else 1.3  # what noise has made of the plate is mended a second later
-    assert error_dec(name, known=True) < late * without
+    """Behind a lag the plate would have to jump at each corner; what noise has made of a plate whose command comes late
+    is mended a second later. Both cost a third of the ohmmeter's noise, nearly all of it without any noise as well."""
+    corners = 0.38 * NOISE_DEC if name in ("film_lag", "actuator_delay") else 0.0
+    assert error_dec(name, known=True) < max(1.3 * without, corners)
 
 
 @pytest.mark.parametrize("name", ["film_lag", "sensor_lag", "actuator_delay"])
@@ -126,4 +128,12 @@ def numbers(state: LawState) -> tuple[object, ...]:
     """What a state holds, to compare bit for bit."""
     seen = state.observer
     values = (state.temperature_degC, *state.reference, state.disturbance, *state.pid, state.warming_K)
-    return *values, *state.plays.tolist(), *state.estimate.covariance, seen.time_s, seen.film_degC, seen.shown_output
+    return (
+        *values,
+        *state.plays.tolist(),
+        *state.errors.ravel(),
+        *state.heats.ravel(),
+        seen.time_s,
+        seen.film_degC,
+        seen.shown_output,
+    )

@@ -89,8 +89,7 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
         output += 0.002 * float(random.standard_normal())
         lacked = float(lacks.at(0.1 * k + read.after_s - read.output_age_s))
         mine, other = (
-            follow.decide(0.1 * k, degC, shown, read)
-            for follow, shown in ((knowing, output + lacked), (plain, output))
+            follow.decide(0.1 * k, degC, shown, read) for follow, shown in ((knowing, output + lacked), (plain, output))
         )
         assert mine.current_A == pytest.approx(other.current_A, abs=1e-6)
         assert mine.target_ohm == pytest.approx(10.0 ** -float(wanted.at(0.1 * k + read.after_s)))
