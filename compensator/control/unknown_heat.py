@@ -28,7 +28,7 @@ from compensator.control.estimate import TINY, Estimate, learned_noise, less_lik
 from compensator.control.packing import flattener, packed, unpacked
 from compensator.hysteresis.functions import Array
 
-UNSTEADY_K_PER_S2: Final = 1e-4, 3e-4, 1e-3, 3e-3  # w, of an exact plate, to one that is off by a fifth
+UNSTEADY_K_PER_S2: Final = 1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3  # w, of an exact plate, to one that is off by a fifth
 REMEMBERED_S: Final = 30.0  # of how well each foretold: a draught comes and goes
 
 
