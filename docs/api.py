@@ -79,6 +79,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.control.observer",
         "compensator.control.estimate",
         "compensator.control.horizon",
+        "compensator.control.unknown_heat",
+        "compensator.control.disturbance",
         "compensator.control.unknown_memory",
     ),
     "Records": (
