@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensator.thermal.plate import PlateModel
@@ -18,6 +18,7 @@ def heat_into_plate_W(temperature_degC: float, current_A: float) -> float:
     return PLATE.rate_K_per_s(temperature_degC, current_A) * C
 
 
+@settings(deadline=None)
 @given(TEMPERATURES, CURRENTS)
 def test_heat_out_minus_heat_in_is_the_electrical_power(t: float, i: float) -> None:
     """Q_h - Q_c = P: the far side, at T_a, gives Q_c, and the plate gets Q_h."""
@@ -26,6 +27,7 @@ def test_heat_out_minus_heat_in_is_the_electrical_power(t: float, i: float) -> N
     assert heat_into_plate_W(t, i) - drawn_from_far_side == pytest.approx(power, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(TEMPERATURES)
 def test_the_largest_heat_is_pumped_at_s_t_over_r(t: float) -> None:
     best = -S * (t + 273.15) / R
@@ -47,6 +49,7 @@ def test_the_largest_difference_is_z_t_squared_over_two() -> None:
     assert AMBIENT - t == pytest.approx(0.5 * S * S / (R * G) * kelvin * kelvin, rel=1e-9)
 
 
+@settings(deadline=None)
 @given(TEMPERATURES, CURRENTS, st.floats(1e-6, 30.0))
 def test_halving_the_step_changes_nothing(t: float, i: float, dt: float) -> None:
     whole, half = PLATE.step(t, i, dt), PLATE.step(PLATE.step(t, i, 0.5 * dt), i, 0.5 * dt)
@@ -55,6 +58,7 @@ def test_halving_the_step_changes_nothing(t: float, i: float, dt: float) -> None
         assert (whole - t) / dt == pytest.approx(PLATE.rate_K_per_s(t, i), rel=1e-3, abs=1e-3)
 
 
+@settings(deadline=None)
 @given(TEMPERATURES, CURRENTS)
 def test_energy_balance_over_a_step(t: float, i: float) -> None:
     """The stored heat is the integral of what flows in, at every step."""
@@ -66,6 +70,7 @@ def test_energy_balance_over_a_step(t: float, i: float) -> None:
     assert stored == pytest.approx(simpson, rel=1e-9, abs=1e-9)
 
 
+@settings(deadline=None)
 @given(TEMPERATURES, st.floats(-2.0, 2.0))
 def test_the_inverse_gives_the_rate_or_the_limit(t: float, rate: float) -> None:
     current = PLATE.current_for_rate_A(t, rate, 5.0)
