@@ -38,11 +38,24 @@ def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobed
             yield bench, controller, path
 
 
+def heated(bench: RunningBench, controller: Disobedient, path: Path) -> None:
+    """A job has its current on. On a busy computer one may end before, by a trip that is right; then once more."""
+    ends = []
+    for _ in range(3):
+        job = bench.desk.submit(read_configuration(path))
+        until(lambda job=job: controller.instrument.output_A == 1.0 or job.ended_s is not None, "the current")
+        if job.ended_s is None:
+            return
+        ends.append(job.reason)
+        bench.desk.reset("a test")
+        until(lambda: bench.state()["state"] == "idle", "idle")
+    raise AssertionError(f"no job had its current on: {ends}")
+
+
 @pytest.mark.parametrize("fault", ["deaf to all", "silent"])
 def test_stop_leaves_the_dead_man_in_peace(tmp_path: Path, fault: str) -> None:
     with bench_of(tmp_path, fault) as (bench, controller, path):
-        bench.desk.submit(read_configuration(path))
-        until(lambda: controller.instrument.output_A == 1.0, "the current")
+        heated(bench, controller, path)
         controller.begin()
         begin_s = time.monotonic()
         assert not bench.desk.stop("somebody").confirmed
