@@ -32,7 +32,7 @@ from compensator.hysteresis.functions import Array
 
 SIZES: Final = 1e-4 * 2.0 ** np.arange(11)  # E over Y: of an exact model, to one that is off by a tenth
 STANDS_S: Final = 1e6  # of standing still, that changes the error by E too: a fortnight
-REMEMBERED: Final = 0.5  # of the output's range
+REMEMBERED: Final = 0.5  # of the range: with 2 a model that goes off late is followed by a quarter worse
 SIZE, VALUE, DOUBT, WEIGHT = range(4)  # columns
 NONE: Final = np.zeros((0, 4))
 NONE.setflags(write=False)

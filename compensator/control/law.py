@@ -45,7 +45,7 @@ from compensator.thermal.plate import PlateModel
 
 NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
 GRID: Final = 101  # temperatures on which a film's range is looked at
-TINY: Final = 1e-9
+TINY: Final = 1e-9  # of an output: a film that does not move at all has sizes of error too
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
 
 

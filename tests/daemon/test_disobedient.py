@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 
 from rig.bench.assembly import emulated_instruments
+from rig.bench.simulation import simulated_world
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.files.configuration import read_configuration
 from rig.guard.left_behind import Left, write_end
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
+from sim.world.plant import SimulatedPlant
 from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
 from tests.instruments.disobedient import Disobedient
 
@@ -28,6 +30,8 @@ def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobed
     """A bench on a real clock and pseudo-terminals, its controller, and the configuration of a job."""
     path = write_current(tmp_path, '["start 1 A", "hold 60 s"]', more=SERVE)
     text = path.read_text()
+    plant = SimulatedPlant(simulated_world(read_configuration(path)), 0.0)
+    plant.advance_to(1.0)  # its loops are compiled before a controller in this process has to answer in time
     instruments: dict[str, Any] = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
     controller = Disobedient(instruments["controller"], fault)
     with PseudoTerminals({**instruments, "controller": controller}) as terminals:
@@ -39,17 +43,10 @@ def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobed
 
 
 def heated(bench: RunningBench, controller: Disobedient, path: Path) -> None:
-    """A job has its current on. On a busy computer one may end before, by a trip that is right; then once more."""
-    ends = []
-    for _ in range(3):
-        job = bench.desk.submit(read_configuration(path))
-        until(lambda job=job: controller.instrument.output_A == 1.0 or job.ended_s is not None, "the current")
-        if job.ended_s is None:
-            return
-        ends.append(job.reason)
-        bench.desk.reset("a test")
-        until(lambda: bench.state()["state"] == "idle", "idle")
-    raise AssertionError(f"no job had its current on: {ends}")
+    """A job has its current on; where it ends before, its reason is told."""
+    job = bench.desk.submit(read_configuration(path))
+    until(lambda: controller.instrument.output_A == 1.0 or job.ended_s is not None, "the current")
+    assert job.ended_s is None, job.reason
 
 
 @pytest.mark.parametrize("fault", ["deaf to all", "silent"])
