@@ -59,7 +59,9 @@ def told(errors: Array) -> tuple[float, float]:
     """(disturbance, its variance), of all sizes."""
     if errors.shape[0] == 0:
         return 0.0, 0.0
-    best, total, mean, square = np.max(errors[:, WEIGHT]), 0.0, 0.0, 0.0
+    best, total, mean, square = -math.inf, 0.0, 0.0, 0.0
+    for row in errors:
+        best = max(best, row[WEIGHT])
     for row in errors:
         total += math.exp(row[WEIGHT] - best)
     for row in errors:
@@ -86,7 +88,7 @@ def corrected(errors: Array, off: float, variance: float, most_share: float) -> 
 
     most_share: of what it is off that one reading counts for at the most, whatever the model's error.
     """
-    after = errors.copy()
+    after, best = errors.copy(), -math.inf
     for row in after:
         innovation, whole = off - row[VALUE], row[DOUBT] + variance + TINY
         share = row[DOUBT] / whole
@@ -95,13 +97,16 @@ def corrected(errors: Array, off: float, variance: float, most_share: float) -> 
         row[VALUE] += share * innovation
         row[DOUBT] = (1.0 - share) ** 2 * row[DOUBT] + share**2 * (variance + TINY)  # of any share: P. D. Joseph's form
         row[WEIGHT] = less_likely(row[WEIGHT], innovation, whole)
-    after[:, WEIGHT] -= np.max(after[:, WEIGHT])
+        best = max(best, row[WEIGHT])
+    for row in after:
+        row[WEIGHT] -= best
     return after
 
 
 @njit(cache=True)
 def moved_to(errors: Array, disturbance: float) -> Array:
     """The same with that mean: where something else has told it."""
-    after = errors.copy()
-    after[:, VALUE] += disturbance - told(errors)[0]
+    after, off = errors.copy(), disturbance - told(errors)[0]
+    for row in after:
+        row[VALUE] += off
     return after

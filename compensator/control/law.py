@@ -141,8 +141,8 @@ class Law:
         memory = memory if memory is not None else Memory(t, np.zeros(1))
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)
         errors = unknown_errors(self.rule.output_range) if self.film is not None else NONE
-        known = memory.input_degC, memory.plays, 0.0, pid, current_A
-        return LawState(t, now, *known, errors=errors, observer=observer)
+        known = memory.input_degC, memory.plays, pid, current_A
+        return LawState(t, t, now, *known, errors=errors, observer=observer)
 
     def start_anywhere(self, temperature_degC: float, output: float, test_current_A: float = 0.0) -> LawState:
         """State at the first readings of a film whose memory nobody knows; output: as read, in the film's unit.
@@ -161,7 +161,9 @@ class Law:
         disturbance = mean_of(possible, plays)
         possible.setflags(write=False)
         state = self.start(temperature_degC, Memory(temperature_degC, plays), test_current_A=test_current_A)
-        return state._replace(possible=possible, disturbance=disturbance, errors=moved_to(state.errors, disturbance))
+        errors = moved_to(state.errors, disturbance)
+        errors.setflags(write=False)
+        return state._replace(possible=possible, errors=errors)
 
     def preview_times_s(self) -> Array:
         """How far ahead of a step each target lies that it is given: later than a driver's delay and an ohmmeter's lag,

@@ -29,7 +29,7 @@ from compensator.control.reference_shaping import (
     next_reference,
     next_temperature,
 )
-from compensator.control.unknown_heat import corrected_temperature, unknown_heats
+from compensator.control.unknown_heat import Foretold, corrected_temperature, unknown_heats
 from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array, memoryless_value
@@ -79,20 +79,20 @@ class Command(NamedTuple):
 class LawState(NamedTuple):
     """All that a law carries from one step to the next; no step changes it.
 
-    temperature_degC: of the plate, as estimated. reference: where film and plate should be. input_degC, plays: the
-    film's memory. disturbance: reading minus film model, in the output's unit. current_A: in force. toward: sign of the
-    output's last move; moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan:
-    not yet). possible: the memories that the film may have, where nobody knows it
-    (`compensator.control.unknown_memory`), plays then their mean; no rows where it is known. errors: what the film
-    model may lack (`compensator.control.disturbance`), disturbance their mean. heats: how unsteady the plate's unknown
-    heat may be (`compensator.control.unknown_heat`). observer: the state of the law's observer, None without one.
+    temperature_degC, thermometer_degC: of the plate and of its thermometer, as estimated. reference: where film and
+    plate should be. input_degC, plays: the film's memory. current_A: in force. toward: sign of the output's last move;
+    moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan: not yet). possible:
+    the memories that the film may have, where nobody knows it (`compensator.control.unknown_memory`), plays then their
+    mean; no rows where it is known. errors: what the film model may lack (`compensator.control.disturbance`). heats:
+    how unsteady the plate's unknown heat may be, and how late its thermometer (`compensator.control.unknown_heat`).
+    observer: the state of the law's observer, None without one.
     """
 
     temperature_degC: float
+    thermometer_degC: float
     reference: Reference
     input_degC: float
     plays: Array
-    disturbance: float = 0.0
     pid: PidState = PidState()
     current_A: float = 0.0
     toward: float = 0.0
@@ -108,6 +108,11 @@ class LawState(NamedTuple):
     def memory(self) -> Memory:
         """The film's memory."""
         return memory_owning(self.input_degC, self.plays)
+
+    @property
+    def disturbance(self) -> float:
+        """Reading minus film model, in the output's unit."""
+        return float(told(self.errors)[0])
 
     @property
     def reference_degC(self) -> float:
@@ -141,29 +146,18 @@ class Rule(NamedTuple):
 
 @njit(cache=True)
 def read_temperature(
-    rule: Rule,
-    estimate: Estimate,
-    heats: Array,
-    shown_degC: float,
-    shown_K_per_s: float,
-    plate_degC: float,
-    lag_s: float,
-    inputs: Inputs,
+    rule: Rule, estimate: Estimate, heats: Array, told: Foretold, lag_s: float, inputs: Inputs
 ) -> tuple[float, float, Estimate, Array]:
     """(thermometer, plate, both in degC as the command acts, the estimate, heats) after the thermometer's reading.
 
-    shown_degC, plate_degC: predicted for then; shown_K_per_s: how fast the thermometer moves; lag_s: behind the plate.
+    told: foretold for then; lag_s: of the thermometer behind the plate, as the model has it.
     """
     reading = inputs.temperature_degC
     if math.isnan(reading) or rule.name == FEEDFORWARD:
-        return shown_degC, plate_degC, estimate, heats
+        return told.shown_degC, told.plate_degC, estimate, heats
     if rule.name == INSTRUMENT_PID or not rule.trusts_model:  # the current is the controller's own
         return reading, reading, estimate, heats
-    since = shown_K_per_s * inputs.acts_after_s
-    shown, plate, known, heats = corrected_temperature(
-        estimate, heats, shown_degC - since, plate_degC, reading, rule.period_s, lag_s
-    )
-    return shown + since, plate, known, heats
+    return corrected_temperature(estimate, heats, told, reading, rule.period_s, inputs.acts_after_s, lag_s)
 
 
 @njit(cache=True)
@@ -304,8 +298,8 @@ def law_step(
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
     here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
-    moving = rate(plate, here, s.current_A) + drift
-    _, here, known, heats = read_temperature(rule, s.estimate, heats.copy(), here, moving, here, 0.0, inputs)
+    foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC)
+    shown, here, known, heats = read_temperature(rule, s.estimate, heats, foretold, 0.0, inputs)
     plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
     envelopes, radii, weights, code, par = film
     if rule.has_film:
@@ -324,7 +318,7 @@ def law_step(
     disturbance, doubt = told(errors)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
-        after = Known(here, s.reference, v, disturbance, pid, current, s.toward, s.moved, nan, known)
+        after = Known(here, shown, s.reference, v, pid, current, s.toward, s.moved, nan, known)
         return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
@@ -332,6 +326,6 @@ def law_step(
     now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)
-    after = Known(here, plan.reference, v, disturbance, pid, current, toward, plan.move, nan, known)
+    after = Known(here, shown, plan.reference, v, pid, current, toward, plan.move, nan, known)
     answer = current, next_degC, now_degC, output, plan.reached
     return answer, packed(after, numbers.size), plays, possible, errors, heats

@@ -33,6 +33,7 @@ from compensator.control.law_step import (
     remembered,
 )
 from compensator.control.reference_shaping import FilmNow, Reference
+from compensator.control.unknown_heat import Foretold
 from compensator.control.unknown_memory import taken_along
 from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
@@ -143,10 +144,10 @@ def observed_step(
     command = Command(current, plan.reference.film_degC, before.film_degC, seen.output, plan.reached)
     return command, LawState(
         seen.plate_degC,
+        seen.thermometer_degC,
         Reference(*plan.reference),
         memory.input_degC,
         memory.plays,
-        disturbance,
         pid,
         current,
         headed(state.toward, before, plan),
@@ -167,9 +168,9 @@ def observed(
     memories)."""
     before, possible = state.observer, state.possible
     now = observer.predicted(before, state.estimate.drift_K_per_s)
-    shown_K_per_s = (now.thermometer_degC - before.thermometer_degC) / rule.period_s
-    told, lag_s = (now.thermometer_degC, shown_K_per_s, now.plate_degC), observer.thermometer_lag_s
-    shown, plate, estimate, heats = read_temperature(rule, state.estimate, state.heats.copy(), *told, lag_s, inputs)
+    foretold = Foretold(now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC)
+    lag_s = observer.thermometer_lag_s
+    shown, plate, estimate, heats = read_temperature(rule, state.estimate, state.heats, foretold, lag_s, inputs)
     heats.setflags(write=False)
     now = observer.followed(now, plate, shown, inputs.test_current_A)
     if possible.size > 0:

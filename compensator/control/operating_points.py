@@ -22,7 +22,7 @@ from compensator.control.linear_plant import LinearPlant, Timing, observed_plant
 from compensator.control.linearized import LinearLaw, linearized
 from compensator.control.observer import Observer
 from compensator.control.own_pid import OwnPid
-from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, corrected_temperature, unknown_heats
+from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, Foretold, corrected_temperature, unknown_heats
 
 Way = Literal["heating", "cooling", "at rest"]
 DEC_PER_S = 0.01  # of a usual ramp; the margins hardly depend on it, as long as the plate can follow
@@ -78,9 +78,10 @@ def believed(law: Law, noise_K: float, state: LawState) -> LawState:
     """The same, the noise of the thermometer known for long, and the ohmmeter taken at its word: of the sizes that the
     model's error may have one is left, and a reading counts in full."""
     lag_s = law.observer.thermometer_lag_s if law.observer is not None else 0.0
-    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:])
+    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:], (0.0,))
+    there = Foretold(0.0, 0.0, 0.0, 0.0)
     for _ in range(SETTLED):
-        heats = corrected_temperature(known, heats, 0.0, 0.0, 0.0, law.settings.period_s, lag_s)[-1]
+        heats = corrected_temperature(known, heats, there, 0.0, law.settings.period_s, 0.0, lag_s)[-1]
     heats.setflags(write=False)
     output = state.estimate.output._replace(variance=QUIET[0])
     return state._replace(

@@ -174,8 +174,7 @@ def handed_over(state: LawState, law: Law) -> LawState:
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
     errors = state.errors if state.errors.size > 0 else fresh.errors  # a law of temperatures has none
-    fresh = fresh._replace(disturbance=state.disturbance, estimate=known, possible=state.possible)
-    return fresh._replace(errors=errors, heats=state.heats)
+    return fresh._replace(estimate=known, possible=state.possible, errors=errors, heats=state.heats)
 
 
 def warmed_up(law: Law) -> Law:

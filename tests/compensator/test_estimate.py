@@ -12,7 +12,7 @@ from compensator.control.estimate import Estimate, Noise
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, corrected_temperature, unknown_heats
+from compensator.control.unknown_heat import UNSTEADY_K_PER_S2, Foretold, corrected_temperature, unknown_heats
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -20,6 +20,7 @@ from tests.compensator.film_models import TEN_OPERATORS as FILM
 
 PLATE = PlateModel(1.67e-3, 0.067, 0.0167, 25.0)
 PERIOD_S, NOISE_K, NOISE_DEC = 0.1, 0.01, 0.002
+AT_REST = Foretold(0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("noise_K", [0.002, 0.01, 0.05])
@@ -32,10 +33,12 @@ def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float, l
     for k in range(2000):
         truth = 40.0 + 0.1 * (k + 1) * PERIOD_S
         lagged = truth - 0.1 * lag_s * (1.0 - math.exp(-(k + 1) * PERIOD_S / lag_s)) if lag_s > 0.0 else truth
-        before, degC = degC, degC + (0.08 + state.drift_K_per_s) * PERIOD_S
+        before, shown_before, degC = degC, shown, degC + (0.08 + state.drift_K_per_s) * PERIOD_S
         shown += follows * (before - shown) + (PERIOD_S - lag_s * follows) * (degC - before) / PERIOD_S
         reading = lagged + noise_K * chance.standard_normal()
-        shown, degC, state, heats = corrected_temperature(state, heats, shown, degC, reading, PERIOD_S, lag_s)
+        shown, degC, state, heats = corrected_temperature(
+            state, heats, Foretold(shown, degC, shown_before, before), reading, PERIOD_S, 0.0, lag_s
+        )
         off.append(degC - truth)
     assert math.sqrt(state.degC.variance) == pytest.approx(noise_K, rel=0.15)
     assert np.std(off[800:]) < (0.5 if lag_s == 0.0 else 1.0) * noise_K
@@ -45,33 +48,58 @@ def test_noise_is_measured_on_a_moving_plate_and_averaged_away(noise_K: float, l
 @pytest.mark.parametrize("size", UNSTEADY_K_PER_S2)
 def test_without_a_lag_the_gains_of_each_size_settle_at_the_alpha_beta_filter_s(size: float) -> None:
     """Kalata's eqs (14) and (17)."""
-    state, heats = Estimate(degC=Noise(NOISE_K**2)), unknown_heats((size,))
+    state, heats = Estimate(degC=Noise(NOISE_K**2)), unknown_heats((size,), (0.0,))
     for _ in range(6000):
-        heats = corrected_temperature(state, heats, 0.0, 0.0, 0.0, PERIOD_S, 0.0)[-1]
+        heats = corrected_temperature(state, heats, AT_REST, 0.0, PERIOD_S, 0.0, 0.0)[-1]
     index = size * PERIOD_S**2 / NOISE_K
     root = 0.25 * (4.0 + index - math.sqrt(8.0 * index + index**2))
     alpha = 1.0 - root**2
     beta = 2.0 * (2.0 - alpha) - 4.0 * math.sqrt(1.0 - alpha)
-    _, degC, after, _ = corrected_temperature(state, heats, 0.0, 0.0, 1.0, PERIOD_S, 0.0)
+    _, degC, after, _ = corrected_temperature(state, heats, AT_REST, 1.0, PERIOD_S, 0.0, 0.0)
     assert degC == pytest.approx(alpha, rel=1e-3)
     assert after.drift_K_per_s * PERIOD_S == pytest.approx(beta, rel=1e-3)
 
 
-def off_K(heats: Array, heat_K_per_s: Callable[[float], float], seed: int) -> Array:
-    """By how much the plate is told wrong, whose model says that it does not move."""
+def off_K(
+    heats: Array, heat_K_per_s: Callable[[float], float], seed: int, lag_s: float = 0.0, known_K_per_s: float = 0.0
+) -> Array:
+    """By how much the plate is told wrong. The model knows that it goes up and down for 20 s each, and no lag."""
     state, chance, degC, truth, off = Estimate(), np.random.default_rng(seed), 40.0, 40.0, []
+    shown = lagged = 40.0
     for k in range(6000):
-        truth += heat_K_per_s(k * PERIOD_S) * PERIOD_S
-        degC += state.drift_K_per_s * PERIOD_S
-        reading = truth + NOISE_K * chance.standard_normal()
-        _, degC, state, heats = corrected_temperature(state, heats, degC, degC, reading, PERIOD_S, 0.0)
+        known = known_K_per_s * (-1.0) ** int(k * PERIOD_S / 20.0)
+        rate = known + heat_K_per_s(k * PERIOD_S)
+        follows = 1.0 - math.exp(-PERIOD_S / lag_s) if lag_s > 0.0 else 1.0
+        lagged += follows * (truth - lagged) + (PERIOD_S - lag_s * follows) * rate
+        truth += rate * PERIOD_S
+        then = degC + (known + state.drift_K_per_s) * PERIOD_S
+        reading, there = lagged + NOISE_K * chance.standard_normal(), Foretold(then, then, shown, degC)
+        shown, degC, state, heats = corrected_temperature(state, heats, there, reading, PERIOD_S, 0.0, 0.0)
         off.append(degC - truth)
     return np.array(off)
 
 
+def no_heat(_: float) -> float:
+    return 0.0
+
+
+@pytest.mark.parametrize("lag_s", [0.6, 1.7, 5.0])
+def test_a_lag_of_the_thermometer_that_nobody_knows_is_found(lag_s: float) -> None:
+    """At 0.1 K/s the plate is 0.1 K/s * lag from what is shown: what is left lies between two supposed lags."""
+    mine = off_K(unknown_heats(), no_heat, 7, lag_s, 0.1)
+    without = off_K(unknown_heats(lags_s=(0.0,)), no_heat, 7, lag_s, 0.1)
+    assert np.std(mine[1000:]) < 0.2 * 0.1 * lag_s + 0.5 * NOISE_K
+    assert np.std(without[1000:]) > 3.0 * np.std(mine[1000:])
+
+
+def test_nothing_is_lost_by_supposing_lags_where_there_is_none() -> None:
+    mine, without = (off_K(heats, no_heat, 7, 0.0, 0.1) for heats in (unknown_heats(), unknown_heats(lags_s=(0.0,))))
+    assert np.std(mine[1000:]) < 1.05 * np.std(without[1000:])
+
+
 def test_a_plate_whose_heat_is_known_is_told_better_than_by_the_largest_size() -> None:
     errors = [
-        [float(np.std(off_K(unknown_heats(sizes), lambda _: 0.0, seed)[1000:])) for seed in range(3)]
+        [float(np.std(off_K(unknown_heats(sizes), no_heat, seed)[1000:])) for seed in range(3)]
         for sizes in (UNSTEADY_K_PER_S2, UNSTEADY_K_PER_S2[-1:])
     ]
     assert np.median(errors[0]) < 0.6 * np.median(errors[1])

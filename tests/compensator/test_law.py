@@ -13,7 +13,7 @@ from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
-from compensator.control.unknown_heat import REMEMBERED_S, UNSTEADY_K_PER_S2
+from compensator.control.unknown_heat import LAGS_S, REMEMBERED_S, UNSTEADY_K_PER_S2
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
@@ -32,13 +32,14 @@ def law_of(name: LawName) -> Law:
 class PlainEstimate:
     """Both banks of filters, written once more: noise by second differences, Kalman by matrices."""
 
-    def __init__(self, output_range: float) -> None:
+    def __init__(self, output_range: float, degC: float) -> None:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
         self.lately: dict[str, list[float]] = {"degC": [], "output": []}
         self.drift, self.range, self.sizes2 = 0.0, output_range, (SIZES * output_range) ** 2
         self.values, self.doubts, self.chances = np.zeros(SIZES.size), self.sizes2.copy(), np.ones(SIZES.size)
-        self.heats = [(w, np.zeros(2), np.diag([1e-4, 4e-4])) for w in UNSTEADY_K_PER_S2]  # temperature, heating rate
-        self.likely = np.ones(len(self.heats))
+        self.shown, doubt = degC, np.array([[1e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 4e-4]])
+        self.heats = {(lag, w): (np.zeros(3), doubt) for lag in LAGS_S for w in UNSTEADY_K_PER_S2}
+        self.lags, self.likely = dict.fromkeys(LAGS_S, 1.0), dict.fromkeys(self.heats, 1.0)  # of a size, given its lag
         self.moved, self.toward = 0.0, 0.0
 
     def learn(self, which: str, value: float) -> None:
@@ -48,22 +49,43 @@ class PlainEstimate:
             noise[0] += ((value - 2.0 * past[1] + past[0]) ** 2 / 6.0 - noise[0]) / (noise[1] + 20)
         self.lately[which] = [*past, value][-2:]
 
-    def temperature(self, predicted: float, reading: float, period: float) -> float:
+    def temperature(self, before: float, predicted: float, reading: float, period: float) -> float:
+        """The plate; before, predicted: a period before, and now. Filters of thermometer, plate and heating rate."""
         self.learn("degC", reading)
-        forward, heat = np.array([[1.0, period], [0.0, 1.0]]), np.array([0.5 * period**2, period])
-        self.likely **= math.exp(-period / REMEMBERED_S)
-        for k, (w, over, covariance) in enumerate(self.heats):
+        noise, moved = self.noise["degC"][0] + 1e-12, predicted - before
+        for (lag, w), (over, covariance) in self.heats.items():
+            a = 1.0 - math.exp(-period / lag) if lag else 1.0
+            late = period - lag * a
+            forward = np.array([[1.0 - a, a, late], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
+            heat = np.array([0.5 * period**2 - lag * late, 0.5 * period**2, period])
             p = forward @ covariance @ forward.T + w**2 * np.outer(heat, heat)
-            whole, over = p[0, 0] + self.noise["degC"][0] + 1e-12, forward @ over
-            off, gain = reading - predicted - over[0], p[:, 0] / whole
-            self.heats[k] = w, over + gain * off, p - np.outer(gain, p[0])
-            self.likely[k] *= math.exp(-0.5 * min(off**2 / whole, STRANGE)) / math.sqrt(whole)
-        self.likely /= np.max(self.likely)
-        told = sum(chance * over for chance, (_, over, _) in zip(self.likely, self.heats, strict=True))
-        told /= np.sum(self.likely)
-        self.heats = [(w, over - told, covariance) for w, over, covariance in self.heats]
-        self.drift += float(told[1])
-        return float(predicted + told[0])
+            there = forward @ (over + np.array([self.shown, before, 0.0])) + np.array([late / period, 1.0, 0.0]) * moved
+            now = there - np.array([predicted, predicted, 0.0])
+            rate = (there[0] - over[0] - self.shown) / period
+            whole, off = p[0, 0] + noise, reading - (there[0] - rate * ACTS_S)
+            gain = p[:, 0] / whole
+            self.heats[lag, w] = now + gain * off, p - np.outer(gain, p[0])
+            self.likely[lag, w] *= math.exp(-0.5 * min(off**2 / whole, STRANGE)) / math.sqrt(whole)
+        self.forget(period)
+        told = sum(self.weights[each] * over for each, (over, _) in self.heats.items())
+        self.heats = {each: (over - told, covariance) for each, (over, covariance) in self.heats.items()}
+        self.drift, self.shown = self.drift + float(told[2]), float(predicted + told[0])
+        return float(predicted + told[1])
+
+    def forget(self, period: float) -> None:
+        """The weights, and what is kept of them."""
+        kept = math.exp(-period / REMEMBERED_S)
+        for lag in LAGS_S:
+            inside = sum(self.likely[lag, w] for w in UNSTEADY_K_PER_S2)
+            self.lags[lag] *= inside
+            for w in UNSTEADY_K_PER_S2:
+                self.likely[lag, w] /= inside
+        whole = sum(self.lags.values())
+        self.lags = {lag: max(each / whole, 1e-300) for lag, each in self.lags.items()}
+        self.weights = {each: self.lags[each[0]] * chance for each, chance in self.likely.items()}
+        faded = {each: chance**kept for each, chance in self.likely.items()}
+        whole_of = {lag: sum(faded[lag, w] for w in UNSTEADY_K_PER_S2) for lag in LAGS_S}
+        self.likely = {each: chance / whole_of[each[0]] for each, chance in faded.items()}
 
     @property
     def doubt(self) -> float:
@@ -87,15 +109,16 @@ class PlainEstimate:
 
 def plain_step(
     law: Law, state: LawState, known: PlainEstimate, reading: float, output: float, target_now: float, targets: Array
-) -> tuple[float, float, LawState]:
-    """One period from the public parts, as the law's docstring says: (current, setpoint, state)."""
+) -> tuple[float, float, LawState, float]:
+    """One period from the public parts, as the law's docstring says: (current, setpoint, state, disturbance)."""
     s, film, pid = law.settings, law.film, state.pid
     here = PLATE.step(state.temperature_degC, state.current_A, s.period_s) + known.drift * s.period_s
     if s.name == "instrument_pid" and not math.isnan(reading):
         here = reading
     elif s.name != "feedforward" and not math.isnan(reading):
-        ahead = (PLATE.rate_K_per_s(here, state.current_A) + known.drift) * ACTS_S
-        here = known.temperature(here - ahead, reading, s.period_s) + ahead
+        here = known.temperature(state.temperature_degC, here, reading, s.period_s)
+    else:
+        known.shown = here
     memory, disturbance = state.memory, state.disturbance
     if film is not None:
         expected, memory = film.step(here, memory)
@@ -110,7 +133,7 @@ def plain_step(
             low, high = PLATE.current_range_A(here, s.current_limit_A)
             current = min(max(wanted, low), high)
             pid = pid_integrate(s.gains, pid, target_now, output, current - wanted, s.period_s)
-        return current, math.nan, after(here, before, memory, 0.0, pid, current)
+        return current, math.nan, after(here, before, memory, pid, current), 0.0
     cooling, heating = (s.rate_share * rate for rate in PLATE.rate_range_K_per_s(here, s.current_limit_A))
     reach = Reach(s.preview_spacing_s, s.period_s, min(cooling, -1e-6), max(heating, 1e-6), 0.0)
     if film is None:
@@ -133,13 +156,12 @@ def plain_step(
         shortfall = PLATE.rate_K_per_s(here, current) - rate
         shortfall = 0.0 if abs(shortfall) < 1e-12 else shortfall
         pid = pid_integrate(s.gains, pid, before, here, shortfall, s.period_s)
-    return current, following, after(here, following, memory, disturbance, pid, current)
+    return current, following, after(here, following, memory, pid, current), disturbance
 
 
-def after(here: float, reference: float, memory: Memory, disturbance: float, pid: PidState, current: float) -> LawState:
+def after(here: float, reference: float, memory: Memory, pid: PidState, current: float) -> LawState:
     """A state with what the plain step knows."""
-    there = Reference(reference, reference)
-    return LawState(here, there, memory.input_degC, memory.plays, disturbance, pid, current)
+    return LawState(here, here, Reference(reference, reference), memory.input_degC, memory.plays, pid, current)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -147,7 +169,7 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
     law, rng, plate_degC, current = law_of(name), np.random.default_rng(5), 50.0, 0.0
     film_memory = FILM.initial_memory(50.0)
     state = law.start(50.0, film_memory if law.film is not None else None)
-    ahead, rows, known = law.preview_times_s(), [], PlainEstimate(law.rule.output_range)
+    ahead, rows, known = law.preview_times_s(), [], PlainEstimate(law.rule.output_range, 50.0)
     for k in range(400):
         t = 0.1 * k
         plate_degC = PLATE.step(plate_degC, current, 0.1) + 0.002 * math.sin(t)
@@ -155,11 +177,12 @@ def test_the_compiled_step_is_the_law_s_parts(name: LawName) -> None:
         reading = math.nan if k % 37 == 5 else plate_degC + 0.01 * rng.normal()
         measured = math.nan if k % 53 == 7 else output + 0.002 * rng.normal() + 0.02 * math.sin(0.1 * t)
         now, coming = wanted(name, t), np.asarray(wanted(name, t + ahead))
-        expected_current, setpoint, expected = plain_step(law, state, known, reading, measured, float(now), coming)
-        command, state = law.step(state, Inputs(reading, measured, float(now), coming, AGE_S, ACTS_S))
+        asked = reading, measured, float(now), coming
+        expected_current, setpoint, expected, disturbance = plain_step(law, state, known, *asked)
+        command, state = law.step(state, Inputs(*asked, AGE_S, ACTS_S))
         assert command.current_A == pytest.approx(expected_current, abs=1e-12)
         assert command.setpoint_degC == pytest.approx(setpoint, abs=1e-12, nan_ok=True)
-        for mine, other in ((state.disturbance, expected.disturbance), (state.pid.integral, expected.pid.integral)):
+        for mine, other in ((state.disturbance, disturbance), (state.pid.integral, expected.pid.integral)):
             assert mine == pytest.approx(other, abs=1e-12)
         assert state.temperature_degC == pytest.approx(expected.temperature_degC, abs=1e-12)
         assert state.memory.plays == pytest.approx(expected.memory.plays, abs=1e-12)  # matrices: by the machine's BLAS
@@ -190,7 +213,7 @@ def test_the_state_is_a_value() -> None:
         with pytest.raises(ValueError, match="read-only"):
             plays[0] = 0.0
     with pytest.raises(AttributeError):
-        first[1].disturbance = 1.0  # type: ignore[misc]
+        first[1].current_A = 1.0  # type: ignore[misc]
 
 
 def flat(part: object) -> list[float]:
