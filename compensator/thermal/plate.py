@@ -96,6 +96,7 @@ class PlateModel:
     drive_over_capacity_K_per_s: float = 0.0
     kind: Literal["peltier", "heater"] = "peltier"
     error_K: float = 0.0  # by how much the model is off beyond an instrument's noise, as if in each reading by itself
+    inputs: tuple[tuple[str, float], ...] = ()  # what else heats it in a record (`sim.model.inputs`): K/s per unit
 
     def __post_init__(self) -> None:
         for name in (
@@ -108,6 +109,9 @@ class PlateModel:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ValueError(f"{name}: {value!r}: expected a finite number >= 0")
+        for name, value in self.inputs:
+            if not math.isfinite(value):
+                raise ValueError(f"inputs.{name}: {value!r}: expected a finite number")
         if not math.isfinite(self.ambient_degC):
             raise ValueError(f"ambient_degC: {self.ambient_degC!r}: expected a finite number")
         if self.kind == "peltier" and self.seebeck_over_capacity_per_A_s == 0.0:

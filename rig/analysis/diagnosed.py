@@ -14,7 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.film_sense import rising
-from rig.analysis.predicted import predicted
+from rig.analysis.predicted import missing_inputs, predicted
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE
@@ -24,6 +24,7 @@ from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.result import Diagnosis
 from sim.diagnosis.search.chain import FALSE_ALARM
+from sim.model.inputs import NAMES as INPUTS
 
 
 def diagnosed(
@@ -47,6 +48,14 @@ def diagnosed(
     telling = [telling_columns(one, output) for one in together]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
         say(note)
+    inputs = [name for name in INPUTS if any(one.has(name) for one in together)]
+    lines = [
+        f"{one.source}: {name}: missing; expected it in all records of a rig or in none: it heats the plate"
+        for one in (*together, *holdout)
+        for name in missing_inputs(one, inputs)
+    ]
+    if lines:
+        raise Faults(lines)
     try:
         diagnosis = diagnose(
             *(columns for columns, _ in telling),

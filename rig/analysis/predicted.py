@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -20,6 +21,7 @@ from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming, of_resistances
 from sim.model.chain import ChainModel
+from sim.model.inputs import NAMES as INPUTS
 from sim.model.own_fit import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn
@@ -66,6 +68,9 @@ def predicted(
     drive = drive or model.drive or ("current" if model.effects else "temperature")
     if drive == "current" and not plate:
         drive = "temperature"
+    if plate and model.plate is not None:
+        for name in missing_inputs(record, [name for name, _ in model.plate.inputs]):
+            raise fault(record.source, name, f"missing; the plate of {where} is heated by it, too")
     effects = _meaningful(model, where)
     fitted = initial == "fitted"
     told = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
@@ -108,6 +113,11 @@ def needs_test_current(effects: tuple[Switched, ...]) -> bool:
     return any(isinstance(e.effect.form, Warming) and e.effect.form.heated for e in effects)
 
 
+def missing_inputs(record: Record, names: Iterable[str]) -> list[str]:
+    """Those of some inputs that a record does not have."""
+    return [name for name in names if not record.has(name)]
+
+
 def _meaningful(model: Model, where: object) -> tuple[Switched, ...]:
     """The model's effects. Raises Faults for one that the film's output cannot have."""
     effects = model.switched()
@@ -129,6 +139,7 @@ def _rows(record: Record) -> Rows:
         "meter_current_A",
         "resistance_time_s",
         "current_time_s",
+        *INPUTS,
     )
     try:
         rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)

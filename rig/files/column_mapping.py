@@ -16,8 +16,8 @@ LONGEST_NAME = 80  # of a column that is told by its name, and not by its number
 
 
 def ending_of(ours: str) -> str:
-    """The unit that our column's name ends in."""
-    return ours.rpartition("_")[2]
+    """The unit that our column's name ends in; a second drive comes in those of a current."""
+    return "A" if ours == "input_2" else ours.rpartition("_")[2]
 
 
 @dataclass(frozen=True)

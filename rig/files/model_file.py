@@ -119,6 +119,7 @@ class PlateTable(Table):
     drive_over_capacity_K_per_s: NotNegative = 0.0
     ambient_degC: Annotated[float, Field(ge=-273.15, le=LARGEST)]
     error_K: NotNegative = 0.0
+    inputs: dict[Literal["input_2", "sink_degC", "ambient_degC"], Number] = {}
 
     @model_validator(mode="after")
     def _whole(self) -> PlateTable:
@@ -134,6 +135,7 @@ class PlateTable(Table):
             self.drive_over_capacity_K_per_s,
             self.kind,
             self.error_K,
+            tuple(self.inputs.items()),
         )
 
 
@@ -229,6 +231,8 @@ def plate_table(model: PlateModel) -> dict[str, Any]:
     table["ambient_degC"] = float(model.ambient_degC)
     if model.error_K > 0.0:
         table["error_K"] = float(model.error_K)
+    if model.inputs:
+        table["inputs"] = {name: float(value) for name, value in model.inputs}
     return table
 
 

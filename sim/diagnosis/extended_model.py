@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -82,7 +82,8 @@ def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:
 
 def _plate(p: PlateParameters, error_K: float) -> PlateModel:
     s, r, g, q, _ = (float(v) for v in p.plate())
-    return PlateModel(s, r, g, p.usual_room_degC, q, "heater" if p.kind == "heater" else "peltier", error_K)
+    kind: Literal["peltier", "heater"] = "heater" if p.kind == "heater" else "peltier"
+    return PlateModel(s, r, g, p.usual_room_degC, q, kind, error_K, tuple(p.inputs_K_per_s.items()))
 
 
 def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:

@@ -117,7 +117,7 @@ class Chain:
         heat, own, bodies = self._heat, state.own_degC.copy(), self._heat.count
         if unknown_K_per_s != 0.0:
             heat, own = heat.also(unknown_K_per_s), np.append(own, 0.0)
-        run(self._par, heat.terms, heat.values, time_s, current_A, reset, own, plate, slopes)
+        run(self._par, heat.terms, heat.values, time_s, current_A, np.zeros(count), reset, own, plate, slopes)
         return plate, slopes, replace(state, plate_degC=float(plate[-1]), own_degC=own[:bodies])
 
     def measure(

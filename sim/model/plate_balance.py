@@ -1,10 +1,11 @@
 """The plate's heat balance with any effects of form `HeatFlow`, node by node.
 
-    dT_p/dt = s I (T_p + 273.15) + 1/2 r I^2 + q I - g (T_p - T_a(t)) + sum of the effects' terms
+    dT_p/dt = s I (T_p + 273.15) + 1/2 r I^2 + q I - g (T_p - T_a(t)) + h(t) + sum of the effects' terms
 
-A node is a time from which the current is known until the next node. Without effects a step is exact (I held: a linear
-differential equation); with effects it is the classical Runge-Kutta method in steps of at most `LONGEST_STEP_S`, whose
-error is below 1e-8 K at the rates met. Times count from the record's first row, so that what drifts can do so.
+From a node until the next one the current is known, and the heating h by what else a record has (`inputs`). Without
+effects a step is exact (I held: a linear differential equation); with effects it is the classical Runge-Kutta method in
+steps of at most `LONGEST_STEP_S`, whose error is below 1e-8 K at the rates met. Times count from the record's first
+row, so that what drifts can do so.
 """
 
 from __future__ import annotations
@@ -45,7 +46,15 @@ call: Any = _call
 
 @njit(cache=True)
 def _rates(
-    par: Array, terms: NDArray[np.int64], values: Array, t: float, plate: float, own: Array, current: float, out: Array
+    par: Array,
+    terms: NDArray[np.int64],
+    values: Array,
+    t: float,
+    plate: float,
+    own: Array,
+    current: float,
+    heating: float,
+    out: Array,
 ) -> float:
     """dT_p/dt; the rates of the effects' own temperatures into out."""
     s, r, g, q = par[0], par[1], par[2], par[3]
@@ -53,7 +62,8 @@ def _rates(
     for k in range(terms.shape[0]):
         if terms[k, 2] != 0:
             ambient += call(terms[k, 2], values[k, 0], values[k, 1], s, r, g, par[4], t, plate, own[k], current)
-    rate = s * current * (plate + KELVIN) + 0.5 * r * current * current + q * current - g * (plate - ambient)
+    driven = s * current * (plate + KELVIN) + 0.5 * r * current * current + q * current
+    rate = driven - g * (plate - ambient) + heating
     for k in range(terms.shape[0]):
         out[k] = 0.0
         if terms[k, 0] != 0:
@@ -70,6 +80,7 @@ def run(
     values: Array,
     time: Array,
     current: Array,
+    heating: Array,
     reset: Array,
     own: Array,
     plate: Array,
@@ -77,7 +88,8 @@ def run(
 ) -> None:
     """Plate temperature at the nodes, into plate (nodes,).
 
-    par: (s, r, g, q, T_a). terms, values: (effects, 3), (effects, 2). time, current: (nodes,). reset: (nodes,), where
+    par: (s, r, g, q, T_a). terms, values: (effects, 3), (effects, 2). time, current, heating (K/s, until the next):
+    (nodes,). reset: (nodes,), where
     not nan the plate's temperature begins anew there (the first must). own: (effects,), the effects' own temperatures,
     at the first node, at the last on return. slopes: (nodes, 2), dT/dt after the node and before it, K/s.
     """
@@ -86,10 +98,10 @@ def run(
     t = reset[0]
     for k in range(time.size):
         if k > 0:
-            i, dt = current[k - 1], time[k] - time[k - 1]
+            i, known, dt = current[k - 1], heating[k - 1], time[k] - time[k - 1]
             if m == 0:
                 decay = par[2] - par[0] * i
-                forcing = par[0] * KELVIN * i + 0.5 * par[1] * i * i + par[3] * i + par[2] * par[4]
+                forcing = par[0] * KELVIN * i + 0.5 * par[1] * i * i + par[3] * i + par[2] * par[4] + known
                 slopes[k - 1, 0] = forcing - decay * t
                 x = decay * dt
                 t = t * math.exp(-x) + forcing * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
@@ -97,23 +109,23 @@ def run(
             elif dt > 0.0:
                 count = max(1, math.ceil(dt / LONGEST_STEP_S - 1e-9))
                 h, now = dt / count, time[k - 1]
-                slopes[k - 1, 0] = _rates(par, terms, values, now, t, own, i, a)
+                slopes[k - 1, 0] = _rates(par, terms, values, now, t, own, i, known, a)
                 for _ in range(count):
-                    e = _rates(par, terms, values, now, t, own, i, a)
+                    e = _rates(par, terms, values, now, t, own, i, known, a)
                     for j in range(m):
                         at[j] = own[j] + 0.5 * h * a[j]
-                    f = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * e, at, i, b)
+                    f = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * e, at, i, known, b)
                     for j in range(m):
                         at[j] = own[j] + 0.5 * h * b[j]
-                    u = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * f, at, i, c)
+                    u = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * f, at, i, known, c)
                     for j in range(m):
                         at[j] = own[j] + h * c[j]
-                    w = _rates(par, terms, values, now + h, t + h * u, at, i, d)
+                    w = _rates(par, terms, values, now + h, t + h * u, at, i, known, d)
                     t += h * (e + 2.0 * f + 2.0 * u + w) / 6.0
                     for j in range(m):
                         own[j] += h * (a[j] + 2.0 * b[j] + 2.0 * c[j] + d[j]) / 6.0
                     now += h
-                slopes[k, 1] = _rates(par, terms, values, time[k], t, own, i, a)
+                slopes[k, 1] = _rates(par, terms, values, time[k], t, own, i, known, a)
             else:
                 slopes[k - 1, 0] = slopes[k, 1] = 0.0
             if not math.isnan(reset[k]):
@@ -166,4 +178,4 @@ def rate_K_per_s(
     par: Array, heat: HeatFlows, time_s: float, plate_degC: float, own_degC: Array, current: float
 ) -> float:
     """dT_p/dt with the effects at one moment; par: (s, r, g, q, T_a)."""
-    return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, np.empty(heat.count)))
+    return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, 0.0, np.empty(heat.count)))

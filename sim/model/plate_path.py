@@ -55,11 +55,13 @@ def _cubic(x: Array, begin: Array, change: Array, p: Array, q: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Times at which the current may change, or is read: time_s, current_A (nodes,), rows: which node a row is."""
+    """Times at which the current may change, or is read: time_s, current_A (nodes,), rows: which node a row is; inputs:
+    what else heats the plate, until the next node, (nodes, inputs)."""
 
     time_s: Array
     current_A: Array
     rows: NDArray[np.int64]
+    inputs: Array
 
 
 def plate_nodes(record: Recorded, links: Links, spacing: Spacing = COARSE) -> Nodes:
@@ -75,7 +77,8 @@ def plate_nodes(record: Recorded, links: Links, spacing: Spacing = COARSE) -> No
             time = np.unique(np.concatenate([time, *inside]))
     place = np.searchsorted(acts, time, side="right") - 1
     current = np.where(place >= 0, amounts[np.maximum(place, 0)], 0.0)
-    return Nodes(time, current, np.searchsorted(time, record.time_s))
+    inputs = record.inputs.between(record.time_s, time)
+    return Nodes(time, current, np.searchsorted(time, record.time_s), inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +101,13 @@ def simulate_plate(
     late_K: Array,
     spacing: Spacing = COARSE,
     rooms_K: Array | None = None,
+    inputs_K_per_s: Array | None = None,
 ) -> PlateRun:
     """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
     and others of those that begin stretches. own_degC: there, of the effects on the plate, nan: as it was before,
     (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters). rooms_K: by how much
-    the room is warmer from there on than T_a, (anew,); None: by nothing."""
+    the room is warmer from there on than T_a, (anew,); None: by nothing. inputs_K_per_s: how fast one unit of each of
+    the record's inputs heats, (inputs,); None: not at all."""
     heat = heat_flows(links.plate)
     n = nodes.time_s.size
     reset = np.full(n, np.nan)
@@ -110,6 +115,7 @@ def simulate_plate(
     temperature, slopes = np.empty(n), np.empty((n, 2))
     begins, bodies = nodes.rows[anew], own_degC[0]
     rooms = np.zeros(begins.size) if rooms_K is None else rooms_K
+    heating = np.zeros(n) if inputs_K_per_s is None else nodes.inputs @ inputs_K_per_s
     for begin, end, own, room in zip(begins, [*begins[1:] + 1, n], own_degC, rooms, strict=True):
         part = slice(begin, end)  # up to the next begin, whose slope before it is kept
         before, bodies = slopes[begin, 1], np.where(np.isnan(own), bodies, own)
@@ -119,6 +125,7 @@ def simulate_plate(
             heat.values,
             nodes.time_s[part],
             nodes.current_A[part],
+            heating[part],
             reset[part],
             bodies,
             temperature[part],

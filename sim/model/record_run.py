@@ -6,6 +6,7 @@ The plate's side is that of the fits (`plate_path`), the film's that of the simu
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,7 +51,7 @@ class RecordRun:
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun:
         """The plate's path, and what an ideal thermometer shows in each row."""
-        return run_plate(record, self.links, self.model.plate.array(), own, self.spacing)
+        return run_plate(record, self.links, self.model.plate.array(), own, self.spacing, dict(self.model.plate.inputs))
 
     def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
         """-log10 of the resistance shown in each row, without noise."""
@@ -77,8 +78,11 @@ class RecordRun:
         return FilmRun(shown, own_output[place], state.memory)
 
 
-def run_plate(record: Recorded, links: Links, par: Array, own: RecordOwn, spacing: Spacing) -> PlateRun:
-    """Driver, plate and thermometer over a record. par: (s, r, g, q, T_a); the room is that of `own`."""
+def run_plate(
+    record: Recorded, links: Links, par: Array, own: RecordOwn, spacing: Spacing, inputs: Mapping[str, float]
+) -> PlateRun:
+    """Driver, plate and thermometer over a record. par: (s, r, g, q, T_a); the room is that of `own`. inputs: how fast
+    one unit of each heats, K/s, by name (`sim.model.inputs`)."""
     anew, par = anew_rows(record), par.copy()
     par[4] = own.ambient_degC
     at_rest, none = np.full(anew.size, np.nan), np.zeros(anew.size)
@@ -86,7 +90,8 @@ def run_plate(record: Recorded, links: Links, par: Array, own: RecordOwn, spacin
     bodies = np.array([own.bodies_degC.get(e.name, at_rest) for e in links.plate]).reshape(-1, anew.size)
     late = np.array([own.thermometer_late_K.get(e.name, none) for e in links.thermometer]).reshape(-1, anew.size)
     nodes = plate_nodes(record, links, spacing)
-    return simulate_plate(record, nodes, par, links, own.plate_degC, anew, bodies.T, late.T, spacing)
+    heats = record.inputs.coefficients(inputs)
+    return simulate_plate(record, nodes, par, links, own.plate_degC, anew, bodies.T, late.T, spacing, None, heats)
 
 
 def straight_path(time_s: Array, plate_degC: Array, longest_s: float = np.inf) -> PlatePath:

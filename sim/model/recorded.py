@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.model.inputs import Inputs
 
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -19,7 +20,7 @@ class Recorded(Protocol):
     """time_s: of the rows, from the first one on, (rows,). first_rows: those at which the plate's temperature begins
     anew, the first row among them. commands: when a current was commanded and which, s and A, (commands,). taken_s:
     what the resistances are stamped with, (rows,). test_current_A: of the ohmmeter up to each row, None where none is
-    known.
+    known. inputs: what else heats the plate.
     """
 
     @property
@@ -36,6 +37,9 @@ class Recorded(Protocol):
 
     @property
     def test_current_A(self) -> Array | None: ...
+
+    @property
+    def inputs(self) -> Inputs: ...
 
 
 @dataclass(frozen=True)

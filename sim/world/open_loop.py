@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
+from sim.model.inputs import NOTHING, Inputs
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
 from sim.model.recorded import Rows
@@ -40,6 +41,7 @@ class Commanded:
     current_A: Array
     taken_s: Array
     test_current_A: Array
+    inputs: Inputs = NOTHING
 
     @property
     def first_rows(self) -> Rows:

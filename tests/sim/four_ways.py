@@ -6,6 +6,7 @@ film has its operators where a fit has them, and a D(T) that the fit's splines c
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -22,7 +23,6 @@ from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.fitted_chain import FittedChain
-from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.fit.preisach_density import RelayPlane
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
@@ -115,7 +115,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     first = [e for e in effects if e.effect.link in ("driver", "plate", "thermometer")]
     channel = TemperatureChannel(record, every, NoiseModel.white(0.01), spacing=spacing)
     p = channel.start("peltier", np.array([1.6e-3, 0.06, 0.018, 25.0]), first)
-    begun = PlateParameters(p.kind, p.effects, p.x, np.array([FIRST_DEGC]))
+    begun = replace(p, first_degC=np.array([FIRST_DEGC]))
     path, degC = channel.simulate(begun, begun.x, begun.first_degC)
     a = TemperatureFit(begun, path, degC, 0.0, np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]

@@ -20,7 +20,7 @@ def step(par: np.ndarray, ratio: float, loss: float, plate: float, sink: float, 
     heat, own = heat_flows([switched(EFFECT, [ratio, loss])]), np.array([sink])
     out, slopes = np.empty(2), np.empty((2, 2))
     reset = np.array([plate, np.nan])
-    run(par, heat.terms, heat.values, np.array([0.0, dt]), np.full(2, current), reset, own, out, slopes)
+    run(par, heat.terms, heat.values, np.array([0.0, dt]), np.full(2, current), np.zeros(2), reset, own, out, slopes)
     return out[1], own[0]
 
 

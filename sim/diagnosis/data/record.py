@@ -20,6 +20,7 @@ from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.effects.effect import Effect
+from sim.model.inputs import NOTHING, Inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
 from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.model.record_own import long_gaps
@@ -58,6 +59,7 @@ class Record:
     which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
     there, each with its row, column and the rule by which. quantity: what the output is. early: the share of a change
     of the current that acts before its row (`between_rows`). joined: where further records of the same rig begin.
+    inputs: what else heats the plate.
     """
 
     time_s: Array
@@ -78,6 +80,7 @@ class Record:
     quantity: Quantity = RESISTANCE
     early: float = 0.0
     joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    inputs: Inputs = NOTHING
 
     @property
     def rows(self) -> int:
@@ -251,6 +254,7 @@ def read_columns(
         quantity,
         early,
         _none(joined),
+        logged_inputs(data, [0, *_none(joined)]) if current is not None else NOTHING,
     )
 
 

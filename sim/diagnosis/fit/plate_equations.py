@@ -15,7 +15,7 @@ import numpy as np
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
-from sim.diagnosis.fit.plate_parameters import HEATER, PELTIER, ROOM_K, PlateParameters
+from sim.diagnosis.fit.plate_parameters import PELTIER, ROOM_K, PlateParameters, base_unknowns
 from sim.diagnosis.fit.unknowns import unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
 from sim.model.links import Links, links_of
@@ -24,6 +24,7 @@ from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
 from sim.model.recorded import Spacing
 
+INPUT_K_PER_S = 0.01  # by which a search begins for an input at its largest: what moves a plate by a kelvin or so
 ASLEEP = 0.1  # of what the Seebeck term moves at the largest current: less Joule heat is none
 
 
@@ -37,10 +38,12 @@ class PlateEquations:
         self._known_nodes: dict[bytes, Nodes] = {}
 
     def start(self, kind: str, base: Array, effects: Sequence[Switched] = ()) -> PlateParameters:
-        """Parameters to begin with: base in the unknowns' own values."""
-        unknowns = PELTIER if kind == "peltier" else HEATER
-        x = np.array([u.inside(float(v)) for u, v in zip(unknowns, base, strict=True)])
-        return self.extended(PlateParameters(kind, (), x, self.rough_firsts()), effects)
+        """Parameters to begin with: base in the unknowns' own values, inputs that do little yet."""
+        inputs = self.record.inputs.names
+        least = INPUT_K_PER_S / np.max(np.abs(self.record.inputs.values), axis=0) if inputs else ()
+        values = [*base[:-1], *least, base[-1]]
+        x = np.array([u.inside(float(v)) for u, v in zip(base_unknowns(kind, inputs), values, strict=True)])
+        return self.extended(PlateParameters(kind, (), x, self.rough_firsts(), inputs=inputs), effects)
 
     def extended(self, parameters: PlateParameters, effects: Sequence[Switched]) -> PlateParameters:
         """The same plate with these effects; what has a temperature of its own begins as it was, or at rest."""
@@ -50,7 +53,7 @@ class PlateEquations:
         count = self.record.joined.size
         rooms = parameters.rooms_K / ROOM_K if parameters.rooms == count else np.zeros(count)
         x = np.concatenate((base, values_inside(effects), rooms, *own))
-        return PlateParameters(parameters.kind, tuple(effects), x, parameters.first_degC.copy(), count)
+        return replace(parameters, effects=tuple(effects), x=x, first_degC=parameters.first_degC.copy(), rooms=count)
 
     def awakened(self, p: PlateParameters) -> PlateParameters:
         """The same, with a Joule heat where the plate alone has driven it to nothing: from there it would take long
@@ -102,8 +105,10 @@ class PlateEquations:
         """The plate's path and what is shown in all rows."""
         effects, own, late, rooms = self.split(p, x)
         links = links_of(effects)
-        plate, nodes = replace(p, x=x).plate(), self._nodes(links)
-        out = simulate_plate(self.record, nodes, plate, links, first, self.anew, own, late, self.spacing, rooms)
+        p, nodes = replace(p, x=x), self._nodes(links)
+        heats = self.record.inputs.coefficients(p.inputs_K_per_s)
+        begun = first, self.anew, own, late
+        out = simulate_plate(self.record, nodes, p.plate(), links, *begun, self.spacing, rooms, heats)
         return out.path, out.shown_degC
 
     def _nodes(self, links: Links) -> Nodes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,19 +13,23 @@ from sim.effects.effect import Switched
 ROOM = free("ambient_degC", 10.0)
 PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), ROOM)
 HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), ROOM)
+INPUT = positive("input", 1e-9, 1e3)  # K/s per unit, of whatever unit: a second drive heats, and heat flows downhill
+AN_INPUT = "inputs."  # how its unknown's name begins, as in a model file
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
 
 
 @dataclass(frozen=True, eq=False)
 class PlateParameters:
     """x: the fit's vector (plate, effects, rooms, temperatures of their own, each at its beginnings); first_degC: of
-    each stretch; rooms: how many further records have a room of their own."""
+    each stretch; rooms: how many further records have a room of their own; inputs: names of what else heats the plate
+    (`sim.model.inputs`), between the plate's own unknowns and the room."""
 
     kind: str
     effects: tuple[Switched, ...]
     x: Array
     first_degC: Array
     rooms: int = 0
+    inputs: tuple[str, ...] = ()
 
     @property
     def rooms_K(self) -> Array:
@@ -40,9 +44,24 @@ class PlateParameters:
 
     @property
     def base(self) -> tuple[Unknown, ...]:
-        return PELTIER if self.kind == "peltier" else HEATER
+        return base_unknowns(self.kind, self.inputs)
 
     def plate(self) -> Array:
         """(s, r, g, q, T_a)."""
-        v = {u.name: u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)}
+        v = self._values()
         return np.array([v.get(name, 0.0) for name in ("s", "r", "g", "q", ROOM.name)])
+
+    @property
+    def inputs_K_per_s(self) -> dict[str, float]:
+        """How fast one unit of each input heats."""
+        v = self._values()
+        return {name: v[AN_INPUT + name] for name in self.inputs}
+
+    def _values(self) -> dict[str, float]:
+        return {u.name: u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)}
+
+
+def base_unknowns(kind: str, inputs: tuple[str, ...] = ()) -> tuple[Unknown, ...]:
+    """Of a plate of that kind with these inputs, without effects; the room last."""
+    *own, room = PELTIER if kind == "peltier" else HEATER
+    return *own, *(replace(INPUT, name=AN_INPUT + name) for name in inputs), room

@@ -204,7 +204,7 @@ class TemperatureChannel(PlateEquations):
     ) -> TemperatureFit:
         like = self.likelihood(shown)
         effects, _, _, _ = self.split(p, x)
-        final = PlateParameters(p.kind, tuple(effects), x, first, p.rooms)
+        final = replace(p, effects=tuple(effects), x=x, first_degC=first)
         minus_log = float(self.weight @ like.minus_log)
         if self.misfit > 1.0:  # there sizes that nobody meets count against an effect
             minus_log -= self.priors(final)

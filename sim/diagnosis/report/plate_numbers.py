@@ -65,7 +65,8 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     found: dict[str, tuple[float, Interval]] = {}
     doubts = []
     for unknown, x, deviation in zip(p.base, p.x.tolist(), deviations.tolist(), strict=False):
-        half, name = min(NORMAL_95 * deviation, 1e3), NAMES[unknown.name]  # below what exp overflows at
+        half = min(NORMAL_95 * deviation, 1e3)  # below what exp overflows at
+        name = NAMES.get(unknown.name, unknown.name)
         meaningless = unknown.log and half > MEANINGLESS
         ci = None if meaningless else (unknown.outside(x - half), unknown.outside(x + half))
         value = unknown.outside(x)
@@ -73,7 +74,7 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
         end = x < unknown.low + AT_THE_END or x > unknown.high - AT_THE_END
         doubt = f"{name}: {value:.3g} is the end of what is looked for" if end else _doubt(name, value, ci)
         if doubt is not None:
-            doubts.append(f"{doubt}; {FIXED_BY[unknown.name]}")
+            doubts.append(f"{doubt}; {FIXED_BY.get(unknown.name, 'changes of it fix it')}")
     if p.kind == "peltier":
         s, r, g, _, ambient = p.plate()
         merit = float(s * s * (ambient + KELVIN) / (r * g))

@@ -133,7 +133,7 @@ class TemperatureSearch:
                 continue
             times = 1.0 / (g * tau)
             driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
-            base = [*driven, 1.0 / tau, ambient]
+            base = [*driven, 1.0 / tau, *(times * c for c in p.inputs_K_per_s.values()), ambient]
             effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
             x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
             trial = self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
