@@ -27,9 +27,9 @@ ROWS = 5000
 def one(seed: int) -> tuple[dict[str, tuple[bool, float]], float, float]:
     """One record: per identified parameter (inside, half-width), share of rows inside their band, RMSE / noise."""
     from compensator.identification.film import identify_film
-    from tests.compensator.identification_films import decaying_profile, film_of_the_class, random_profile
+    from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile
 
-    film = film_of_the_class(seed)
+    film = is_prandtl_ishlinskii(seed)
     random = np.random.default_rng(10_000 + seed)
     v = decaying_profile(ROWS)
     output = film.simulate(v, film.initial_memory(float(v[0])))[0] + NOISE_DEC * random.standard_normal(ROWS)

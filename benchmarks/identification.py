@@ -20,7 +20,7 @@ from compensator.hysteresis.film import FilmModel
 from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
 from compensator.identification.plate import identify_plate
 from compensator.thermal.plate import PlateModel
-from tests.compensator.identification_films import decaying_profile, film_of_the_class, random_profile, relay_film
+from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 Array = NDArray[np.float64]
 DATA = Path(os.environ.get("PELTIER_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -69,7 +69,7 @@ def films_of_the_class(count: int) -> None:
         ratios, inside, took = [], [], []
         for seed in range(count):
             rng = np.random.default_rng(1000 + seed)
-            film, v = film_of_the_class(seed), decaying_profile(5000)
+            film, v = is_prandtl_ishlinskii(seed), decaying_profile(5000)
             y = outputs(film, v) + NOISE * rng.normal(size=v.size)
             t = 0.5 * np.arange(v.size)
             noisy = v + noise_K * rng.normal(size=v.size)
@@ -102,7 +102,7 @@ def relay_films() -> None:
 
 def long_record() -> None:
     v = decaying_profile(10_000)
-    y = outputs(film_of_the_class(0), v) + NOISE * np.random.default_rng(0).normal(size=v.size)
+    y = outputs(is_prandtl_ishlinskii(0), v) + NOISE * np.random.default_rng(0).normal(size=v.size)
     noisy = v + 0.01 * np.random.default_rng(1).normal(size=v.size)
     fit, took = timed(lambda: identify_film(0.5 * np.arange(v.size), noisy, y))
     row("10,000 samples, 30 operators", f"{took:.2f} s, RMSE / noise {fit.rmse / NOISE:.3f}", "<= 5 s")
@@ -144,7 +144,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer films and plates")
     few = parser.parse_args().quick
     identify_film(
-        np.arange(400.0), decaying_profile(400), outputs(film_of_the_class(0), decaying_profile(400))
+        np.arange(400.0), decaying_profile(400), outputs(is_prandtl_ishlinskii(0), decaying_profile(400))
     )  # compiles
     row("what", "figure", "asked")
     measured_film()

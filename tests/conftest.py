@@ -1,6 +1,6 @@
 """Shared fixtures: the folder of measured records, and the command line in this process.
 
-Tests run side by side, a process a core. So each calculates with one thread; and each keeps the loops that numba
+Tests run side by side, in some processes. So each calculates with one thread; and each keeps the loops that numba
 compiles for itself: two that compile the same function for other arguments at once may mix up each other's files. It
 begins with a copy of those that were compiled ahead.
 """

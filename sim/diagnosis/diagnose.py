@@ -24,7 +24,7 @@ from sim.diagnosis.judge.verdict import (
     temperature_residual,
 )
 from sim.diagnosis.report.candidates import Candidate, candidates_of
-from sim.diagnosis.report.confounders import rivals_of
+from sim.diagnosis.report.confounders import confounders_of
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
@@ -37,7 +37,7 @@ from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import Gain, gain, rmse
-from sim.diagnosis.validate.unseen_rows import Other, UnseenRows
+from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, pinned
@@ -97,13 +97,14 @@ def diagnose(
         read = [read_columns(other, held_out=False, quantity=quantity) for other in holdout]
         others = [other.commanded_in_sight(known.values()) for other in read]
         told = borne_out(chain, judged, others)
-        unseen = UnseenRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others), told.halves)
+        first = [Other(o, told_rows(o) if as_predicted else None) for o in others]
+        held_out = HeldOutRows(chain, tuple(first), told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
-        found = _diagnosis(chain, told.judged, unseen, say)
+        found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
         if base == "generalized_pi" and chain.record.output is not None:
-            found = _restricted(found, unseen)
+            found = _restricted(found, held_out)
         return _in_its_unit(found)
 
 
@@ -182,7 +183,7 @@ def _in_its_unit(found: Diagnosis) -> Diagnosis:
     return replace(found, channels=channels, unexplained=unexplained, findings=findings, candidates=candidates)
 
 
-def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
+def _restricted(found: Diagnosis, held_out: HeldOutRows) -> Diagnosis:
     """What a base film without D(T) lacks, named as an effect of its own."""
     chain, names = found.chain, found.judged.fitted
     b = chain.fits(names)[1]
@@ -200,42 +201,42 @@ def _restricted(found: Diagnosis, unseen: UnseenRows) -> Diagnosis:
     range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)  # D is smooth
     span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
     span_name = f"span_{chain.record.quantity.unit}"
-    before, after = (unseen.residuals(names, c)["resistance_dec"] for c in (bare, chain))
-    gains = {"resistance_dec": gain(before, after, unseen.rows)}
+    before, after = (held_out.residuals(names, c)["resistance_dec"] for c in (bare, chain))
+    gains = {"resistance_dec": gain(before, after, held_out.rows)}
     term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, _false_alarm(chain, evidence), [], gains)
     findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
     return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
 
-def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress) -> Diagnosis:
+def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progress) -> Diagnosis:
     record, names = chain.record, judged.fitted
     say("gain")
     lattice = _lattice(chain)
-    unseen = replace(unseen, on_lattice=lattice is not None)
-    noise = unseen.noise(names)
-    channels = _channels(unseen, names, noise)
+    held_out = replace(held_out, on_lattice=lattice is not None)
+    noise = held_out.noise(names)
+    channels = _channels(held_out, names, noise)
     say("candidates")
-    candidates = candidates_of(chain, judged, unseen.left, unseen.parts, unseen.rows, noise)
+    candidates = candidates_of(chain, judged, held_out.left, held_out.parts, held_out.rows, noise)
     say("intervals")
-    rivals = rivals_of(chain, names, judged)
-    findings = _findings(chain, judged, unseen, rivals)
+    confounders = confounders_of(chain, names, judged)
+    findings = _findings(chain, judged, held_out, confounders)
     if lattice is not None:
-        smooth, shown = unseen.residuals(names), unseen.left(names)
-        gains = {c: gain(smooth[c], shown[c], unseen.rows) for c in smooth if c == "temperature_K"}
+        smooth, shown = held_out.residuals(names), held_out.left(names)
+        gains = {c: gain(smooth[c], shown[c], held_out.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
-    unexplained = _unexplained(chain, judged, unseen, channels)
+    unexplained = _unexplained(chain, judged, held_out, channels)
     film, sparse = None, None
     if chain.facts is not None:
         sparse = chain.facts.sparse
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
-            "of_the_class": bool(chain.relays_bring(names) < ABSORBS),
+            "of_the_class": bool(chain.preisach_evidence(names) < ABSORBS),
         }
     next_experiment = next_experiments(
         chain.effects,
         [f.name for f in findings],
-        rivals,
+        confounders,
         [text for text in unexplained.values() if text is not None],
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
@@ -252,7 +253,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         channels,
         unexplained,
         film,
-        [*warnings_of(chain, names), *unlogged_currents(record), *decided_elsewhere(unseen.halves)],
+        [*warnings_of(chain, names), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
         next_experiment,
         record,
         chain,
@@ -262,7 +263,7 @@ def _diagnosis(chain: Chain, judged: Verdict, unseen: UnseenRows, say: Progress)
         upper_limits(chain, names),
         {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
         _rooms_degC(chain, names),
-        unseen.halves,
+        held_out.halves,
     )
 
 
@@ -275,35 +276,37 @@ def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
     return [room, *(room + fit.parameters.rooms_K).tolist()]
 
 
-def _channels(unseen: UnseenRows, names: frozenset[str], noise: dict[str, float]) -> dict[str, Channel | None]:
+def _channels(held_out: HeldOutRows, names: frozenset[str], noise: dict[str, float]) -> dict[str, Channel | None]:
     """Of the base model, which has the effects assumed and stays as if no reading were rounded, and of the extended
     one."""
     channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
-    bare = unseen.residuals(unseen.chain.assumed)
-    for name, residual in unseen.left(names).items():
-        counted = unseen.rows & np.isfinite(residual)
+    bare = held_out.residuals(held_out.chain.assumed)
+    for name, residual in held_out.left(names).items():
+        counted = held_out.rows & np.isfinite(residual)
         channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
     return channels
 
 
-def _findings(chain: Chain, judged: Verdict, unseen: UnseenRows, rivals: Mapping[str, list[str]]) -> list[Finding]:
+def _findings(
+    chain: Chain, judged: Verdict, held_out: HeldOutRows, confounders: Mapping[str, list[str]]
+) -> list[Finding]:
     """What is named, with sizes and gains, in order of evidence."""
     names, findings = judged.fitted, []
-    parameters, whole = intervals(chain, names), unseen.left(names)
+    parameters, whole = intervals(chain, names), held_out.left(names)
     for name in judged.names:
-        rest = unseen.left(names - {name})
-        gains = {c: gain(rest[c], whole[c], unseen.rows) for c in whole}
+        rest = held_out.left(names - {name})
+        gains = {c: gain(rest[c], whole[c], held_out.rows) for c in whole}
         gains = {c: g for c, g in gains.items() if abs(g.rmse_before - g.rmse_after) > SHOWN * g.rmse_before}
         evidence = judged.evidence[name]
         chance = _false_alarm(chain, evidence)
-        findings.append(Finding(name, parameters[name], evidence, chance, rivals.get(name, []), gains))
+        findings.append(Finding(name, parameters[name], evidence, chance, confounders.get(name, []), gains))
     return findings
 
 
 def _unexplained(
-    chain: Chain, judged: Verdict, unseen: UnseenRows, channels: Mapping[str, Channel | None]
+    chain: Chain, judged: Verdict, held_out: HeldOutRows, channels: Mapping[str, Channel | None]
 ) -> dict[str, str | None]:
-    """By channel: what is left in the fitted rows, or that unseen rows are predicted much worse; None: nothing."""
+    """By channel: what is left in the fitted rows, or that held-out rows are predicted much worse; None: nothing."""
     record, names = chain.record, judged.fitted
     unexplained: dict[str, str | None] = {"temperature_K": None, "resistance_dec": None}
     for channel, adequacy, residual in (
@@ -315,7 +318,7 @@ def _unexplained(
             unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
     if all(channel is None or unexplained[name] is not None for name, channel in channels.items()):
         return unexplained
-    everywhere, noise = unseen.rmse_everywhere(names), unseen.noise(names, with_path=True)
+    everywhere, noise = held_out.rmse_everywhere(names), held_out.noise(names, with_path=True)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue

@@ -49,8 +49,9 @@ class PlatePath:
 
 def _cubic(x: Array, begin: Array, change: Array, p: Array, q: Array) -> Array:
     """Between two nodes, x from 0 to 1, with the slopes p and q over the whole at its ends (Hermite)."""
-    bend = 3.0 * change - 2.0 * p - q
-    return np.asarray(begin + x * (p + x * (bend + x * (p + q - 2.0 * change))), dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # steps of a trial may be without an end
+        bend = 3.0 * change - 2.0 * p - q
+        return np.asarray(begin + x * (p + x * (bend + x * (p + q - 2.0 * change))), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 Array = NDArray[np.float64]
 
 
-def film_of_the_class(seed: int) -> FilmModel:
+def is_prandtl_ishlinskii(seed: int) -> FilmModel:
     """An extended generalized PI film with radii that lie on no grid and keep the order condition."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(8, 14))

@@ -12,7 +12,7 @@ from compensator.hysteresis.film import FilmModel
 from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
 from tests.compensator.identification_films import (
     decaying_profile,
-    film_of_the_class,
+    is_prandtl_ishlinskii,
     random_profile,
     relay_film,
     through,
@@ -30,7 +30,7 @@ def record(seed: int, samples: int = 3000, temperature_noise_K: float = 0.0) -> 
     """time_s, temperature_degC and output as read, temperature as it was."""
     rng = np.random.default_rng(100 + seed)
     v = decaying_profile(samples)
-    y = outputs(film_of_the_class(seed), v) + NOISE * rng.normal(size=samples)
+    y = outputs(is_prandtl_ishlinskii(seed), v) + NOISE * rng.normal(size=samples)
     return 0.5 * np.arange(samples), v + temperature_noise_K * rng.normal(size=samples), y, v
 
 
@@ -50,7 +50,7 @@ def test_a_film_of_the_class_is_found_to_its_noise(seed: int) -> None:
     fit = identify_film(time, temperature, y)
     assert fit.model.kind == "extended_generalized_pi"
     assert fit.model.memoryless.function == "tanh"
-    assert np.hypot(1.0, error_elsewhere(fit, film_of_the_class(seed)) / NOISE) < 1.02
+    assert np.hypot(1.0, error_elsewhere(fit, is_prandtl_ishlinskii(seed)) / NOISE) < 1.02
     assert fit.rmse < 1.03 * NOISE
     assert fit.temperature_noise_K == (0.0,)
 
@@ -62,7 +62,7 @@ def test_noise_on_the_temperature_does_not_ratchet_the_operators() -> None:
     assert smooth.temperature_noise_K[0] == pytest.approx(0.02, rel=0.1)
     assert smooth.rmse < 1.05 * NOISE
     assert ratcheted.rmse > 1.15 * NOISE
-    assert error_elsewhere(smooth, film_of_the_class(1)) < 0.25 * NOISE
+    assert error_elsewhere(smooth, is_prandtl_ishlinskii(1)) < 0.25 * NOISE
 
 
 def test_the_residual_is_what_the_returned_model_leaves() -> None:
@@ -80,7 +80,7 @@ def test_the_residual_is_what_the_returned_model_leaves() -> None:
 
 def test_the_order_condition_is_violated_only_on_request_and_told() -> None:
     v = decaying_profile(2500)
-    film = film_of_the_class(3)
+    film = is_prandtl_ishlinskii(3)
     crossed = FilmModel(
         np.linspace(0.0, 0.9, 10),
         film.weights.mean() * np.ones(10),
@@ -127,14 +127,14 @@ def test_outliers_are_left_out() -> None:
     temperature[bad[30:]] += rng.choice([-1.0, 1.0], 30) * rng.uniform(1.0, 20.0, 30)
     y[rng.choice(y.size, 300)] = np.nan
     fit = identify_film(time, temperature, y)
-    assert error_elsewhere(fit, film_of_the_class(1)) < 0.3 * NOISE
+    assert error_elsewhere(fit, is_prandtl_ishlinskii(1)) < 0.3 * NOISE
     assert 20 <= fit.outliers[0].size <= 40
     assert fit.rmse < 1.05 * NOISE
 
 
 @pytest.mark.parametrize(("initial", "previous"), [("heated", 63.0), ("cooled", 56.0)])
 def test_the_memory_before_the_first_row_is_fitted(initial: str, previous: float) -> None:
-    film = film_of_the_class(2)
+    film = is_prandtl_ishlinskii(2)
     far = 30.0 if initial == "heated" else 90.0
     before = through([far, previous, 59.0], 200)
     after = through([59.0, 90.0], 300)
@@ -155,11 +155,11 @@ def test_several_records_share_one_film_but_no_memory() -> None:
     parts = [FilmRecord(time[k], temperature[k], y[k]) for k in (slice(0, 1700), slice(1700, None))]
     fit = identify_film_records(parts)
     assert len(fit.starts) == len(fit.memories) == 2
-    assert error_elsewhere(fit, film_of_the_class(0)) < 0.3 * NOISE
+    assert error_elsewhere(fit, is_prandtl_ishlinskii(0)) < 0.3 * NOISE
 
 
 def test_outputs_read_between_the_rows_are_taken_at_their_own_time() -> None:
-    film = film_of_the_class(1)
+    film = is_prandtl_ishlinskii(1)
     dense = decaying_profile(20_001)
     y = outputs(film, dense)
     rng = np.random.default_rng(3)
@@ -180,7 +180,7 @@ def test_bands_hold_the_truth() -> None:
         fit = identify_film(time, temperature, y, kind="extended_generalized_pi")
         v = random_profile(1500, seed)
         prediction = fit.predict(0.5 * np.arange(v.size), v)
-        off = np.abs(prediction.output - outputs(film_of_the_class(seed), v))
+        off = np.abs(prediction.output - outputs(is_prandtl_ishlinskii(seed), v))
         inside.append(np.mean(off < prediction.half_width))
         assert np.mean(prediction.half_width) < 0.5 * NOISE
         assert np.all(prediction.half_width_reading > 1.9 * NOISE)
@@ -201,7 +201,7 @@ def test_forms_keep_their_sense(form: str) -> None:
 
 def test_a_curvature_with_a_sine_is_found() -> None:
     v = decaying_profile(2000)
-    film = film_of_the_class(0)
+    film = is_prandtl_ishlinskii(0)
     hysteresis = FilmModel(film.radii, film.weights, film.rising, film.falling)
     y = 924.0 + 40.0 * np.sin(0.17 * v) + 150.0 * outputs(hysteresis, v)
     y += 2.0 * np.random.default_rng(0).normal(size=v.size)
@@ -215,7 +215,7 @@ def test_a_curvature_with_a_sine_is_found() -> None:
 
 
 def test_what_a_major_loop_leaves_open_is_told() -> None:
-    film = film_of_the_class(0)
+    film = is_prandtl_ishlinskii(0)
     v = through([95.0, 25.0, 95.0], 1200)
     y = outputs(film, v) + NOISE * np.random.default_rng(1).normal(size=v.size)
     loop = identify_film(np.arange(1200.0), v, y)

@@ -15,12 +15,12 @@ from compensator.identification.operator_outputs import radius_floor
 from compensator.identification.rows import FilmRecord, Start, build_path, prepare
 from compensator.identification.triangle import triangle
 from compensator.identification.variable_projection import denser, equal_structure, merged
-from tests.compensator.identification_films import decaying_profile, film_of_the_class, relay_film
+from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, relay_film
 
 
 def prepared(samples: int = 900):
     v = decaying_profile(samples)
-    film = film_of_the_class(0)
+    film = is_prandtl_ishlinskii(0)
     y = film.simulate(v, film.initial_memory(float(v[0]), "cooled"))[0]
     return prepare(FilmRecord(np.arange(float(samples)), v, y))
 

@@ -1,4 +1,4 @@
-"""One experiment end to end on a real clock: over pseudo-terminals, with an empty cache, beside endless loops."""
+"""One experiment end to end on a real clock: over pseudo-terminals, beside endless loops, with an empty cache too."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def busy() -> Iterator[None]:
         loop.wait()
 
 
-def test_a_profile_beside_endless_loops(busy: None, root: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("cache", ["compiled", pytest.param("empty", marks=pytest.mark.long)])
+def test_a_profile_beside_endless_loops(busy: None, root: Path, tmp_path: Path, cache: str) -> None:
     """To its end, and nobody was away from a plate with a current for longer than the interlock allows."""
     (tmp_path / "model.toml").write_text(MODEL)
     truth, path, noted = tmp_path / "truth.toml", tmp_path / "config.toml", tmp_path / "noted.json"
@@ -65,7 +66,7 @@ def test_a_profile_beside_endless_loops(busy: None, root: Path, tmp_path: Path) 
         path.write_text(CONFIGURATION.format(**ports))
         done = subprocess.run(
             [sys.executable, "-m", "rig", "run", str(path), "--out", str(tmp_path / "run")],
-            env={**environment, "NUMBA_CACHE_DIR": str(tmp_path / "cold")},
+            env=environment if cache == "compiled" else {**environment, "NUMBA_CACHE_DIR": str(tmp_path / "empty")},
             capture_output=True,
             text=True,
             timeout=280.0,

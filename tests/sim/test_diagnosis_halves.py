@@ -13,6 +13,7 @@ from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.judge import elsewhere
 from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.warnings import decided_elsewhere
+from sim.diagnosis.validate.adequacy import Adequacy, Question
 from sim.diagnosis.validate.halves import halves_of
 
 ROWS = 600
@@ -22,36 +23,39 @@ SINK, LAG = "heat_sink_warmup", "sensor_lag"
 def other(rows: int = ROWS) -> Record:
     time = np.arange(float(rows))
     current = np.where(time < 300.0, 1.0, -1.0)
-    return read_columns(
-        {"time_s": time, "temperature_degC": 30.0 + 5.0 * np.sin(time / 40.0), "current_A": current}, held_out=False
-    )
+    degC = 30.0 + 5.0 * np.sin(time / 40.0)
+    columns = {"time_s": time, "temperature_degC": degC, "current_A": current, "resistance_ohm": 10.0 ** (degC / 30.0)}
+    return read_columns(columns, held_out=False)
 
 
-def verdict(names: frozenset[str], refused: dict[str, str] | None = None) -> Verdict:
-    return Verdict(tuple(sorted(names)), dict.fromkeys(names, 50.0), None, None, refused or {}, names)
+def verdict(names: frozenset[str], refused: dict[str, str] | None = None, left: Adequacy | None = None) -> Verdict:
+    return Verdict(tuple(sorted(names)), dict.fromkeys(names, 50.0), None, left, refused or {}, names)
 
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Any:
     """borne_out of sink and lag on some records, where the errors of each set of effects are given by half."""
 
-    def ask(records: list[Record], errors: dict[frozenset[str], tuple[float, float]]) -> elsewhere.BorneOut:
+    def ask(
+        records: list[Record], errors: dict[frozenset[str], tuple[float, float]], film: Adequacy | None = None
+    ) -> elsewhere.BorneOut:
+        channel, misfit = ("temperature_K", 5.0) if film is None else ("resistance_dec", 1.0)
         known = halves_of(records, [20.0] * len(records))
 
         def residuals_on(_: Any, names: frozenset[str], one: Record, __: Any) -> dict[str, NDArray[np.float64]]:
             k = next(k for k, record in enumerate(records) if record is one)
             first, second = errors[names]
             left = np.where(known.first[k], first, np.where(known.second[k], second, np.nan))
-            return {"temperature_K": left}
+            return {channel: left}
 
         def judge(_: Any, names: frozenset[str], before: Verdict, why: str) -> Verdict:
-            return verdict(names, {**before.refused, **dict.fromkeys(before.fitted - names, why)})
+            return verdict(names, {**before.refused, **dict.fromkeys(before.fitted - names, why)}, before.resistance)
 
         monkeypatch.setattr(elsewhere, "residuals_on", residuals_on)
         monkeypatch.setattr(elsewhere, "judge", judge)
         monkeypatch.setattr(elsewhere, "_correlated_s", lambda *_: 20.0)
-        chain = SimpleNamespace(first=SimpleNamespace(channel=SimpleNamespace(misfit=5.0)), facts=None)
-        return elsewhere.borne_out(chain, verdict(frozenset({SINK, LAG})), records)  # type: ignore[arg-type]
+        chain = SimpleNamespace(first=SimpleNamespace(channel=SimpleNamespace(misfit=misfit)), facts=None)
+        return elsewhere.borne_out(chain, verdict(frozenset({SINK, LAG}), left=film), records)  # type: ignore[arg-type]
 
     return ask
 
@@ -109,6 +113,23 @@ def test_halves_that_speak_against_different_names_are_told(asked: Any) -> None:
     assert told.judged.fitted == NEITHER
     assert told.halves.folds == [{"deciding": ROWS - 31, "judging": 0}]
     assert "optimistic" in decided_elsewhere(told.halves)[0].text
+
+
+SOMETHING = Adequacy((Question("blocks of 12 rows", -50.0, 0.2),), 1.2)
+NOTHING = Adequacy((Question("blocks of 12 rows", -0.5, 0.0),), 1.0)
+
+
+@pytest.mark.parametrize(("grows", "left"), [(1.02, NEITHER), (0.98, SINK_ALONE)])
+def test_beside_a_film_that_is_not_understood_a_name_helps(asked: Any, grows: float, left: frozenset[str]) -> None:
+    """Two that undo each other: each is needed beside the other one, the two do what none does."""
+    errors = {BOTH: (1.02, 1.02), SINK_ALONE: (grows, grows), LAG_ALONE: (2.0, 2.0), NEITHER: (1.0, 1.0)}
+    assert asked([other()], errors, SOMETHING).judged.fitted == left
+    assert asked([other()], errors, NOTHING).judged.fitted == BOTH
+
+
+def test_a_plate_s_error_may_grow_by_what_the_first_rows_leave_open_of_a_room(asked: Any) -> None:
+    errors = {BOTH: (1.02, 1.02), SINK_ALONE: (1.0, 1.0), LAG_ALONE: (2.0, 2.0), NEITHER: (1.0, 1.0)}
+    assert asked([other()], errors).judged.fitted == BOTH
 
 
 def test_rows_that_are_not_asked_all_judge() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from sim.diagnosis.data.likelihood import expected_reading
 from sim.diagnosis.data.record import held_out_rows, read_columns
-from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import sparse_loop
 
 
@@ -18,7 +18,7 @@ def test_outliers_stand_out_of_a_residual_that_drifts() -> None:
     alone, pair = 700, (1200, 1202)
     for k in (alone, *pair):
         residual[k] += 0.4
-    found = strays(residual, np.zeros(n), np.ones(n, dtype=np.bool_), 0.0)
+    found = outlying_rows(residual, np.zeros(n), np.ones(n, dtype=np.bool_), 0.0)
     assert found.tolist() == [alone, *pair]
 
 
@@ -26,7 +26,7 @@ def test_a_step_that_stays_is_no_outlier() -> None:
     rng = np.random.default_rng(4)
     residual = 0.01 * rng.standard_normal(1000)
     residual[500:] += 1.0
-    assert strays(residual, np.zeros(1000), np.ones(1000, dtype=np.bool_), 0.0).size == 0
+    assert outlying_rows(residual, np.zeros(1000), np.ones(1000, dtype=np.bool_), 0.0).size == 0
 
 
 def test_where_rows_are_far_apart_nothing_is_lone() -> None:
@@ -34,16 +34,16 @@ def test_where_rows_are_far_apart_nothing_is_lone() -> None:
     kelvin = np.arange(200) % 100 * 0.7
     readings = -2.0 * np.tanh((kelvin - 35.0) / 3.0)
     shown = -2.0 * np.tanh((kelvin - 35.2) / 3.0)
-    assert strays(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).size == 0
+    assert outlying_rows(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).size == 0
     readings[20] += 0.05
-    assert strays(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).tolist() == [20]
+    assert outlying_rows(readings, shown, np.ones(200, dtype=np.bool_), 1e-4).tolist() == [20]
 
 
 def test_an_instrument_that_is_noisier_in_one_range_has_no_outliers() -> None:
     noise = 1e-4 * np.random.default_rng(6).standard_normal(1000)
     noise[600:700] *= 30.0
     every = np.ones(1000, dtype=np.bool_)
-    assert strays(noise, np.zeros(1000), every, 1e-5).size <= 2  # at its ends
+    assert outlying_rows(noise, np.zeros(1000), every, 1e-5).size <= 2  # at its ends
 
 
 @pytest.mark.parametrize(("step_K", "loops", "sparse"), [(0.6, 1, True), (0.05, 1, False), (0.6, 3, False)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.judge.verdict import SPEAKS_AGAINST, WEAK, may_lose
+from sim.diagnosis.judge.verdict import SPEAKS_AGAINST, WEAK, largest_loss_by_chance
 
 DRAWS = 200_000
 
@@ -17,15 +17,15 @@ def gains(mean: float, changed: float) -> np.ndarray:
 
 @pytest.mark.parametrize("changed", [4.0, 16.0, 60.0])
 def test_one_real_effect_in_a_hundred_is_refused_where_the_rest_predicts_as_well(changed: float) -> None:
-    refused = np.mean(gains(0.0, changed) < -may_lose(WEAK - 1.0, changed))
+    refused = np.mean(gains(0.0, changed) < -largest_loss_by_chance(WEAK - 1.0, changed))
     assert 0.005 < refused < 0.011
-    assert np.mean(gains(0.5 * changed, changed) < -may_lose(WEAK - 1.0, changed)) < 0.006
+    assert np.mean(gains(0.5 * changed, changed) < -largest_loss_by_chance(WEAK - 1.0, changed)) < 0.006
 
 
 def test_what_makes_many_rows_worse_is_refused() -> None:
-    assert np.mean(gains(-30.0, 60.0) < -may_lose(WEAK - 1.0, 60.0)) > 0.9
+    assert np.mean(gains(-30.0, 60.0) < -largest_loss_by_chance(WEAK - 1.0, 60.0)) > 0.9
 
 
 def test_much_evidence_may_lose_a_share() -> None:
-    assert may_lose(2000.0, 50.0) == pytest.approx(SPEAKS_AGAINST * 2000.0)
-    assert may_lose(WEAK - 1.0, 50.0) < 20.0
+    assert largest_loss_by_chance(2000.0, 50.0) == pytest.approx(SPEAKS_AGAINST * 2000.0)
+    assert largest_loss_by_chance(WEAK - 1.0, 50.0) < 20.0

@@ -215,12 +215,12 @@ def read_columns(
     if np.sum(used) < fewest:
         raise ValueError(f"temperature_degC: {int(np.sum(used))} finite readings; expected at least {fewest}")
     step = lattice_step(temperature[used])
-    strays = lone_outliers(temperature, used) if step == 0.0 else np.empty(0, dtype=np.int64)
-    used[strays] = False
+    outliers = lone_outliers(temperature, used) if step == 0.0 else np.empty(0, dtype=np.int64)
+    used[outliers] = False
     current = data.get("current_A")
     if current is not None and not np.any(np.abs(np.nan_to_num(current)) > 0.0):
         current = None
-    left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in strays]
+    left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in outliers]
     output, output_used, out = _output(quantity.of(data), time.size, fewest)
     left_out += [LeftOut(int(row), quantity.column, ALONE) for row in out]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))

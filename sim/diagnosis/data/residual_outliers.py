@@ -20,7 +20,7 @@ FAR = 8.0  # robust standard deviations, besides twice what the medians around d
 FEWEST = 30
 
 
-def strays(readings: Array, shown: Array, used: Mask, least: Array | float) -> Rows:
+def outlying_rows(readings: Array, shown: Array, used: Mask, least: Array | float) -> Rows:
     """Rows of lone readings among the used ones. readings, shown: as they are and as a fit has them, (rows,); least:
     the noise at least, in their unit, or that of each row, (rows,)."""
     residual = readings - shown

@@ -1,8 +1,9 @@
 """Names that other records of the same rig speak against are not said.
 
 A film of another kind may bend its own output, which another record shows. And where a fit leaves what no model
-explains, an effect may do there what another cause does: then the error of a prediction grows with it elsewhere. A
-record that is understood needs no such question: there the evidence is certain, and what its first rows leave open of
+explains, an effect may do there what another cause does: then the error of a prediction grows with it elsewhere, of the
+plate's temperature beyond what its first rows leave open, of a film's output, of which they leave little open, at all.
+A record that is understood needs no such question: there the evidence is certain, and what its first rows leave open of
 another's room is more than some effects change.
 
 Rows that decide do not judge. The other records are two halves (`sim.diagnosis.validate.halves`), and each is asked by
@@ -21,11 +22,11 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Mask, Record
-from sim.diagnosis.judge.output_nonlinearity import only_bends
+from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
     Verdict,
-    film_of_the_class,
+    is_prandtl_ishlinskii,
     judge,
     resistance_residual,
     temperature_residual,
@@ -37,7 +38,8 @@ from sim.model.own_fit import told_rows
 
 GROWS: Final = 1.05  # times the error from which it grows: what a candidate that is told has to gain
 BENDS: Final = "on another record the film is not understood, and may bend its output itself"
-Errors = Callable[[frozenset[str]], Array]
+UNITS: Final = {"temperature_K": "K", "resistance_dec": "decades"}
+Errors = Callable[[frozenset[str]], dict[str, Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +56,11 @@ def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneO
     if not others:
         return BorneOut(judged)
     halves = halves_of(others, [_correlated_s(chain, judged.fitted, other) for other in others])
-    driven = chain.first is not None and chain.first.channel.misfit > 1.0 and bool(judged.names)
-    driven = driven and any(other.current_A is not None for other in others)
-    if not driven and not _may_bend(chain, judged.fitted):
+    asked = _asked(chain, judged, others) if judged.names else {}
+    if not asked and not _may_bend(chain, judged.fitted):
         return BorneOut(judged, halves)
-    errors = _predictions(chain, others) if driven else None
-    found = [_less(chain, judged, others, half, errors) for half in (halves.first, halves.second)]
+    errors = _predictions(chain, others)
+    found = [_less(chain, judged, others, half, errors, asked) for half in (halves.first, halves.second)]
     said = found[0].fitted & found[1].fitted
     alone = [one.fitted == said for one in found]
     if any(alone):
@@ -70,9 +71,9 @@ def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneO
 
 def _may_bend(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """The effects that bend the reading of a film of another kind, which may bend it itself."""
-    if chain.facts is None or film_of_the_class(chain, names):
+    if chain.facts is None or is_prandtl_ishlinskii(chain, names):
         return frozenset()
-    return frozenset(n for n in names - chain.assumed if only_bends(chain.effects[n]))
+    return frozenset(n for n in names - chain.assumed if is_output_nonlinearity(chain.effects[n]))
 
 
 def _bends_elsewhere(chain: Chain, names: frozenset[str], other: Record, rows: Mask) -> frozenset[str]:
@@ -85,49 +86,66 @@ def _bends_elsewhere(chain: Chain, names: frozenset[str], other: Record, rows: M
     return bends if z.size and np.sqrt(np.mean(z * z)) > UNSEEN else frozenset()
 
 
+def _asked(chain: Chain, judged: Verdict, others: Sequence[Record]) -> dict[str, float]:
+    """The channels in which others are predicted because something is left in this record, and of each by how many
+    times an error with a name has to be that without it to speak against the name."""
+    found = {}
+    if chain.first is not None and chain.first.channel.misfit > 1.0 and any(o.current_A is not None for o in others):
+        found["temperature_K"] = GROWS
+    left = judged.resistance is not None and not judged.resistance.clean
+    if left and any(other.output is not None for other in others):
+        found["resistance_dec"] = 1.0
+    return found
+
+
 def _less(
-    chain: Chain, judged: Verdict, others: Sequence[Record], half: tuple[Mask, ...], errors: Errors | None
+    chain: Chain,
+    judged: Verdict,
+    others: Sequence[Record],
+    half: tuple[Mask, ...],
+    errors: Errors,
+    channels: dict[str, float],
 ) -> Verdict:
     """Without the names that these rows of the others speak against. errors: of a set's prediction in all their rows,
-    one record after the other; None where they are not asked."""
+    one record after the other; channels: as `_asked`."""
     for other, rows in zip(others, half, strict=True):
         if np.any(rows) and (bends := _bends_elsewhere(chain, judged.fitted, other, rows)):
             judged = judge(chain, judged.fitted - bends, judged, BENDS)
     asked = np.concatenate(half)
 
-    def error_K(names: frozenset[str]) -> float:
-        assert errors is not None
-        left = errors(names)[asked]
+    def error(names: frozenset[str], channel: str) -> float:
+        left = errors(names)[channel][asked]
         return float(np.sqrt(np.mean(left[np.isfinite(left)] ** 2))) if np.any(np.isfinite(left)) else 0.0
 
-    while errors is not None and judged.names:
-        with_all = error_K(judged.fitted)
-        without = {n: error_K(judged.fitted - {n}) for n in judged.names}
-        worst = min(without, key=lambda name: without[name])
-        if with_all < GROWS * without[worst] or with_all == 0.0:
-            break
-        why = f"on another record the error grows with it from {without[worst]:.2g} to {with_all:.2g} K"
-        judged = judge(chain, judged.fitted - {worst}, judged, why)
+    for channel, grows in channels.items():
+        while judged.names:
+            with_all = error(judged.fitted, channel)
+            without = {n: error(judged.fitted - {n}, channel) for n in judged.names}
+            worst = min(without, key=lambda name: without[name])
+            if with_all < grows * without[worst] or with_all == 0.0:
+                break
+            fewer = f"from {without[worst]:.2g} to {with_all:.2g} {UNITS[channel]}"
+            why = f"on another record the error grows with it {fewer}"
+            judged = judge(chain, judged.fitted - {worst}, judged, why)
     return judged
 
 
 def _predictions(chain: Chain, others: Sequence[Record]) -> Errors:
     """Of a set of effects, what is left of the others predicted from their currents, what is their own fitted to their
-    first rows: K, one record after the other, nan without a reading; each set predicted once."""
-    known: dict[frozenset[str], Array] = {}
+    first rows: by channel, one record after the other, nan without a reading; each set predicted once."""
+    known: dict[frozenset[str], dict[str, Array]] = {}
 
-    def of(names: frozenset[str]) -> Array:
+    def of(names: frozenset[str]) -> dict[str, Array]:
         if names not in known:
-            known[names] = np.concatenate([_left_K(chain, names, other) for other in others])
+            left = [residuals_on(chain, names, other, told_rows(other)) for other in others]
+            none = [np.full(other.rows, np.nan) for other in others]
+            known[names] = {
+                channel: np.concatenate([one.get(channel, nan) for one, nan in zip(left, none, strict=True)])
+                for channel in UNITS
+            }
         return known[names]
 
     return of
-
-
-def _left_K(chain: Chain, names: frozenset[str], other: Record) -> Array:
-    if other.current_A is None:
-        return np.full(other.rows, np.nan)
-    return residuals_on(chain, names, other, told_rows(other))["temperature_K"]
 
 
 def _correlated_s(chain: Chain, names: frozenset[str], other: Record) -> float:

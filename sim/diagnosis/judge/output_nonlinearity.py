@@ -26,16 +26,18 @@ SHARPNESS = (0.4, 2.5)  # p
 BETTER = 4.0  # log-likelihood by which another sharpness has to be the better one
 
 
-def only_bends(effect: Effect) -> bool:
+def is_output_nonlinearity(effect: Effect) -> bool:
     """Whether all it does is to bend the reading smoothly, as a film may bend itself."""
     return at_the_terminals(effect) and not any(p.signed or p.choices for p in effect.parameters)
 
 
-def bends_as_it_does(search: ResistanceSearch, fit: ResistanceFit, without: ResistanceFit, name: str) -> bool:
+def no_other_sharpness_is_better(
+    search: ResistanceSearch, fit: ResistanceFit, without: ResistanceFit, name: str
+) -> bool:
     """Whether neither a softer nor a sharper shape is better than the effect's own. fit, without: with relays, followed
     to their ends. True for what does not bend the reading."""
     effect = search.effects[name]
-    if not only_bends(effect):
+    if not is_output_nonlinearity(effect):
         return True
     for power in SHARPNESS:
         other = of_sharpness(effect, power)

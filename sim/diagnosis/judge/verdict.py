@@ -15,7 +15,7 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
-from sim.diagnosis.judge.output_nonlinearity import bends_as_it_does, only_bends
+from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity, no_other_sharpness_is_better
 from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
@@ -24,7 +24,7 @@ from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
-from sim.diagnosis.validate.deciding_rows import over_noise, unseen_rows
+from sim.diagnosis.validate.deciding_rows import deciding_rows, over_noise
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.effects.effect import Switched
 
@@ -160,21 +160,21 @@ def _worth(
     """An effect's evidence; and, where it may not be said, what of it counts and why."""
     rest = names - {name}
     evidence = chain.loses(names, name)
-    told = told_by_unseen(chain, names, rest)
+    told = held_out_evidence(chain, names, rest)
     unseen = told.gain if told is not None else None
     least = least_evidence(chain, names, name)
-    weak = min(evidence, by_chance(chain))
+    weak = min(evidence, evidence_by_chance(chain))
     if evidence + (unseen or 0.0) < least:
         return evidence, (
             weak,
             f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
         )
-    if told is not None and told.gain < -may_lose(evidence, told.changed):
+    if told is not None and told.gain < -largest_loss_by_chance(evidence, told.changed):
         return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
     if too_small(chain, names, name):
         return evidence, (weak, "its size has no physical meaning")
     upstream = name in chain.split(names)[0]
-    if not upstream and not _shows_beside(chain, names, name):
+    if not upstream and not _seen_beside_preisach_film(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
     if not _predicts(chain, names, rest, not upstream):
         return evidence, (weak, "held-out rows are predicted far worse than the noise with it")
@@ -183,7 +183,7 @@ def _worth(
             return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
         if chain.record.early > 0.0:
             return evidence, (evidence, "the plate's temperature between the rows, which drives the film, is not known")
-    if only_bends(chain.effects[name]) and not _film_understood(chain, names, resistance):
+    if is_output_nonlinearity(chain.effects[name]) and not _film_is_explained(chain, names, resistance):
         return evidence, (weak, "the film is not understood, and may bend its output itself")
     left = temperature if upstream else resistance
     if left is None or left.clean:
@@ -201,7 +201,7 @@ def _worth(
     return min(evidence, value), None
 
 
-def may_lose(evidence: float, changed: float) -> float:
+def largest_loss_by_chance(evidence: float, changed: float) -> float:
     """The largest held-out log-likelihood loss that is consistent with chance, for an effect that changes these rows by
     so much (sum of squares over the noise's); with much evidence, a share of it."""
     chance = CHANCE * float(np.sqrt(changed + 0.5))
@@ -210,52 +210,52 @@ def may_lose(evidence: float, changed: float) -> float:
 
 def least_evidence(chain: Chain, names: frozenset[str], name: str) -> float:
     """What an effect has to bring, in all rows: more where the film is of another kind, and may look like it."""
-    of_the_class = name in chain.split(names)[0] or film_of_the_class(chain, names)
+    of_the_class = name in chain.split(names)[0] or is_prandtl_ishlinskii(chain, names)
     effect = chain.effects[name]
     choosy = any(p.choices for p in effect.parameters)
-    if only_bends(effect) and chain.relays_bring(names) >= ABSORBS:
+    if is_output_nonlinearity(effect) and chain.preisach_evidence(names) >= ABSORBS:
         return BENDS_ITSELF
-    least = by_chance(chain)
+    least = evidence_by_chance(chain)
     return least if of_the_class else max(least, ABSORBS + choosy * CHOICE)
 
 
-def by_chance(chain: Chain) -> float:
+def evidence_by_chance(chain: Chain) -> float:
     """The evidence that noise alone reaches for some effect in the chosen share of records."""
     return evidence_for(chain.false_alarm, candidates(chain.searched))
 
 
-def film_of_the_class(chain: Chain, names: frozenset[str]) -> bool:
+def is_prandtl_ishlinskii(chain: Chain, names: frozenset[str]) -> bool:
     """Whether the film needs no relays beside its play operators, or there is none."""
     b = chain.fits(names)[1]
     return b is None or not b.parameters.has_relays
 
 
-def _film_understood(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
+def _film_is_explained(chain: Chain, names: frozenset[str], left: Adequacy | None) -> bool:
     """Whether a film of another kind leaves no structure, and a mean square of held-out residuals over the noise below
     `UNDERSTOOD`."""
-    if film_of_the_class(chain, names):
+    if is_prandtl_ishlinskii(chain, names):
         return True
-    unseen = _unseen_square(chain, names, True)
+    unseen = _held_out_square(chain, names, True)
     return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
 
 
-def _shows_beside(chain: Chain, names: frozenset[str], name: str) -> bool:
+def _seen_beside_preisach_film(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether the film without the effect cannot do most of it, as far as this is seen from its fit: evidence that is
     many times what the effect can be expected to bring is not the effect's, but of two fits of a film of another kind.
     Beside a film of the class it is the simpler film that counts. Nor may a film that bends its own output do better.
     """
     rest = names - {name}
     b, without = chain.fits(names)[1], chain.fits(rest)[1]
-    if b is None or without is None or film_of_the_class(chain, names):
+    if b is None or without is None or is_prandtl_ishlinskii(chain, names):
         return True
     effect = next(e for e in b.effects if e.name == name)
     if View(chain.film_channel(rest), without).expected(effect) < EXPECTED * ABSORBS:
         return False
-    return bends_as_it_does(chain.last(chain.split(names)[0]), b, without, name)
+    return no_other_sharpness_is_better(chain.last(chain.split(names)[0]), b, without, name)
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HeldOutEvidence:
     """gain: of the log-likelihood of rows that no fit has seen; changed: what the effects change there, sum of squares
     over the noise's."""
 
@@ -263,21 +263,21 @@ class Unseen:
     changed: float
 
 
-def told_by_unseen(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> Unseen | None:
+def held_out_evidence(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> HeldOutEvidence | None:
     """What unseen rows say of the effects that `rest` lacks; None without such rows. Relays tell them better than play
     operators alone wherever a film is not quite of its class: where the fit without the effects has relays, so has the
     one with them here."""
     found = []
     for last in (False, True):
-        a = _unseen_residual(chain, rest, last)
+        a = _held_out_residual(chain, rest, last)
         if a is None:
             continue
-        b = _unseen_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
+        b = _held_out_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
         if b is not None:
             a, b = over_noise(chain, a, last), over_noise(chain, b, last)
             changed = a - b
             found.append((float(a @ a - b @ b), float(changed @ changed)))
-    return Unseen(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
+    return HeldOutEvidence(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
 
 
 def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> ResistanceFit | None:
@@ -289,14 +289,14 @@ def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -
     return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
 
 
-def _unseen_residual(
+def _held_out_residual(
     chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
 ) -> Array | None:
     """One channel's residual in the rows that no fit has seen, K or decades; None without such rows. other: fit of the
     last channel than the one with these effects."""
     record, (a, b) = chain.record, chain.fits(names)
     b = other if other is not None else b
-    residual, rows = np.empty(0), unseen_rows(chain, last)
+    residual, rows = np.empty(0), deciding_rows(chain, last)
     if last and b is not None and record.output is not None:
         residual = record.output[rows] - b.shown[rows]
     elif not last and a is not None:
@@ -306,18 +306,18 @@ def _unseen_residual(
 
 def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: bool) -> bool:
     """Whether unseen rows are told to about their noise, or most of what they lack is what the effect gives."""
-    after, before = (_unseen_square(chain, group, last) for group in (names, rest))
+    after, before = (_held_out_square(chain, group, last) for group in (names, rest))
     if after is None or before is None or after < UNSEEN * UNSEEN:
         return True
     return after - 1.0 <= MOST_LEFT * (before - 1.0)
 
 
-def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
+def _held_out_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
     """Mean square of one channel's residual over its noise in the rows that no fit has seen; None without such rows."""
-    residual = _unseen_residual(chain, names, last)
+    residual = _held_out_residual(chain, names, last)
     if residual is None:
         return None
-    rows = unseen_rows(chain, last)
+    rows = deciding_rows(chain, last)
     if last:
         assert chain.facts is not None
         assert chain.record.output is not None
@@ -332,7 +332,7 @@ def _unseen_square(chain: Chain, names: frozenset[str], last: bool) -> float | N
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
     """Whether an effect's size is without physical meaning: see `without_meaning`."""
-    least = SMALL if film_of_the_class(chain, names) or name in chain.split(names)[0] else LEAST_BESIDE
+    least = SMALL if is_prandtl_ishlinskii(chain, names) or name in chain.split(names)[0] else LEAST_BESIDE
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:

@@ -11,7 +11,7 @@ FAR = 40.0  # log-likelihood after a few steps that no more steps make up for
 HOPE = 0.5  # share of the effect's own score test that a confounder has to reach
 
 
-def rivals_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str, list[str]]:
+def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict[str, list[str]]:
     """By named effect, the others that do as well in its place."""
     out: dict[str, list[str]] = {}
     whole = chain.score(names)

@@ -27,7 +27,7 @@ LOG_CURRENTS = "log a row whenever the current changes, or current_time_s with i
 def next_experiments(
     effects: dict[str, Effect],
     names: Sequence[str],
-    rivals: dict[str, list[str]],
+    confounders: dict[str, list[str]],
     unexplained: Sequence[str],
     has_current: bool,
     has_test_current: bool,
@@ -36,7 +36,7 @@ def next_experiments(
     """In the order in which they help. logs_currents: whether each change of the current is in the record."""
     found: list[str] = [] if logs_currents else [LOG_CURRENTS]
     for name in names:
-        for rival in rivals.get(name, []):
+        for rival in confounders.get(name, []):
             pair = frozenset({name, rival})
             text = next((t for group, t in SPLITS.items() if pair <= group), None)
             found.append(f"{name} or {rival}: {text or 'another rate, and a dwell inside the transition'}")

@@ -15,7 +15,7 @@ from sim.diagnosis.data.between_rows import MOST
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
-from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.fit.channel_noise import thermometer_noise
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
@@ -53,7 +53,7 @@ def temperature_search(
     fitted, white = ~record.held_out, NoiseModel.white(rough)
     channel = TemperatureChannel(record, fitted, white, record.step_K)
     base = base_fit(channel, record, kinds)
-    outliers = strays(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
+    outliers = outlying_rows(record.temperature_degC, base.shown_degC, record.temperature_used, 0.5 * record.step_K)
     if outliers.size:
         record = record.without(outliers, outliers[:0])
         channel = TemperatureChannel(record, fitted, white, record.step_K)
@@ -213,7 +213,7 @@ class Chain:
         found = settled(begin)
         return found if found.score >= b.score - a.minus_log else None
 
-    def relays_bring(self, names: frozenset[str]) -> float:
+    def preisach_evidence(self, names: frozenset[str]) -> float:
         """Log-likelihood that the last channel's fit with these effects owes to relays; 0 where it has none."""
         b = self.fits(names)[1]
         if b is None or not b.parameters.has_relays:

@@ -11,7 +11,7 @@ from compensator.identification.multistart import transition
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Record, Rows
-from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
@@ -84,6 +84,6 @@ def _weighed(channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_
     shown = fit if other is None else other
     noise = ohmmeter_noise(channel, shown, LEAST_NOISE_DEC, path_K)
     quiet = float(np.quantile(noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
-    outliers = strays(output, shown.shown, record.output_used, least_noise(noise, output))
+    outliers = outlying_rows(output, shown.shown, record.output_used, least_noise(noise, output))
     prior = PriorWidths() if other is None else other.parameters.prior
     return FilmFacts(channel.basis, p.x[:ENVELOPES], p.start, noise, prior, sparse_loop(record, quiet), outliers)

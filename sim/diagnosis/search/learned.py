@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.diagnosis.data.residual_outliers import strays
+from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.segments import off_after_missing_rows
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.fit.film_memory import remembered
@@ -37,7 +37,7 @@ def first_renoised(chain: Chain, upstream: frozenset[str]) -> Chain:
     assert old is not None
     whole, fit = chain.as_read or before, old.fit(upstream)
     noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K)
-    outliers = strays(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
+    outliers = outlying_rows(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
     record = whole.without(outliers, outliers[:0])
     left = np.where(record.temperature_used, (before.temperature_degC - fit.shown_degC) / noise.level, np.nan)
     off = off_after_missing_rows(left, before.time_s, before.first_rows)
@@ -62,7 +62,7 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
         return chain, False
     whole, channel = chain.as_read or before, chain.last(upstream).channel
     noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K)
-    outliers = strays(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
+    outliers = outlying_rows(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
     start, used = remembered(channel, b.parameters), before.output_used
     same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start
     same = same and not np.any(used[outliers])

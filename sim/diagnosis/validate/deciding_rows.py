@@ -12,7 +12,7 @@ from sim.diagnosis.search.chain import OF_STEP, Chain
 def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
     """One channel's residual in the rows that no fit has seen, over the noise; beside what no model explains, in the
     measure of the fitted rows' likelihood."""
-    record, rows = chain.record, unseen_rows(chain, last)
+    record, rows = chain.record, deciding_rows(chain, last)
     if last:
         assert chain.facts is not None
         assert record.output is not None
@@ -26,7 +26,7 @@ def over_noise(chain: Chain, residual: Array, last: bool) -> Array:
     return channel.noise.on(rows, record.temperature_degC[rows]).over(residual)
 
 
-def unseen_rows(chain: Chain, last: bool) -> Rows:
+def deciding_rows(chain: Chain, last: bool) -> Rows:
     """The readings of one channel that no fit has seen and that decide."""
     record = chain.record
     return np.flatnonzero(record.deciding & (record.output_used if last else record.temperature_used))

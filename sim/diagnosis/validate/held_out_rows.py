@@ -25,7 +25,7 @@ class Other(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class UnseenRows:
+class HeldOutRows:
     """Where the gain is measured. chain: what was fitted; others: other records, one after the other, none: the
     held-out rows of the record itself; halves: theirs; on_lattice: whether the thermometer's readings are rounded by
     more than their noise."""
@@ -89,7 +89,7 @@ class UnseenRows:
         return {name: rmse(residual[self.rows & np.isfinite(residual)]) for name, residual in left.items()}
 
     @property
-    def _everywhere(self) -> UnseenRows:
+    def _everywhere(self) -> HeldOutRows:
         return replace(self, others=tuple(other._replace(told=None) for other in self.others))
 
     @property
