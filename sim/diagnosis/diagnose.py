@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
 from sim.diagnosis.judge.turns_between import TURNS, only_turns
@@ -23,7 +24,7 @@ from sim.diagnosis.judge.verdict import (
     resistance_residual,
     temperature_residual,
 )
-from sim.diagnosis.report.candidates import Candidate, candidates_of
+from sim.diagnosis.report.candidates import candidates_of
 from sim.diagnosis.report.confounders import confounders_of
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
@@ -36,7 +37,7 @@ from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_s
 from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
-from sim.diagnosis.validate.gain import Gain, gain, rmse
+from sim.diagnosis.validate.gain import gain, rmse
 from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
 from sim.effects import memoryless_term
 from sim.effects.catalogue import catalogue
@@ -105,7 +106,7 @@ def diagnose(
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
         if base == "generalized_pi" and chain.record.output is not None:
             found = _restricted(found, held_out)
-        return _in_its_unit(found)
+        return in_its_unit(found)
 
 
 def _chain(
@@ -149,38 +150,6 @@ def _assumed(
     if lines:
         raise ValueError("\n".join(lines))
     return {**known, **{name: pinned(known[name], values) for name, values in assume.items()}}, frozenset(assume)
-
-
-def _in_its_unit(found: Diagnosis) -> Diagnosis:
-    """What was fitted in decades and is another quantity of the film, by its own name and in its own unit."""
-    quantity = found.record.quantity
-    if quantity.is_resistance:
-        return found
-    key, size = quantity.channel, quantity.size
-
-    def gains(finding: Finding) -> dict[str, Gain]:
-        g = dict(finding.gain)
-        if (own := g.pop("resistance_dec", None)) is not None:
-            g[key] = replace(own, rmse_before=size * own.rmse_before, rmse_after=size * own.rmse_after)
-        return g
-
-    def scaled(rmse: dict[str, float]) -> dict[str, float]:
-        return {key if c == "resistance_dec" else c: v * size if c == "resistance_dec" else v for c, v in rmse.items()}
-
-    def renamed(c: Candidate) -> Candidate:
-        intervals_of = {key if name == "resistance_dec" else name: ci for name, ci in c.reduction_ci95.items()}
-        named, holdout = scaled(c.rmse_named), scaled(c.rmse_holdout)
-        return replace(c, rmse_named=named, rmse_holdout=holdout, reduction_ci95=intervals_of)
-
-    candidates = [renamed(c) for c in found.candidates]
-    channels, own = dict(found.channels), found.channels["resistance_dec"]
-    if own is not None:
-        noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
-        own = Channel(noise, before, after, own.samples_holdout)
-    channels |= {"resistance_dec": None, key: own}
-    unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
-    findings = [replace(f, gain=gains(f)) for f in found.findings]
-    return replace(found, channels=channels, unexplained=unexplained, findings=findings, candidates=candidates)
 
 
 def _restricted(found: Diagnosis, held_out: HeldOutRows) -> Diagnosis:
