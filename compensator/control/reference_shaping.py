@@ -153,7 +153,7 @@ def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) 
     gap = goal - now.film_degC
     most = stopping_rate(abs(gap), -reach.slowest if gap > 0.0 else reach.fastest, lag)
     rate = limited(gap / ahead_s, -most, most)
-    step = limited(now.film_degC + lag * rate - now.plate_degC, slowest, fastest)
+    step = limited(now.film_degC + (lag + dt) * rate - now.plate_degC, slowest, fastest)
     a = -math.expm1(-dt / lag)
     film = now.film_degC + a * (now.plate_degC - now.film_degC) + step * (1.0 - lag * a / dt)
     return Reference(film, now.plate_degC + step)
