@@ -80,7 +80,7 @@ def law_and_design(
     horizon_s = control.preview_s
     if horizon_s is None:
         horizon_s = USUAL_PREVIEW_S if name == "temperature" else crossing_s(film, plate, limit, low, high)
-    count, spacing_s = preview(horizon_s, e.period_s)
+    count, spacing_s = preview(horizon_s, e.period_s, observer.film_lag_s if observer is not None else 0.0)
     settings = LawSettings(
         name=name,
         period_s=e.period_s,
