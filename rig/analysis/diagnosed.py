@@ -63,7 +63,7 @@ def diagnosed(
             output=output,
             holdout=[other.columns for other in holdout],
             as_predicted=True,
-            kinds=_kinds(record, plate),
+            kinds=possible_kinds(together, plate),
             assume=assume,
             budget_s=budget_s,
             chosen_false_alarm=FALSE_ALARM if false_alarm is None else false_alarm,
@@ -109,12 +109,13 @@ def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record
     return replace(diagnosis, channels=channels)
 
 
-def _kinds(record: Record, plate: str | None) -> tuple[str, ...]:
-    """The kinds of plate to try: a drive that never cools may be a heater's, in ampere, too."""
+def possible_kinds(records: Sequence[Record], plate: str | None) -> tuple[str, ...]:
+    """The kinds of plate to try: a drive that cools in none of the records may be a heater's, in ampere, too."""
     if plate is not None:
         return (plate,)
-    if record.drive == "pwm255":  # a switched heater's drive is its power
+    if any(record.drive == "pwm255" for record in records):  # a switched heater's drive is its power
         return ("heater",)
-    if record.has("current_A") and not bool((record["current_A"] < 0.0).any()):
+    driven = [record["current_A"] for record in records if record.has("current_A")]
+    if driven and not any(bool((current < 0.0).any()) for current in driven):
         return ("peltier", "heater")
     return ("peltier",)

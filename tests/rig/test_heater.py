@@ -6,9 +6,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from rig.analysis.diagnosed import possible_kinds
 from rig.files.model_file import read_model
+from rig.files.record import Record
 from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -93,3 +96,22 @@ def test_a_limit_that_is_no_share(peltier: Peltier, tmp_path: Path) -> None:
     status, _, err = peltier("check", path)
     assert status == 2
     assert "a share of full drive" in err
+
+
+@pytest.mark.parametrize(
+    ("drives", "kinds"),
+    [
+        ([[0.0, 1.0]], ("peltier", "heater")),
+        ([[0.0, 1.0], [0.4, 0.8]], ("peltier", "heater")),
+        ([[0.0, 1.0], [-1.0, 1.0]], ("peltier",)),
+        ([[-1.0, 1.0], [0.0, 1.0]], ("peltier",)),
+        ([None, [0.0, 1.0]], ("peltier", "heater")),
+        ([None], ("peltier",)),
+    ],
+)
+def test_a_drive_that_cools_in_any_of_a_rig_s_records_is_no_heater_s(
+    drives: list[list[float] | None], kinds: tuple[str, ...]
+) -> None:
+    records = [Record({"time_s": np.arange(2.0)} | ({"current_A": np.array(d)} if d else {})) for d in drives]
+    assert possible_kinds(records, None) == kinds
+    assert possible_kinds(records, "heater") == ("heater",)
