@@ -115,6 +115,25 @@ def test_halves_that_speak_against_different_names_are_told(asked: Any) -> None:
     assert "optimistic" in decided_elsewhere(told.halves)[0].text
 
 
+def test_what_one_record_speaks_against_and_all_together_need_is_said(asked: Any) -> None:
+    """A sink that one run shows and another one hardly has: without it the first is not predicted at all."""
+    errors = {BOTH: (0.5, 1.5), LAG_ALONE: (7.0, 0.5), SINK_ALONE: (3.0, 10.0), NEITHER: (2.0, 13.0)}
+    told = asked([other(), other()], errors)
+    assert told.judged.fitted == BOTH
+    assert [bool(np.any(rows)) for rows in told.halves.judging] == [False, True]
+    assert "all of them together need" in decided_elsewhere(told.halves)[0].text
+    of_one = asked([other()], errors)  # blocks of one record are alike: no cause is in a half of them alone
+    assert of_one.judged.fitted == LAG_ALONE
+    assert "it is not said" in decided_elsewhere(of_one.halves)[0].text
+
+
+def test_what_several_records_together_speak_against_is_not_said(asked: Any) -> None:
+    errors = {BOTH: (1.0, 3.0), LAG_ALONE: (1.2, 1.0), SINK_ALONE: (3.0, 10.0), NEITHER: (2.0, 13.0)}
+    told = asked([other(), other()], errors)
+    assert told.judged.fitted == LAG_ALONE
+    assert "it is not said" in decided_elsewhere(told.halves)[0].text
+
+
 SOMETHING = Adequacy((Question("blocks of 12 rows", -50.0, 0.2),), 1.2)
 NOTHING = Adequacy((Question("blocks of 12 rows", -0.5, 0.0),), 1.0)
 

@@ -7,8 +7,10 @@ A record that is understood needs no such question: there the evidence is certai
 another's room is more than some effects change.
 
 Rows that decide do not judge. The other records are two halves (`sim.diagnosis.validate.halves`), and each is asked by
-itself. A name is said where neither half speaks against it. A half judges where the other one alone comes to just these
-names: so both do where they agree, each of what the other one decided, and else the one whose answer changed nothing.
+itself. A name is said where neither half speaks against it. Of several records each half has records of its own, and a
+cause may show in one of them alone: a name that one half speaks against is then asked of all of them together, whose
+error must not grow with it. A half judges where the other one alone comes to just these names: so both do where they
+agree, each of what the other one decided, and else the one whose answer changed nothing.
 """
 
 from __future__ import annotations
@@ -62,9 +64,16 @@ def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneO
     errors = _predictions(chain, others)
     found = [_less(chain, judged, others, half, errors, asked) for half in (halves.first, halves.second)]
     said = found[0].fitted & found[1].fitted
+    needed = frozenset[str]()
+    if len(others) > 1 and found[0].fitted != found[1].fitted:
+        every = tuple(a | b for a, b in zip(halves.first, halves.second, strict=True))
+        together = _less(chain, judged, others, every, errors, asked).fitted
+        needed = together & (found[0].fitted ^ found[1].fitted)
+    said |= needed
     alone = [one.fitted == said for one in found]
     if any(alone):
-        return BorneOut(found[alone.index(True)], halves.judged_by(first=alone[1], second=alone[0]))
+        judging = halves.judged_by(first=alone[1], second=alone[0], overruled=bool(needed))
+        return BorneOut(found[alone.index(True)], judging)
     why = "each half of the other records speaks against another name"
     return BorneOut(judge(chain, said, judged, why), halves.judged_by(first=False, second=False))
 

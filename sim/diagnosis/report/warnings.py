@@ -96,6 +96,11 @@ def decided_elsewhere(halves: Halves | None) -> list[Warning]:
             f"{fold['deciding']} rows of the other records speak against a name that the other {fold['judging']} rows "
             "leave: it is not said, and errors are of these"
         )
+        if halves.overruled:
+            text = (
+                f"{fold['judging']} rows of the other records, by themselves, speak against a name that all of them "
+                "together need: it is said, and errors are of those that speak against it"
+            )
     return [Warning("held_out_rows_decided", text)]
 
 

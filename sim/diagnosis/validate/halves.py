@@ -24,7 +24,8 @@ FEWEST_BLOCKS: Final = 6  # three of each half: an effect that shows in one part
 class Halves:
     """first, second: of each record its rows in that half, without those to which what belongs to it is fitted;
     decided: whether names were asked of them; first_judges, second_judges: whether the names are those that the other
-    half alone leaves. Where neither does, both decided, and what is measured on them is optimistic."""
+    half alone leaves. Where neither does, both decided, and what is measured on them is optimistic. overruled: whether
+    what judges speaks against a name that all rows together need."""
 
     others: tuple[Record, ...]
     first: tuple[Mask, ...]
@@ -32,10 +33,11 @@ class Halves:
     decided: bool = False
     first_judges: bool = True
     second_judges: bool = True
+    overruled: bool = False
 
-    def judged_by(self, first: bool, second: bool) -> Halves:
+    def judged_by(self, first: bool, second: bool, overruled: bool = False) -> Halves:
         """The same after names were decided by them, with what judges."""
-        return replace(self, decided=True, first_judges=first, second_judges=second)
+        return replace(self, decided=True, first_judges=first, second_judges=second, overruled=overruled)
 
     @property
     def judging(self) -> list[Mask]:
