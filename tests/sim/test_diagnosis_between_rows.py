@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.analysis.diagnosed import _kinds
+from rig.analysis.diagnosed import possible_kinds
 from rig.files.record_file import Record
 from rig.report.diagnosis_words import left_over
 from sim.diagnosis.data.between_rows import MOST, acted_before
@@ -134,9 +134,10 @@ def test_a_heater_is_tried_where_a_peltier_plate_leaves_something(clean: bool, m
     world = World(PLATE, FILM, 40.0, thermometer_noise_K=0.01, seed=4)
     shown = simulate_record(world, columns["time_s"], columns["current_A"]).temperature_degC
     columns["temperature_degC"] = shown if clean else shown + 0.1 * np.sin(columns["time_s"] / 60.0)
-    kinds = _kinds(Record(columns, "record.csv"), None)
+    kinds = possible_kinds([Record(columns, "record.csv")], None)
     assert kinds == ("peltier", "heater")
-    assert _kinds(Record({**columns, "current_A": -columns["current_A"]}, "record.csv"), None) == ("peltier",)
+    cooled = Record({**columns, "current_A": -columns["current_A"]}, "record.csv")
+    assert possible_kinds([cooled], None) == ("peltier",)
     begun, start = [], TemperatureChannel.start
 
     def counted(self: TemperatureChannel, kind: str, *rest: object) -> object:
