@@ -8,8 +8,9 @@ error of the film itself is reported as a ratio to the same rig's without the ef
 
     unknown     with the model of a calibration that knows of no effect
     true        with the same model and the effect as it is; the film and plate are those of a rig without it
-    diagnosed   with --diagnosed (or --only-diagnosed): calibrate, run, `diagnose` that run, its model.toml in
-                experiment.model, run again
+    diagnosed   with --diagnosed (or --only-diagnosed): calibrate, run, `diagnose` that run, its model in
+                experiment.model, run again, as `improve` does: with what is named, or, where nothing is, with what was
+                found and predicts unseen rows better ("tried")
 
 `--effects wrong --only-diagnosed` is a plate that is a fifth off in all and a thermometer that is 2 s late, calibrated
 as they are: with the model of another rig `run` refuses to go on, rightly (docs/decisions.md, 57).
@@ -130,8 +131,7 @@ def circled(case: Case) -> dict[str, Any]:
         if "diagnosed" in case.ways:
             rig.command("calibrate", "cal", "target.csv", "full")
             found["unknown"] = {"full": rig.command("run", "first", "cal/MODEL.toml", "full")}
-            found["named"] = diagnosed(folder)
-            ways["diagnosed"] = "first-diagnosis/model.toml"
+            found["named"], found["tried"], ways["diagnosed"] = diagnosed(folder)
         for way, model in ways.items():
             found[way] = {law: rig.command("run", f"{way}-{law}", model, law) for law in case.laws}
     except RuntimeError as ended:
@@ -140,9 +140,11 @@ def circled(case: Case) -> dict[str, Any]:
     return found
 
 
-def diagnosed(folder: Path) -> list[str]:
-    """The effects that `diagnose` names in the first run; its model stays in the folder."""
+def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
+    """The effects that `diagnose` names in the first run; those that it found where it names none; and the model with
+    them, in the folder."""
     from rig.__main__ import main
+    from rig.report.told import CANDIDATE, MODEL
 
     report, err = folder / "first-diagnosis", io.StringIO()
     with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()):
@@ -150,7 +152,9 @@ def diagnosed(folder: Path) -> list[str]:
     if status:
         raise RuntimeError(f"diagnose: {err.getvalue()[-300:]}")
     document = json.loads((report / "diagnosis.json").read_text())
-    return [str(effect["name"]) for effect in document["effects"]]
+    named = [str(effect["name"]) for effect in document["effects"]]
+    tried = [] if named else [str(name) for best in document["candidates"][:1] for name in best["names"]]
+    return named, tried, f"{report.name}/{CANDIDATE if tried else MODEL}"
 
 
 def main() -> int:
@@ -191,7 +195,7 @@ def main() -> int:
                     print(f"{r['film']:8s} {r['seed']:3d} {r['effect']:13s} {way:10s} {law:12s} ", end="")
                     print(f"{rms:5.2f} ({most:5.2f})  {ratio:5.2f}", flush=True)
                     ratios.setdefault(f"{way} {law}", []).append(ratio)
-            for said in ("named", "text"):
+            for said in ("named", "tried", "text"):
                 if said in r:
                     print(f"{r['film']:8s} {r['seed']:3d} {r['effect']:13s} {said}: {r[said]}", flush=True)
     for name, found in ratios.items():

@@ -2,8 +2,8 @@
 
     ./peltier benchmark long_tests [ARGUMENTS OF PYTEST]
 
-They are marked `long`: mostly effects beside films of another kind, whose search has hundreds of unknowns. Those that
-are marked `other_processor` as well run in CI with narrower instructions (`.ci/narrower_instructions.py`).
+They are marked `long`: mostly effects beside films of another kind, whose search has hundreds of unknowns. As a
+processor with narrower instructions would run them: `.ci/narrower_instructions.py -m long tests`.
 """
 
 from __future__ import annotations

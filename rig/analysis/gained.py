@@ -99,6 +99,11 @@ def news(effects: Sequence[Mapping[str, Any]], known: Sequence[Mapping[str, Any]
     return [str(e["name"]) for e in effects if not _has(has.get(str(e["name"])), e["parameters"])]
 
 
+def as_effects(candidate: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The effects of a candidate, each as one that is named."""
+    return [{"name": name, "parameters": candidate["parameters"][name]} for name in candidate["names"]]
+
+
 def _has(table: Mapping[str, Any] | None, parameters: Mapping[str, Any]) -> bool:
     if table is None:
         return False

@@ -1,9 +1,11 @@
 """peltier improve RUN --config CONFIG: diagnose a run, extend its model, run again, say what it gained.
 
 RUN is the folder of a run. Where its record names an effect that its model did not have, CONFIG's experiment runs again
-with the diagnosis' model in experiment.model, and the errors of both runs are compared. It heats: within the limits of
-CONFIG, which may not be wider than RUN's, and only after it has asked on the terminal, or with --yes. Where nothing is
-named nothing is switched on. DIR has diagnosis/, config.toml (what runs), run/, report.html and improvement.json.
+with the diagnosis' model in experiment.model, and the errors of both runs are compared. Where none is named, but one
+was found with which rows that no fit has seen are predicted better, that is tried: the second run judges it. It heats:
+within the limits of CONFIG, which may not be wider than RUN's, and only after it has asked on the terminal, or with
+--yes. Where nothing is found nothing is switched on. DIR has diagnosis/, config.toml (what runs), run/, report.html and
+improvement.json.
 """
 
 from __future__ import annotations
@@ -78,33 +80,38 @@ def _improve(options: argparse.Namespace, guard: Guard) -> int:
 
 def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice: Voice) -> Improvement:
     """RUN diagnosed, the report of that in the folder. Raises Faults where nothing can be said of its record."""
-    from rig.analysis.gained import followed, news
+    from rig.analysis.gained import as_effects, followed, news
     from rig.core.faults import Faults
     from rig.files.record_file import read_record
     from rig.report.diagnosed_record import Asked, told
     from rig.report.improvement import Improvement
-    from rig.report.told import MODEL
+    from rig.report.told import CANDIDATE, MODEL
 
     folder, own = out / "diagnosis", tuple(path.absolute() for path in options.effect_file)
     record = read_record(found.run.part / "record.csv")
-    model, first = folder / MODEL, followed(found.run)
+    first = followed(found.run)
 
     def tell(text: str) -> None:
         print(f"{record.source}: {text}", file=sys.stderr, flush=True)
 
-    said = told(record, Asked(output=found.output, effect_files=own), str(model), report=True, say=tell)
+    asked = Asked(output=found.output, effect_files=own)
+    said = told(record, asked, str(folder / MODEL), report=True, say=tell)
     if said.faults:
         raise Faults(said.faults)
     folder.mkdir(parents=True)
     said.write_files(folder)
     for line in said.lines:
         voice.say(line)
-    effects = said.document["effects"]
+    effects, tried = said.document["effects"], list[str]()
     new = news(effects, found.known)
-    why_not = None if new else found.nothing_new(effects)
-    if new and not found.helped_by(new):
-        why_not = f"no effect that is named ({', '.join(new)}) acts on what kind {found.kind!r} follows"
-    seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, model, first)
+    if not new and said.document["candidates"]:
+        tried = news(as_effects(said.document["candidates"][0]), found.known)
+    why_not = None if new or tried else found.nothing_new(effects)
+    if (new or tried) and not found.helped_by(new or tried):
+        what = "named" if new else "found"
+        why_not = f"no effect that is {what} ({', '.join(new or tried)}) acts on what kind {found.kind!r} follows"
+    model = folder / (CANDIDATE if tried else MODEL)
+    seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, tried, model, first)
     return replace(seen, why_not=why_not, caveats=found.caveats)
 
 

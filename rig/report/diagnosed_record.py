@@ -20,7 +20,8 @@ from rig.many.engine import given
 from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_words import lines
 from rig.report.many_records import Task
-from rig.report.told import MODEL, Told, files_in
+from rig.report.told import CANDIDATE, MODEL, Told, files_in
+from sim.diagnosis.extended_model import extended_model
 from sim.diagnosis.result import with_model
 
 RANK = (
@@ -84,6 +85,10 @@ def told(
         if model is not None:
             comment = f"extended model of the diagnosis of {Path(one.source).name}"
             write_model(folder / MODEL, model_of(extended), comment)
+            if diagnosis.candidates:
+                best = diagnosis.candidates[0]
+                comment = f"with what was found in {Path(one.source).name} and is not named: {', '.join(best.names)}"
+                write_model(folder / CANDIDATE, model_of(extended_model(diagnosis, best)), comment)
         if report if report is not None else model is not None:
             write_diagnosis_report(folder, diagnosis, one.source)
         files = files_in(folder)

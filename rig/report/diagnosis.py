@@ -103,7 +103,7 @@ def _not_named(diagnosis: Diagnosis) -> list[str]:
         return []
     note = (
         "These predict held-out rows better than what is named. Chosen as the best of several, they may do a "
-        "little worse on another record: --holdout shows it."
+        "little worse on another record: --holdout shows it. The model with the first of them is candidate.toml."
     )
     return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.gained import Followed, Gained
+from rig.analysis.gained import Followed, Gained, as_effects
 from rig.report.diagnosis_words import listed, parameter
 from rig.report.figures import COLOURS, new_figure, saved, thinned
 from rig.report.page import events_table, figure, links, paragraph, section, tiles, write_page
@@ -20,8 +20,9 @@ PLACES = {"dec": ("decades", "{:.4f}"), "K": ("K", "{:.4f}")}
 @dataclass(frozen=True)
 class Improvement:
     """run, folder, law: the first run, where all of this is, and the law. diagnosis: its JSON; said: its verdict in
-    words; new: the named effects that the first run's model did not have. model: the extended one. second: the second
-    run's folder, None where it was not run, and why_not. caveats: why the errors may not be compared."""
+    words; new: the named effects that the first run's model did not have; tried: those that are not named and predict
+    better, where none is new. model: the one that has them. second: the second run's folder, None where it was not run,
+    and why_not. caveats: why the errors may not be compared."""
 
     run: Path
     folder: Path
@@ -29,6 +30,7 @@ class Improvement:
     diagnosis: Mapping[str, Any]
     said: str
     new: Sequence[str]
+    tried: Sequence[str]
     model: Path
     first: Followed | None
     second: Path | None = None
@@ -48,6 +50,7 @@ class Improvement:
             "verdict": self.diagnosis["verdict"],
             "effects": effects,
             "new": list(self.new),
+            "tried": list(self.tried),
             "model": self.model,
             "first": None if self.first is None else self.first.document(),
             "second": None if self.after is None else self.after.document(),
@@ -63,7 +66,10 @@ def sentence(i: Improvement) -> str:
     """What came out."""
     if i.why_not is not None:
         return f"Not run again: {i.why_not}."
-    effects = listed([str(e["name"]) for e in i.diagnosis["effects"]])
+    if i.tried:
+        effects = f"{listed(i.diagnosis['candidates'][0]['names'])} (found, and not named)"
+    else:
+        effects = listed([str(e["name"]) for e in i.diagnosis["effects"]])
     if i.after is None:
         return f"Run again with {effects} in the model; no row of it followed a target."
     unit, digits = PLACES[i.after.unit]
@@ -108,15 +114,18 @@ def _numbers(i: Improvement) -> list[tuple[str, str]]:
 
 
 def _effects(i: Improvement) -> str:
-    if not i.diagnosis["effects"]:
+    effects, new = i.diagnosis["effects"], "new"
+    if i.tried:
+        effects, new = as_effects(i.diagnosis["candidates"][0]), "found, not named, and tried"
+    if not effects:
         return paragraph("No effect is named.")
     rows = [
         [
             str(e["name"]),
             ", ".join(parameter(name, p["value"], p["ci95"]) for name, p in e["parameters"].items()),
-            "new" if e["name"] in i.new else "the first run's model had it",
+            new if e["name"] in (*i.new, *i.tried) else "the first run's model had it",
         ]
-        for e in i.diagnosis["effects"]
+        for e in effects
     ]
     return events_table(["effect", "parameters (95 % interval)", "in the model"], rows)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 MODEL = "model.toml"
+CANDIDATE = "candidate.toml"  # the model with what was found and is not named, to be tried
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
 from sim.diagnosis.fit.plate_parameters import PlateParameters
+from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 
@@ -51,15 +52,14 @@ class ExtendedModel:
     rmse: float | None
 
 
-def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
-    """Base model, assumed and named effects of a diagnosis."""
+def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> ExtendedModel:
+    """Base model, assumed and named effects of a diagnosis; or the effects of a candidate in their place."""
     with threadpool_limits(limits=1):
-        chain, names = diagnosis.chain, diagnosis.judged.fitted
+        chain, names, found = diagnosis.chain, diagnosis.judged.fitted, _sizes(diagnosis)
+        if candidate is not None:
+            names, found = frozenset(candidate.names), candidate.parameters
         first, last = chain.fits(names)
-        found = diagnosis.assumed | {f.name: f.parameters for f in diagnosis.findings if f.name != MEMORYLESS_TERM}
-        effects: list[dict[str, float | str]] = [
-            {"name": effect, **{name: value for name, (value, _) in own.items()}} for effect, own in found.items()
-        ]
+        effects: list[dict[str, float | str]] = [{"name": effect, **own} for effect, own in found.items()]
         error_K = chain.first.channel.error_K if chain.first is not None else 0.0
         plate = _plate(first.parameters, error_K) if first is not None else None
         if last is None:
@@ -69,6 +69,12 @@ def extended_model(diagnosis: Diagnosis) -> ExtendedModel:
         quantity = chain.record.quantity
         film = quantity.film(solution.model(last.parameters.start.initial))
         return ExtendedModel(film, plate, effects, quantity.size * error)
+
+
+def _sizes(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
+    """Of the effects assumed and named, by effect and name of the parameter."""
+    found = diagnosis.assumed | {f.name: f.parameters for f in diagnosis.findings if f.name != MEMORYLESS_TERM}
+    return {effect: {name: value for name, (value, _) in own.items()} for effect, own in found.items()}
 
 
 def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim.diagnosis.data.joined import joined
+from sim.diagnosis.data.segments import gaps
 from sim.diagnosis.diagnose import diagnose
 from tests.diagnosis.cases import case
 from tests.diagnosis.plate_record import JOULE, LOSS, SEEBECK, levels, record
@@ -32,6 +33,15 @@ def test_one_room_for_all_of_them_would_not_do() -> None:
     assert diagnose(joined(records)[0]).verdict != "clean"
 
 
+def test_each_record_has_its_own_rate() -> None:
+    """A calibration is read more slowly than a run: beside its rows those of a calibration are no gaps."""
+    steps = np.concatenate((np.full(800, 0.1), [60.0], np.where(np.arange(250) % 10 == 9, 0.28, 0.25)))
+    time, told = np.concatenate(([0.0], np.cumsum(steps))), np.ones(steps.size + 1, dtype=np.bool_)
+    assert gaps(time, told, [801]).tolist() == [801]
+    assert gaps(time, told).size > 20  # as if it were one record
+
+
+@pytest.mark.long
 def test_film_and_effect_are_found_once() -> None:
     """Two runs of one rig that hides a lag: the film's memory between them is not known."""
     hidden = case("one", 4, effect="film_lag")

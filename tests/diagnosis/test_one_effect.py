@@ -11,7 +11,7 @@ from tests.diagnosis.said import covered, names
 ONE = [
     ("sensor_lag", 1),
     pytest.param("heat_sink_warmup", 1, marks=pytest.mark.other_processor),
-    ("timestamp_skew", 1),
+    pytest.param("timestamp_skew", 1, marks=pytest.mark.long),
     pytest.param("creep", 1, marks=pytest.mark.long),
     pytest.param("self_heating", 1, marks=pytest.mark.long),
     ("series_resistance", 1),

@@ -24,7 +24,6 @@ def test_a_range_error_beside_a_film_of_another_kind() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.other_processor
 def test_a_leakage_beside_a_film_of_another_kind() -> None:
     blind = case("other_film_effect", 35, effect="parallel_leakage")
     document = diagnose(blind.columns).document()

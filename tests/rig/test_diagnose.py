@@ -87,6 +87,8 @@ def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
     assert best["rmse_holdout"]["temperature_K"] < 0.7 * said["channels"]["temperature_K"]["rmse_extended"]
     assert "held-out rows" in best["why_not_named"]
     assert "not named: " in out
+    tried = read_model(tmp_path / "r" / "candidate.toml")
+    assert {str(effect["name"]) for effect in tried.effects} == set(best["names"])
     assert "Found, and not named" in (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
 
 
@@ -168,6 +170,7 @@ def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
     assert "--out" in err
 
 
+@pytest.mark.long
 def test_the_saturated_heat_sink_is_a_warning(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ("--column", "time_s=t_s", "--column", "temperature_degC=T_C", "--column", "current_A=duty@duty")
     status, _, _ = peltier("diagnose", measured / "peltier_runaway.csv", *columns, "--json", tmp_path / "out.json")
@@ -203,6 +206,7 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06
 
 
+@pytest.mark.long
 def test_the_heater_needs_a_lag(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "current_A=pwm@pwm255"]
     words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")

@@ -110,6 +110,39 @@ def test_nothing_is_heated_where_nothing_is_named(peltier: Peltier, tmp_path: Pa
     assert json.loads((tmp_path / "b" / "improvement.json").read_text())["second"] is None
 
 
+CANDIDATE = {
+    "names": ["sensor_lag"],
+    "parameters": {"sensor_lag": {"tau_s": {"value": 0.5, "ci95": None}}},
+    "rmse_holdout": {"temperature_K": 0.02},
+    "why_not_named": "something else is left with it",
+}
+
+
+def test_what_is_found_and_not_named_is_tried(
+    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A name says what is there, a model has only to predict: the second run judges."""
+    files = files_in(folder / "better" / "diagnosis")
+    text = files["model.toml"].replace(b"actuator_delay", b"sensor_lag")
+    files["candidate.toml"] = text.replace(b"delay_s", b"tau_s")
+    document = {**json.loads(files["diagnosis.json"]), "effects": [], "candidates": [CANDIDATE]}
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: Told(document, ("",), files))
+    words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out")
+    status, out, _ = peltier(*words, tmp_path / "tried")
+    assert status == 0
+    said = json.loads((tmp_path / "tried" / "improvement.json").read_text())
+    assert (said["new"], said["tried"]) == ([], ["sensor_lag"])
+    assert said["model"].endswith("candidate.toml")
+    ran = read_model(tmp_path / "tried" / "run" / "model.toml")
+    assert [effect["name"] for effect in ran.effects] == ["sensor_lag"]
+    assert "With sensor_lag (found, and not named) in the model the RMS error is" in out
+    assert "found, not named, and tried" in (tmp_path / "tried" / "report.html").read_text()
+    document["effects"] = [{"name": "actuator_delay", "parameters": {"delay_s": {"value": 0.8, "ci95": [0.7, 0.9]}}}]
+    peltier(*words, tmp_path / "named")
+    said = json.loads((tmp_path / "named" / "improvement.json").read_text())
+    assert (said["new"], said["tried"]) == (["actuator_delay"], [])
+
+
 @pytest.fixture
 def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, its diagnosis known already: it takes seconds."""

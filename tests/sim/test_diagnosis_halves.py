@@ -105,14 +105,18 @@ def test_the_half_that_takes_a_name_away_does_not_judge(asked: Any, swapped: boo
     judging = halves.first[0] if swapped else halves.second[0]
     np.testing.assert_array_equal(told.halves.judging[0], judging)
     assert told.halves.folds == [{"deciding": ROWS - 31 - int(np.sum(judging)), "judging": int(np.sum(judging))}]
-    assert [warning.code for warning in decided_elsewhere(told.halves)] == ["held_out_rows_decided"]
+    (warning,) = decided_elsewhere(told.halves)
+    assert warning.code == "held_out_rows_decided"
+    assert f"speak against {SINK}, " in warning.text
 
 
 def test_halves_that_speak_against_different_names_are_told(asked: Any) -> None:
     told = asked([other()], {BOTH: (1.0, 1.0), SINK_ALONE: (0.5, 2.0), LAG_ALONE: (2.0, 0.5), NEITHER: (3.0, 3.0)})
     assert told.judged.fitted == NEITHER
     assert told.halves.folds == [{"deciding": ROWS - 31, "judging": 0}]
-    assert "optimistic" in decided_elsewhere(told.halves)[0].text
+    text = decided_elsewhere(told.halves)[0].text
+    assert "optimistic" in text
+    assert f"({', '.join(sorted((SINK, LAG)))})" in text
 
 
 def test_what_one_record_speaks_against_and_all_together_need_is_said(asked: Any) -> None:
@@ -121,7 +125,7 @@ def test_what_one_record_speaks_against_and_all_together_need_is_said(asked: Any
     told = asked([other(), other()], errors)
     assert told.judged.fitted == BOTH
     assert [bool(np.any(rows)) for rows in told.halves.judging] == [False, True]
-    assert "all of them together need" in decided_elsewhere(told.halves)[0].text
+    assert f"speak against {SINK}, which all of them together need" in decided_elsewhere(told.halves)[0].text
     of_one = asked([other()], errors)  # blocks of one record are alike: no cause is in a half of them alone
     assert of_one.judged.fitted == LAG_ALONE
     assert "it is not said" in decided_elsewhere(of_one.halves)[0].text

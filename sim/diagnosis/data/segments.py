@@ -9,6 +9,9 @@ a stretch does begin.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,10 +31,16 @@ MEDIAN = 1.57  # variance of a median of normal readings, over that of their mea
 Rows = NDArray[np.int64]
 
 
-def gaps(time_s: Array, told: NDArray[np.bool_]) -> Rows:
-    """The rows after each gap. told: rows in which a current stands, (rows,)."""
-    steps = np.diff(time_s)
-    return np.flatnonzero((steps > gap_threshold(steps)) | ~told[:-1]) + 1
+def gaps(time_s: Array, told: NDArray[np.bool_], joined: Sequence[int] = ()) -> Rows:
+    """The rows after each gap. told: rows in which a current stands, (rows,); joined: where further records begin, each
+    with rows as far apart as its own are."""
+    after, steps = ~told[:-1], np.diff(time_s)
+    for first, last in itertools.pairwise([0, *joined, time_s.size]):
+        own = steps[first : last - 1]
+        if own.size:
+            after[first : last - 1] |= own > gap_threshold(own)
+    after[np.asarray(joined, dtype=np.int64) - 1] = True
+    return np.flatnonzero(after) + 1
 
 
 def first_rows(

@@ -63,19 +63,18 @@ def borne_out(chain: Chain, judged: Verdict, others: Sequence[Record]) -> BorneO
         return BorneOut(judged, halves)
     errors = _predictions(chain, others)
     found = [_less(chain, judged, others, half, errors, asked) for half in (halves.first, halves.second)]
-    said = found[0].fitted & found[1].fitted
+    said, refused = found[0].fitted & found[1].fitted, found[0].fitted ^ found[1].fitted
     needed = frozenset[str]()
-    if len(others) > 1 and found[0].fitted != found[1].fitted:
+    if len(others) > 1 and refused:
         every = tuple(a | b for a, b in zip(halves.first, halves.second, strict=True))
-        together = _less(chain, judged, others, every, errors, asked).fitted
-        needed = together & (found[0].fitted ^ found[1].fitted)
+        needed = _less(chain, judged, others, every, errors, asked).fitted & refused
     said |= needed
     alone = [one.fitted == said for one in found]
     if any(alone):
-        judging = halves.judged_by(first=alone[1], second=alone[0], overruled=bool(needed))
+        judging = halves.judged_by(alone[1], alone[0], refused, needed)
         return BorneOut(found[alone.index(True)], judging)
     why = "each half of the other records speaks against another name"
-    return BorneOut(judge(chain, said, judged, why), halves.judged_by(first=False, second=False))
+    return BorneOut(judge(chain, said, judged, why), halves.judged_by(False, False, refused, needed))
 
 
 def _may_bend(chain: Chain, names: frozenset[str]) -> frozenset[str]:

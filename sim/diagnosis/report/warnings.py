@@ -89,17 +89,19 @@ def decided_elsewhere(halves: Halves | None) -> list[Warning]:
     """Where halves of other records disagree about a name, so that not all of their rows judge."""
     if halves is None or not halves.decided or (halves.first_judges and halves.second_judges):
         return []
-    fold = halves.folds[0]
-    text = "each half of the other records speaks against another name: errors there are optimistic"
+    fold, names = halves.folds[0], ", ".join(sorted(halves.refused))
+    text = f"each half of the other records speaks against another name ({names}): errors there are optimistic"
     if fold["judging"]:
+        left = ", ".join(sorted(halves.refused - halves.overruled))
         text = (
-            f"{fold['deciding']} rows of the other records speak against a name that the other {fold['judging']} rows "
-            "leave: it is not said, and errors are of these"
+            f"{fold['deciding']} rows of the other records speak against {left}, which the other {fold['judging']} "
+            "rows leave: it is not said, and errors are of these"
         )
         if halves.overruled:
+            needed = ", ".join(sorted(halves.overruled))
             text = (
-                f"{fold['judging']} rows of the other records, by themselves, speak against a name that all of them "
-                "together need: it is said, and errors are of those that speak against it"
+                f"{fold['judging']} rows of the other records, by themselves, speak against {needed}, which all of "
+                "them together need: it is said, and errors are of those that speak against it"
             )
     return [Warning("held_out_rows_decided", text)]
 

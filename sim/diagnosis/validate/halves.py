@@ -24,8 +24,8 @@ FEWEST_BLOCKS: Final = 6  # three of each half: an effect that shows in one part
 class Halves:
     """first, second: of each record its rows in that half, without those to which what belongs to it is fitted;
     decided: whether names were asked of them; first_judges, second_judges: whether the names are those that the other
-    half alone leaves. Where neither does, both decided, and what is measured on them is optimistic. overruled: whether
-    what judges speaks against a name that all rows together need."""
+    half alone leaves. Where neither does, both decided, and what is measured on them is optimistic. refused: names that
+    one half speaks against and the other does not; overruled: those of them that all rows together need."""
 
     others: tuple[Record, ...]
     first: tuple[Mask, ...]
@@ -33,11 +33,16 @@ class Halves:
     decided: bool = False
     first_judges: bool = True
     second_judges: bool = True
-    overruled: bool = False
+    refused: frozenset[str] = frozenset()
+    overruled: frozenset[str] = frozenset()
 
-    def judged_by(self, first: bool, second: bool, overruled: bool = False) -> Halves:
+    def judged_by(
+        self, first: bool, second: bool, refused: frozenset[str], overruled: frozenset[str] = frozenset()
+    ) -> Halves:
         """The same after names were decided by them, with what judges."""
-        return replace(self, decided=True, first_judges=first, second_judges=second, overruled=overruled)
+        return replace(
+            self, decided=True, first_judges=first, second_judges=second, refused=refused, overruled=overruled
+        )
 
     @property
     def judging(self) -> list[Mask]:
