@@ -85,12 +85,12 @@ def told(
         if model is not None:
             comment = f"extended model of the diagnosis of {Path(one.source).name}"
             write_model(folder / MODEL, model_of(extended), comment)
+        if report if report is not None else model is not None:
+            write_diagnosis_report(folder, diagnosis, one.source)
             if diagnosis.candidates:
                 best = diagnosis.candidates[0]
                 comment = f"with what was found in {Path(one.source).name} and is not named: {', '.join(best.names)}"
                 write_model(folder / CANDIDATE, model_of(extended_model(diagnosis, best)), comment)
-        if report if report is not None else model is not None:
-            write_diagnosis_report(folder, diagnosis, one.source)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
 
