@@ -21,14 +21,17 @@ def first_order_lag(tau: float, time: Array, values: Array, state: Array, out: A
     if math.isnan(x):
         x = values[0]
     out[0] = x
+    same, decay = 0.0, 1.0  # of nodes that are as far apart as the two before, the exponential is known
     for k in range(1, values.size):
         dt = time[k] - time[k - 1]
         if dt > 0.0:
             if tau <= 1e-9:
                 x = values[k]
             else:
+                if dt != same:
+                    same, decay = dt, math.exp(-dt / tau)
                 ramp = tau * (values[k] - values[k - 1]) / dt
-                x = values[k] - ramp + (x - values[k - 1] + ramp) * math.exp(-dt / tau)
+                x = values[k] - ramp + (x - values[k - 1] + ramp) * decay
         out[k] = x
     state[0] = x
 

@@ -109,9 +109,10 @@ def run(
             elif dt > 0.0:
                 count = max(1, math.ceil(dt / LONGEST_STEP_S - 1e-9))
                 h, now = dt / count, time[k - 1]
-                slopes[k - 1, 0] = _rates(par, terms, values, now, t, own, i, known, a)
-                for _ in range(count):
+                for part in range(count):
                     e = _rates(par, terms, values, now, t, own, i, known, a)
+                    if part == 0:
+                        slopes[k - 1, 0] = e
                     for j in range(m):
                         at[j] = own[j] + 0.5 * h * a[j]
                     f = _rates(par, terms, values, now + 0.5 * h, t + 0.5 * h * e, at, i, known, b)

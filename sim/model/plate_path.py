@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
@@ -37,14 +38,26 @@ class PlatePath:
     def finer(self, begins: Mask, parts: int) -> tuple[Array, Array]:
         """Times and temperatures at so many times as many nodes: what a lag follows bends between two. begins: where a
         stretch does, shape (nodes,); before those straight."""
-        h = np.diff(self.time_s)[:, None]
-        a, d = self.plate_degC[:-1, None], np.diff(self.plate_degC)[:, None]
-        known = ~begins[1:, None]
-        p = np.where(known, h * self.slopes[:-1, :1], d)
-        q = np.where(known, h * self.slopes[1:, 1:], d)
-        x = np.arange(parts) / parts
-        time = self.time_s[:-1, None] + x * h
-        return np.append(time, self.time_s[-1]), np.append(_cubic(x, a, d, p, q), self.plate_degC[-1])
+        count = parts * (self.time_s.size - 1) + 1
+        time, temperature = np.empty(count), np.empty(count)
+        _finer(self.time_s, self.plate_degC, self.slopes, begins, parts, time, temperature)
+        return time, temperature
+
+
+@njit(cache=True)
+def _finer(
+    time: Array, plate: Array, slopes: Array, begins: Mask, parts: int, finer_time: Array, finer_plate: Array
+) -> None:
+    """As `_cubic` between every two nodes."""
+    for k in range(time.size - 1):
+        h, change = time[k + 1] - time[k], plate[k + 1] - plate[k]
+        p, q = (change, change) if begins[k + 1] else (h * slopes[k, 0], h * slopes[k + 1, 1])
+        bend, third = 3.0 * change - 2.0 * p - q, p + q - 2.0 * change
+        for j in range(parts):
+            x = j / parts
+            finer_time[parts * k + j] = time[k] + x * h
+            finer_plate[parts * k + j] = plate[k] + x * (p + x * (bend + x * third))
+    finer_time[-1], finer_plate[-1] = time[-1], plate[-1]
 
 
 def _cubic(x: Array, begin: Array, change: Array, p: Array, q: Array) -> Array:
@@ -135,17 +148,29 @@ def simulate_plate(
         if begin > 0:
             slopes[begin, 1] = before
     path = PlatePath(nodes.time_s, temperature, slopes, _turning(nodes, temperature))
+    return PlateRun(path, behind_thermometer(record, nodes, links, anew, late_K, path, spacing))
+
+
+def behind_thermometer(
+    record: Recorded, nodes: Nodes, links: Links, anew: Rows, late_K: Array, path: PlatePath, spacing: Spacing = COARSE
+) -> Array:
+    """What an ideal thermometer behind the thermometer's filters shows of a plate's path in each row, degC, (rows,).
+    anew, late_K: as of `simulate_plate`."""
+    shown, begins = path.plate_degC, nodes.rows[anew]
     if not links.thermometer:
-        return PlateRun(path, temperature[nodes.rows])
-    parts = spacing.lag_parts
-    time, shown = path.finer(np.isfinite(reset), parts) if parts > 1 else (nodes.time_s, temperature)
+        return np.asarray(shown[nodes.rows], dtype=np.float64)
+    parts, time = spacing.lag_parts, nodes.time_s
+    if parts > 1:
+        resets = np.zeros(time.size, dtype=np.bool_)
+        resets[nodes.rows[record.first_rows]] = True
+        time, shown = path.finer(resets, parts)
     for lag, behind in zip(links.thermometer, late_K.T, strict=True):
         out = np.empty(time.size)
         for begin, end, late in zip(parts * begins, [*parts * begins[1:], time.size], behind, strict=True):
             part = slice(begin, end)
             out[part], _ = followed(lag, time[part], shown[part], np.array([shown[begin] - late]))
         shown = out
-    return PlateRun(path, shown[parts * nodes.rows])
+    return np.asarray(shown[parts * nodes.rows], dtype=np.float64)
 
 
 def _turning(nodes: Nodes, temperature: Array) -> Array:

@@ -12,14 +12,13 @@ the likelihood.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
@@ -133,18 +132,32 @@ class Whitening:
 
     def over(self, values: Array) -> Array:
         """Values of the rows, (rows,) or (rows, columns), over the noise."""
+        if self.before is None or self.weight is None or self.begins is None:
+            return np.asarray(values * (self.own if values.ndim == 1 else self.own[:, None]), dtype=np.float64)
+        table = np.ascontiguousarray(values.reshape(values.shape[0], -1), dtype=np.float64)
+        out = np.empty(table.shape)
+        _innovations(table, self.own, self.before, self.theta, self.begins, self.weight, out)
+        return out.reshape(values.shape)
 
-        def each(of_rows: Array) -> Array:
-            return of_rows if values.ndim == 1 else of_rows[:, None]
 
-        out = values * each(self.own)
-        if self.before is not None and self.weight is not None and self.begins is not None:
-            out[1:] -= each(self.before[1:]) * values[:-1]
-            if self.theta:
-                for first, last in itertools.pairwise([*self.begins.tolist(), values.shape[0]]):
-                    out[first:last] = lfilter([1.0], [1.0, -self.theta], out[first:last], axis=0)
-            out *= each(self.weight)
-        return np.asarray(out, dtype=np.float64)
+@njit(cache=True)
+def _innovations(
+    values: Array, own: Array, before: Array, theta: float, begins: Rows, weight: Array, out: Array
+) -> None:
+    u = np.empty(values.shape[1])
+    following = 0
+    for k in range(values.shape[0]):
+        if following < begins.size and begins[following] == k:
+            following += 1
+            u[:] = 0.0
+        if k == 0:
+            for j in range(u.size):
+                u[j] = own[k] * values[k, j]
+        else:
+            for j in range(u.size):
+                u[j] = own[k] * values[k, j] - before[k] * values[k - 1, j] + theta * u[j]
+        for j in range(u.size):
+            out[k, j] = weight[k] * u[j]
 
 
 def root_mean_square(values: Array) -> float:

@@ -70,7 +70,7 @@ class LinearProblem:
         c = cho_solve(factor, self.right, check_finite=False)
         linear = self.at_rows @ c[: self.own.shape[1]]
         if self.relays.count:
-            linear += self.relays.every @ c[self.own.shape[1] :]
+            linear += self.relays.shown(c[self.own.shape[1] :])
         residual = self.noise.over(self.wanted - linear[self.fitted])
         cost = 0.5 * float(residual @ residual) + 0.5 * float(prior @ c**2)
         return Point(x, self, prior, c, linear + self.offset, cost if math.isfinite(cost) else math.inf, factor)

@@ -20,7 +20,7 @@ from sim.diagnosis.fit.unknowns import unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
 from sim.model.links import Links, links_of
 from sim.model.own_fit import APART_K, first_readings
-from sim.model.plate_path import Nodes, PlatePath, plate_nodes, simulate_plate
+from sim.model.plate_path import Nodes, PlatePath, behind_thermometer, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
 from sim.model.recorded import Spacing
 
@@ -101,11 +101,15 @@ class PlateEquations:
         own[:, place] += apart[: len(place)].T
         return effects, own, apart[len(place) :].T, rooms
 
-    def simulate(self, p: PlateParameters, x: Array, first: Array) -> tuple[PlatePath, Array]:
-        """The plate's path and what is shown in all rows."""
+    def simulate(
+        self, p: PlateParameters, x: Array, first: Array, path: PlatePath | None = None
+    ) -> tuple[PlatePath, Array]:
+        """The plate's path and what is shown in all rows. path: the plate's, where only the thermometer is another."""
         effects, own, late, rooms = self.split(p, x)
         links = links_of(effects)
         p, nodes = replace(p, x=x), self._nodes(links)
+        if path is not None:
+            return path, behind_thermometer(self.record, nodes, links, self.anew, late, path, self.spacing)
         heats = self.record.inputs.coefficients(p.inputs_K_per_s)
         begun = first, self.anew, own, late
         out = simulate_plate(self.record, nodes, p.plate(), links, *begun, self.spacing, rooms, heats)

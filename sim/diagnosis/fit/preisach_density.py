@@ -97,9 +97,10 @@ class RelayPlane:
 
 @dataclass(frozen=True, eq=False)
 class Relays:
-    """The relays' columns at one temperature of the film: as they are, of the film itself (crept), as they are shown,
-    all (rows, columns); fitted: the latter in the fitted rows, over the noise; gram: its products. nodes: that
-    temperature, None where there are no relays; through: the filters passed since."""
+    """The relays' columns at one temperature of the film: as they are, of the film itself (crept), behind the
+    ohmmeter's filters, all (rows, columns); slope: by how much what is shown changes with the latter, (rows,), None: by
+    as much; fitted: as they are shown in the fitted rows, over the noise; gram: its products. nodes: that temperature,
+    None where there are no relays; through: the filters passed since."""
 
     nodes: FilmNodes | None
     columns: Array
@@ -108,6 +109,7 @@ class Relays:
     fitted: Array
     gram: Array
     through: tuple[Switched, ...] = ()
+    slope: Array | None = None
 
     @classmethod
     def none(cls, rows: int, fitted: Rows) -> Relays:
@@ -115,14 +117,18 @@ class Relays:
         empty, nothing = np.empty((rows, 0)), np.empty((fitted.size, 0))
         return cls(None, empty, empty, empty, nothing, nothing.T @ nothing)
 
-    def shown_as(self, every: Array, fitted: Rows, noise: Whitens) -> Relays:
-        """The same shown otherwise, (rows, columns), with the products."""
-        chosen = noise.over(every[fitted])
-        return replace(self, every=every, fitted=chosen, gram=chosen.T @ chosen)
+    def seen_by(self, slope: Array | None, fitted: Rows, noise: Whitens) -> Relays:
+        """As they show in a reading that changes by `slope` with what is behind the filters, with the products."""
+        chosen = self.every[fitted]
+        if slope is not None:
+            chosen *= slope[fitted, None]
+        chosen = noise.over(chosen)
+        return replace(self, slope=slope, fitted=chosen, gram=chosen.T @ chosen)
 
-    def seen_by(self, slope: Array, fitted: Rows, noise: Whitens) -> Relays:
-        """As they show in a reading that changes by `slope` with the film's output, (rows,)."""
-        return self.shown_as(self.every * slope[:, None], fitted, noise)
+    def shown(self, coefficients: Array) -> Array:
+        """What they add to what is shown, (rows,)."""
+        of_relays = self.every @ coefficients
+        return np.asarray(of_relays if self.slope is None else self.slope * of_relays, dtype=np.float64)
 
     @property
     def count(self) -> int:
@@ -147,8 +153,9 @@ class RelaysOfRecord:
         if not same or not _same(known.through, through):
             columns = known.columns if same else self.plane.columns(nodes)
             film = followed_by(links.hysteretic_part, self.taken_s, columns)
-            plain = replace(self.none, nodes=nodes, columns=columns, film=film, through=through)
-            known = plain.shown_as(followed_by(links.meter_lags, self.taken_s, film), self.fitted, self.noise)
+            every = followed_by(links.meter_lags, self.taken_s, film)
+            plain = replace(self.none, nodes=nodes, columns=columns, film=film, every=every, through=through)
+            known = plain.seen_by(None, self.fitted, self.noise)
             self._last.append(known)
         return known
 

@@ -33,6 +33,7 @@ from sim.model.recorded import COARSE, Spacing
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
+AS_LINEAR = 0.01  # of the cost, by which the ohmmeter's bends change it, below which nothing is solved again
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
@@ -98,7 +99,7 @@ class ResistanceChannel(FilmEquations):
             shown = relays.seen_by(ohmmeter.slope[nodes.rows], rows, self.whitening) if sloped else relays  # type: ignore[index]
             at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
-                linear = at_rows[:, : known.size] @ known + shown.every @ of_relays
+                linear = at_rows[:, : known.size] @ known + shown.shown(of_relays)
             else:
                 linear = ohmmeter.plain(signal[:, None])[:, 0]
             first, *other_ranges = self._ranges(links, nodes, signal)
@@ -110,11 +111,22 @@ class ResistanceChannel(FilmEquations):
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
             coefficients = found.coefficients
+            if first is None and self._bent(links, nodes, signals, found) < AS_LINEAR:
+                break
             same = max(SAME_COST, SAME_SHARE * (found.cost - 0.5 * rows.size))
             if turn + 1 >= least and abs(found.cost - before) < same:
                 break
             before = found.cost
         return found
+
+    def _bent(self, links: Links, nodes: FilmNodes, signals: Array, found: Point) -> float:
+        """By how much the cost of a problem's solution changes where the ohmmeter is not linear about a guess."""
+        problem, c = found.problem, found.coefficients
+        film, own = signals.shape[1], problem.own.shape[1]
+        signal = signals @ c[:film] + nodes.at_points(problem.relays.film @ c[own:])
+        shown = shown_in_rows(links, nodes, signal) + problem.at_rows[:, film:] @ c[film:own]
+        bent, straight = self._over_noise(shown), self._over_noise(found.shown)
+        return abs(0.5 * float(bent @ bent) - 0.5 * float(straight @ straight))
 
     def _ranges(self, links: Links, nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is

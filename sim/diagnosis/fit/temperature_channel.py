@@ -23,6 +23,7 @@ from sim.diagnosis.fit.plate_equations import PlateEquations
 from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.fit.unknowns import along_values, fitted_sizes, logarithmic, unknowns_of
 from sim.effects.effect import Switched
+from sim.model.links import links_of
 from sim.model.plate_path import PlatePath
 from sim.model.recorded import COARSE, Spacing, driven_rows
 
@@ -159,7 +160,7 @@ class TemperatureChannel(PlateEquations):
 
         def linearized(at: _Trial) -> Linearized[_Trial]:
             x, first, shown = at.x, at.first_degC, at.shown_degC
-            self._slopes(p, x, first, shown, high, h, jacobian)
+            self._slopes(p, at, high, h, jacobian)
             by_first = self.simulate(p, x, first + FIRST_STEP_K)[1][self.rows] - shown[self.rows]
             e = self.over(by_first) / FIRST_STEP_K
             like = self.likelihood(shown)
@@ -188,7 +189,7 @@ class TemperatureChannel(PlateEquations):
         best = descend(
             start, steps, lambda at: at.cost, linearized, lambda before, after: before - after < tolerance, DAMPING
         )
-        self._slopes(p, best.x, best.first_degC, best.shown_degC, high, h, jacobian)
+        self._slopes(p, best, high, h, jacobian)
         return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
 
     def at(self, p: PlateParameters) -> TemperatureFit:
@@ -196,7 +197,7 @@ class TemperatureChannel(PlateEquations):
         _, high, h = self.bounds(p)
         path, shown = self.simulate(p, p.x, p.first_degC)
         jacobian = np.empty((self.record.rows, p.x.size))
-        self._slopes(p, p.x, p.first_degC, shown, high, h, jacobian)
+        self._slopes(p, _Trial(p.x, p.first_degC, path, shown, math.nan), high, h, jacobian)
         return self._fit(p, p.x, p.first_degC, path, shown, jacobian)
 
     def _fit(
@@ -210,25 +211,27 @@ class TemperatureChannel(PlateEquations):
             minus_log -= self.priors(final)
         return TemperatureFit(final, path, shown, minus_log, jacobian, like.curvature)
 
-    def _slopes(
-        self, p: PlateParameters, x: Array, first: Array, shown: Array, high: Array, h: Array, jacobian: Array
-    ) -> None:
+    def _slopes(self, p: PlateParameters, at: _Trial, high: Array, h: Array, jacobian: Array) -> None:
         """d shown / d x by difference quotients, into jacobian (rows, unknowns). What is another one in each record or
         after each long gap is moved everywhere at once: it shows in its own rows alone."""
-        shared = len(p.base) + len(unknowns_of(p.effects))
-        for k in range(shared):
+        x, first, shown = at.x, at.first_degC, at.shown_degC
+        of_thermometer = frozenset(e.name for e in links_of(p.effects).thermometer)
+        owners = [e.name in of_thermometer for e in p.effects for _ in unknowns_of([e])]
+        for k, only_shown in enumerate([False] * len(p.base) + owners):
             moved = x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
-            jacobian[:, k] = (self.simulate(p, moved, first)[1] - shown) / (moved[k] - x[k])
-        row, begin = np.arange(self.record.rows), shared
-        for firsts in (self.record.joined, *(self.anew for _ in with_own_temperature(p.effects))):
+            other = self.simulate(p, moved, first, at.path if only_shown else None)[1]
+            jacobian[:, k] = (other - shown) / (moved[k] - x[k])
+        row, begin = np.arange(self.record.rows), len(p.base) + len(owners)
+        own_ones = [(self.anew, e.name in of_thermometer) for e in with_own_temperature(p.effects)]
+        for firsts, only_shown in ((self.record.joined, False), *own_ones):
             if not firsts.size:
                 continue
             own = slice(begin, begin + firsts.size)
             step = np.where(x[own] + h[own] <= high[own], h[own], -h[own])
             moved = x.copy()
             moved[own] += step
-            changed = self.simulate(p, moved, first)[1] - shown
+            changed = self.simulate(p, moved, first, at.path if only_shown else None)[1] - shown
             mine = np.searchsorted(firsts, row, side="right")[:, None] == 1 + np.arange(firsts.size)
             jacobian[:, own] = np.where(mine, changed[:, None], 0.0) / (moved[own] - x[own])
             begin += firsts.size
