@@ -1,11 +1,11 @@
 """A real clock, an empty cache, a busy computer: `calibrate`, then `run` of a minute, over pseudo-terminals.
 
-    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1]
+    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1] [--effect NAME:PARAMETER=VALUE]
 
 Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default limits), a cache of compiled loops that
 is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked:
 every trial to its end; the longest time with a current on and no reading, at the bench's end of the wire, 0.5 s.
---rest: without the loops.
+--rest: without the loops. --effect: hidden in the rig; the run is then improved (`improve RUN --yes`) on that bench.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,14 +87,31 @@ offset = -4.0
 """
 
 
-def trial(number: int, folder: Path) -> dict[str, Any]:
+def hidden(effect: str) -> str:
+    """NAME:PARAMETER=VALUE as a table of a configuration; nothing for nothing."""
+    if not effect:
+        return ""
+    name, _, value = effect.partition(":")
+    return f'[[simulation.effects]]\nname = "{name}"\n{value.replace("=", " = ")}\n'
+
+
+def gained(folder: Path) -> dict[str, Any]:
+    """What an improvement says: names, and the error of the second run over that of the first."""
+    path = folder / "improvement.json"
+    if not path.is_file():
+        return {}
+    document = json.loads(path.read_text())
+    return {key: document.get(key) for key in ("new", "tried", "reduction", "not_run_because")}
+
+
+def trial(number: int, folder: Path, effect: str) -> dict[str, Any]:
     """One bench, one evening."""
     capacity = (10.0, 30.0)[number % 2]
     values = {"seed": number, "s": 0.048 / capacity, "r": 1.8 / capacity, "g": 0.54 / capacity}
     (folder / "film.toml").write_text(FILM)
     truth = folder / "truth.toml"
     text = CONFIGURATION.format(controller="sim://", meter="sim://", model="", **values)
-    truth.write_text(text)
+    truth.write_text(text + hidden(effect))
     noted = folder / "noted.json"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     bench = subprocess.Popen(
@@ -107,13 +125,15 @@ def trial(number: int, folder: Path) -> dict[str, Any]:
         assert bench.stdout is not None
         ports = {line.split()[0]: line.split()[2] for line in (bench.stdout.readline(), bench.stdout.readline())}
         cold = {**environment, "NUMBA_CACHE_DIR": str(folder / "cold")}
-        for verb, model in (("calibrate", ""), ("run", 'model = "cal/MODEL.toml"')):
+        known = 'model = "cal/MODEL.toml"'
+        for verb, model in (("calibrate", ""), ("run", known), ("improve", known))[: 3 if effect else 2]:
             path = folder / f"{verb}.toml"
             path.write_text(CONFIGURATION.format(**ports, model=model, **values))
-            out = folder / ("cal" if verb == "calibrate" else "run")
+            out = folder / ("cal" if verb == "calibrate" else verb)
+            words = [str(path)] if verb != "improve" else ["run", "--config", "run.toml", "--yes"]
             begin = time.monotonic()
             done = subprocess.run(
-                [sys.executable, "-m", "rig", verb, str(path), "--out", str(out)],
+                [sys.executable, "-m", "rig", verb, *words, "--out", str(out)],
                 env=cold,
                 cwd=folder,
                 capture_output=True,
@@ -130,6 +150,7 @@ def trial(number: int, folder: Path) -> dict[str, Any]:
                 found["text"] = done.stderr[-600:]
                 break
             cold["NUMBA_CACHE_DIR"] = str(folder / "cold again")
+            found.update(gained(out))
     except subprocess.TimeoutExpired:
         found["text"] = f"not over after {LONGEST_S:g} s"
     finally:
@@ -140,9 +161,9 @@ def trial(number: int, folder: Path) -> dict[str, Any]:
     return found
 
 
-def _in_a_folder(number: int) -> dict[str, Any]:
+def _in_a_folder(number: int, effect: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
-        return trial(number, Path(folder))
+        return trial(number, Path(folder), effect)
 
 
 def main() -> int:
@@ -152,14 +173,17 @@ def main() -> int:
     parser.add_argument("--busy", type=int, default=2, help="endless loops a core")
     parser.add_argument("--at-once", type=int, default=1, help="trials that run beside each other")
     parser.add_argument("--rest", action="store_true", help="no endless loops")
+    parser.add_argument("--effect", default="", metavar="NAME:PARAMETER=VALUE", help="hidden in the rig, and improved")
     options = parser.parse_args()
+    verbs = ("calibrate", "run", "improve")[: 3 if options.effect else 2]
+    trials = range(options.first, options.first + options.trials)
     loops = 0 if options.rest else options.busy * (os.cpu_count() or 1)
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(loops)]
     whole, longest_s = 0, 0.0
     try:
         with ThreadPoolExecutor(options.at_once) as pool:
-            for found in pool.map(_in_a_folder, range(options.first, options.first + options.trials)):
-                whole += found.get("calibrate") == 0 and found.get("run") == 0
+            for found in pool.map(partial(_in_a_folder, effect=options.effect), trials):
+                whole += all(found.get(verb) == 0 for verb in verbs)
                 longest_s = max(longest_s, found.get("unread_s", math.inf))
                 print(json.dumps(found), flush=True)
     finally:
