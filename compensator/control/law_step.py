@@ -41,6 +41,8 @@ from compensator.thermal.plate import step as plate_step
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
+CAUTION: Final = 1.0  # standard deviations of the output's estimate, by which a film stops short of a target that stays
+CLOSES_S: Final = 0.3  # in which it then goes on: readings that tell it where it is
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 
@@ -205,6 +207,21 @@ def remembered(
 
 
 @njit(cache=True)
+def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
+    """How much of the way to a target that stays is not gone in this period: what the estimate of the output does not
+    know, but for the part of it that closes in `CLOSES_S`. To arrive late costs a moment, to arrive beyond a turning
+    point that nobody planned. Signed; nothing where the target goes on."""
+    if np.max(targets) > np.min(targets):
+        return 0.0
+    _, _, weights, code, par = film.model
+    gap = targets[0] - memoryless_value(code, par, film.degC) - weighted_sum(weights, film.plays)
+    if gap * toward <= 0.0:
+        return 0.0
+    later = math.exp(-period_s / CLOSES_S) * abs(gap)
+    return math.copysign(min(later, CAUTION * math.sqrt(doubt)), gap)
+
+
+@njit(cache=True)
 def planned(
     rule: Rule,
     plate: Array,
@@ -226,7 +243,8 @@ def planned(
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
         band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
-        found = next_reference(targets, Turn(band, toward), film, now, reach)
+        wanted = targets - left_for_later(targets, doubt, film, toward, rule.period_s) if rule.name == FULL else targets
+        found = next_reference(wanted, Turn(band, toward), film, now, reach)
     film_degC = limited(found.reference.film_degC, rule.low_degC, rule.high_degC)
     own_degC = limited(found.reference.plate_degC, rule.low_degC, rule.high_degC)
     return Planned(Reference(film_degC, own_degC), found.output, found.move, found.reached)

@@ -85,7 +85,19 @@ class Planned(NamedTuple):
 
 
 @njit(cache=True)
-def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
+def held_temperature(target: float, film: FilmNow, reference_degC: float) -> float:
+    """Where a film stays that asks for no move: where it was to be, unless that is further from the target than where
+    it is. A reference that followed the film would take every drift of the plate for its own."""
+    _, _, weights, code, par = film.model
+    memory = film.plays.copy()
+    here = play.weighted_sum(weights, memory) + memoryless_value(code, par, film.degC)
+    play.advance(reference_degC, film.degC, film.model[0], film.model[1], memory)
+    there = play.weighted_sum(weights, memory) + memoryless_value(code, par, reference_degC)
+    return reference_degC if (there - here) * (target - here) >= 0.0 else film.degC
+
+
+@njit(cache=True)
+def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, reference_degC: float, temperatures: Array) -> bool:
     """Temperatures (degC) for the coming targets from the present memory.
 
     To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
@@ -94,6 +106,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
     whose side the target lies.
     """
     first_reached, toward, band = True, turn.toward, turn.band
+    held = held_temperature(targets[0], film, reference_degC)
     v, memory, settings = film.degC, film.plays.copy(), film.settings
     limits = settings[0]
     envelopes, radii, weights, code, par = film.model
@@ -103,7 +116,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
         wanted = targets[i]
         gap = wanted - output
         if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
-            temperatures[i] = v
+            temperatures[i] = held if v == film.degC else v
             continue
         toward = math.copysign(1.0, gap)
         found, v_next, _, _ = solve(wanted, v, film.model, settings, memory, work)
@@ -200,7 +213,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     """
     count, lagging = targets.size, reach.lag_s > 0.0
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, turn, film, wanted)
+    reached = wanted_temperatures(targets, turn, film, now.film_degC, wanted)
     latest_departures(wanted, reach, departures)
     envelopes, radii, weights, code, par = film.model
     before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
