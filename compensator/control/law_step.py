@@ -208,14 +208,11 @@ def remembered(
 
 @njit(cache=True)
 def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
-    """How much of the way to a target that stays is not gone in this period: what the estimate of the output does not
-    know, but for the part of it that closes in `CLOSES_S`. To arrive late costs a moment, to arrive beyond a turning
-    point that nobody planned. Signed; nothing where the target goes on."""
-    if np.max(targets) > np.min(targets):
-        return 0.0
+    """How much of the way to a target that stays is not gone in this period, signed: what the estimate does not know,
+    but for what closes in `CLOSES_S`. To be late costs a moment, to be beyond a turning point that nobody planned."""
     _, _, weights, code, par = film.model
     gap = targets[0] - memoryless_value(code, par, film.degC) - weighted_sum(weights, film.plays)
-    if gap * toward <= 0.0:
+    if gap * toward <= 0.0 or np.max(targets) > np.min(targets):
         return 0.0
     later = math.exp(-period_s / CLOSES_S) * abs(gap)
     return math.copysign(min(later, CAUTION * math.sqrt(doubt)), gap)
@@ -231,9 +228,11 @@ def planned(
     now: Reference,
     toward: float,
     doubt: float,
+    noise: float,
     targets: Array,
 ) -> Planned:
-    """Where film and plate should be a period after the command acts. targets: without the disturbance."""
+    """A period after the command acts. targets: without the disturbance; doubt, noise: of the estimate, of a reading
+    (variances)."""
     low, high = current_range(plate, plate_degC, rule.current_limit_A)
     cooling = max(rule.rate_share * rate(plate, plate_degC, low), -rule.fastest_K_per_s)
     heating = min(rule.rate_share * rate(plate, plate_degC, high), rule.fastest_K_per_s)
@@ -243,8 +242,9 @@ def planned(
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
         band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
-        wanted = targets - left_for_later(targets, doubt, film, toward, rule.period_s) if rule.name == FULL else targets
-        found = next_reference(wanted, Turn(band, toward), film, now, reach)
+        if rule.name == FULL:
+            targets = targets - left_for_later(targets, min(doubt, noise), film, toward, rule.period_s)
+        found = next_reference(targets, Turn(band, toward), film, now, reach)
     film_degC = limited(found.reference.film_degC, rule.low_degC, rule.high_degC)
     own_degC = limited(found.reference.plate_degC, rule.low_degC, rule.high_degC)
     return Planned(Reference(film_degC, own_degC), found.output, found.move, found.reached)
@@ -340,7 +340,7 @@ def law_step(
         return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, doubt, targets)
+    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, doubt, known.output.variance, targets)
     now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
     toward = headed(s.toward, s.reference, plan)

@@ -135,7 +135,8 @@ def observed_step(
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
     before = state.reference
     lag_s, (disturbance, doubt) = observer.film_lag_s, told(errors)
-    plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, wanted - disturbance)
+    targets, noise = wanted - disturbance, estimate.output.variance
+    plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, noise, targets)
     next_output = there.output if math.isnan(plan.output) else plan.output + disturbance
     warming_K = observer.warming_K(there, next_output, test, rule.period_s) if math.isfinite(next_output) else 0.0
     now_K = warming_K if math.isnan(state.warming_K) else state.warming_K
