@@ -45,6 +45,7 @@ from compensator.thermal.plate import PlateModel
 
 NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
 GRID: Final = 101  # temperatures on which a film's range is looked at
+FOLD: Final = 0.01  # of the output's range that it turns back by: less is the slope of a film beyond its transition
 TINY: Final = 1e-9  # of an output: a film that does not move at all has sizes of error too
 LEAVES_EARLIER: Final = 2.0  # lags of the film by which the preview is longer: to speed up, and to brake
 
@@ -114,6 +115,7 @@ class Law:
             s.most_share,
             float(film is not None),
             self._output_range(),
+            float(self._folds()),
             s.gains,
         )
         self.ruled = np.array(flattener(Rule)(self.rule))
@@ -126,6 +128,16 @@ class Law:
         grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
         outputs, _ = self.film.simulate(grid, self.film.initial_memory(self.settings.low_degC, "heated"))
         return max(float(np.ptp(outputs)), TINY)
+
+    def _folds(self) -> bool:
+        """Whether the film's output turns back on its way from one of the law's limits to the other."""
+        if self.film is None:
+            return False
+        grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
+        outputs, _ = self.film.simulate(grid, self.film.initial_memory(self.settings.low_degC, "heated"))
+        steps = np.diff(outputs)
+        back = min(float(np.sum(np.maximum(steps, 0.0))), float(np.sum(np.maximum(-steps, 0.0))))
+        return back > FOLD * float(np.ptp(outputs))
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0

@@ -143,6 +143,7 @@ class Rule(NamedTuple):
     most_share: float
     has_film: float
     output_range: float
+    folds: float
     gains: PidGains
 
 
@@ -231,8 +232,7 @@ def planned(
     noise: float,
     targets: Array,
 ) -> Planned:
-    """A period after the command acts. targets: without the disturbance; doubt, noise: of the estimate, of a reading
-    (variances)."""
+    """A period later. targets: without the disturbance; doubt, noise: variances, of the estimate and of a reading."""
     low, high = current_range(plate, plate_degC, rule.current_limit_A)
     cooling = max(rule.rate_share * rate(plate, plate_degC, low), -rule.fastest_K_per_s)
     heating = min(rule.rate_share * rate(plate, plate_degC, high), rule.fastest_K_per_s)
@@ -242,9 +242,10 @@ def planned(
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
         band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
-        if rule.name == FULL:
+        stays_degC = film.degC if rule.folds else now.film_degC  # where D folds the output, a K may lie between them
+        if rule.name == FULL and not rule.folds:
             targets = targets - left_for_later(targets, min(doubt, noise), film, toward, rule.period_s)
-        found = next_reference(targets, Turn(band, toward), film, now, reach)
+        found = next_reference(targets, Turn(band, toward, stays_degC), film, now, reach)
     film_degC = limited(found.reference.film_degC, rule.low_degC, rule.high_degC)
     own_degC = limited(found.reference.plate_degC, rule.low_degC, rule.high_degC)
     return Planned(Reference(film_degC, own_degC), found.output, found.move, found.reached)

@@ -44,10 +44,12 @@ class FilmNow(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """When the output may turn round: band, in its unit, and the sign of its last move."""
+    """When the output may turn round: band, in its unit, and the sign of its last move; until then the film stays at
+    stays_degC."""
 
     band: float
     toward: float
+    stays_degC: float
 
 
 class Reach(NamedTuple):
@@ -97,7 +99,7 @@ def held_temperature(target: float, film: FilmNow, reference_degC: float) -> flo
 
 
 @njit(cache=True)
-def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, reference_degC: float, temperatures: Array) -> bool:
+def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
     """Temperatures (degC) for the coming targets from the present memory.
 
     To go on the way of its last move the film needs little; to turn round it has to cross the loop, so that noise on
@@ -106,7 +108,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, reference_deg
     whose side the target lies.
     """
     first_reached, toward, band = True, turn.toward, turn.band
-    held = held_temperature(targets[0], film, reference_degC)
+    held = held_temperature(targets[0], film, turn.stays_degC)
     v, memory, settings = film.degC, film.plays.copy(), film.settings
     limits = settings[0]
     envelopes, radii, weights, code, par = film.model
@@ -213,7 +215,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     """
     count, lagging = targets.size, reach.lag_s > 0.0
     wanted, departures = np.empty(count), np.empty(count)
-    reached = wanted_temperatures(targets, turn, film, now.film_degC, wanted)
+    reached = wanted_temperatures(targets, turn, film, wanted)
     latest_departures(wanted, reach, departures)
     envelopes, radii, weights, code, par = film.model
     before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
