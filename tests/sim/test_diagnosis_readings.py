@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.data.likelihood import expected_reading
+from sim.diagnosis.data.likelihood import expected_reading, likelihood
 from sim.diagnosis.data.record import held_out_rows, read_columns
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import sparse_loop
@@ -81,3 +81,11 @@ def test_the_rows_after_a_gap_are_not_held_out() -> None:
     assert np.mean(record.held_out) > 0.15
     assert 0.2 < np.mean(held_out_rows(3000)) < 0.25
     assert not np.any(read_columns(columns, held_out=False).held_out)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.1])
+def test_a_trial_without_an_end_is_unlikely_and_no_warning(step: float) -> None:
+    readings, shown = np.array([20.0, 20.0, 20.0]), np.array([20.0, 1e200, -1e300])
+    near, *far = likelihood(readings, shown, 1e-3, step).minus_log
+    assert near < 1.0
+    assert min(far) > 1e15

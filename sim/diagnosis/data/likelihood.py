@@ -31,10 +31,9 @@ class Likelihood:
 
 def likelihood(reading: Array, mu: Array, sigma: float, step: float) -> Likelihood:
     """Of readings for their predictions; step 0: no lattice."""
+    centre = np.clip((reading - mu) / sigma, -1e9, 1e9)  # a trial far off has a square
     if step == 0.0:
-        z = np.clip((reading - mu) / sigma, -1e9, 1e9)
-        return Likelihood(0.5 * z * z, z, np.ones_like(z))
-    centre = (reading - mu) / sigma
+        return Likelihood(0.5 * centre * centre, centre, np.ones_like(centre))
     side = np.where(centre >= 0.0, 1.0, -1.0)
     near, far = side * centre - 0.5 * step / sigma, side * centre + 0.5 * step / sigma  # near < far, mirrored
     log_far, log_near = log_ndtr(-far), log_ndtr(-near)
