@@ -1,6 +1,6 @@
 """A real clock, an empty cache, a busy computer: `calibrate`, then `run` of a minute, over pseudo-terminals.
 
-    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1] [--effect NAME:PARAMETER=VALUE]
+    ./peltier benchmark real_clock [--trials 20] [--busy 2] [--rest] [--at-once 1] [--effect NAME:param=value]
 
 Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default limits), a cache of compiled loops that
 is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked:
@@ -24,6 +24,10 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from rig.files.effect_tables import effect_in_words  # noqa: E402
+
 BUSY = "while True: sum(k * k for k in range(100000))"
 LONGEST_S = 900.0
 
@@ -88,20 +92,26 @@ offset = -4.0
 
 
 def hidden(effect: str) -> str:
-    """NAME:PARAMETER=VALUE as a table of a configuration; nothing for nothing."""
+    """An effect in words as a table of a configuration; nothing for nothing."""
     if not effect:
         return ""
-    name, _, value = effect.partition(":")
-    return f'[[simulation.effects]]\nname = "{name}"\n{value.replace("=", " = ")}\n'
+    lines = [f"{name} = {json.dumps(value)}" for name, value in effect_in_words(effect).items()]
+    return "\n".join(["[[simulation.effects]]", *lines, ""])
 
 
 def gained(folder: Path) -> dict[str, Any]:
-    """What an improvement says: names, and the error of the second run over that of the first."""
+    """What `improve` says: what it named or tried, and by which share the error became smaller; of other folders
+    nothing."""
     path = folder / "improvement.json"
     if not path.is_file():
         return {}
     document = json.loads(path.read_text())
     return {key: document.get(key) for key in ("new", "tried", "reduction", "not_run_because")}
+
+
+def verbs(effect: str) -> tuple[str, ...]:
+    """What a trial runs, one after the other."""
+    return ("calibrate", "run", "improve") if effect else ("calibrate", "run")
 
 
 def trial(number: int, folder: Path, effect: str) -> dict[str, Any]:
@@ -125,12 +135,12 @@ def trial(number: int, folder: Path, effect: str) -> dict[str, Any]:
         assert bench.stdout is not None
         ports = {line.split()[0]: line.split()[2] for line in (bench.stdout.readline(), bench.stdout.readline())}
         cold = {**environment, "NUMBA_CACHE_DIR": str(folder / "cold")}
-        known = 'model = "cal/MODEL.toml"'
-        for verb, model in (("calibrate", ""), ("run", known), ("improve", known))[: 3 if effect else 2]:
-            path = folder / f"{verb}.toml"
-            path.write_text(CONFIGURATION.format(**ports, model=model, **values))
+        for verb, model in (("calibrate", ""), ("run", 'model = "cal/MODEL.toml"')):
+            text = CONFIGURATION.format(**ports, model=model, **values)
+            (folder / f"{verb}.toml").write_text(text)
+        for verb in verbs(effect):
             out = folder / ("cal" if verb == "calibrate" else verb)
-            words = [str(path)] if verb != "improve" else ["run", "--config", "run.toml", "--yes"]
+            words = ["run", "--config", "run.toml", "--yes"] if verb == "improve" else [f"{verb}.toml"]
             begin = time.monotonic()
             done = subprocess.run(
                 [sys.executable, "-m", "rig", verb, *words, "--out", str(out)],
@@ -173,9 +183,8 @@ def main() -> int:
     parser.add_argument("--busy", type=int, default=2, help="endless loops a core")
     parser.add_argument("--at-once", type=int, default=1, help="trials that run beside each other")
     parser.add_argument("--rest", action="store_true", help="no endless loops")
-    parser.add_argument("--effect", default="", metavar="NAME:PARAMETER=VALUE", help="hidden in the rig, and improved")
+    parser.add_argument("--effect", default="", metavar="NAME:param=value", help="hidden in the rig, and improved")
     options = parser.parse_args()
-    verbs = ("calibrate", "run", "improve")[: 3 if options.effect else 2]
     trials = range(options.first, options.first + options.trials)
     loops = 0 if options.rest else options.busy * (os.cpu_count() or 1)
     busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(loops)]
@@ -183,7 +192,7 @@ def main() -> int:
     try:
         with ThreadPoolExecutor(options.at_once) as pool:
             for found in pool.map(partial(_in_a_folder, effect=options.effect), trials):
-                whole += all(found.get(verb) == 0 for verb in verbs)
+                whole += all(found.get(verb) == 0 for verb in verbs(options.effect))
                 longest_s = max(longest_s, found.get("unread_s", math.inf))
                 print(json.dumps(found), flush=True)
     finally:

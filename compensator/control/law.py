@@ -114,30 +114,22 @@ class Law:
             s.fastest_K_per_s,
             s.most_share,
             float(film is not None),
-            self._output_range(),
-            float(self._folds()),
+            *self._output_range(),
             s.gains,
         )
         self.ruled = np.array(flattener(Rule)(self.rule))
         self.packed_film, self.inverse = inverse.model.packed, inverse.settings(s.heading)
 
-    def _output_range(self) -> float:
-        """Of the film, from one of the law's limits to the other, in the output's unit; without one 1."""
+    def _output_range(self) -> tuple[float, float]:
+        """(the film's range from one of the law's limits to the other, in the output's unit; 1 where the output turns
+        back on that way, else 0); (1, 0) without a film."""
         if self.film is None:
-            return 1.0
+            return 1.0, 0.0
         grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
         outputs, _ = self.film.simulate(grid, self.film.initial_memory(self.settings.low_degC, "heated"))
-        return max(float(np.ptp(outputs)), TINY)
-
-    def _folds(self) -> bool:
-        """Whether the film's output turns back on its way from one of the law's limits to the other."""
-        if self.film is None:
-            return False
-        grid = np.linspace(self.settings.low_degC, self.settings.high_degC, GRID)
-        outputs, _ = self.film.simulate(grid, self.film.initial_memory(self.settings.low_degC, "heated"))
-        steps = np.diff(outputs)
+        whole, steps = float(np.ptp(outputs)), np.diff(outputs)
         back = min(float(np.sum(np.maximum(steps, 0.0))), float(np.sum(np.maximum(-steps, 0.0))))
-        return back > FOLD * float(np.ptp(outputs))
+        return max(whole, TINY), float(back > FOLD * whole)
 
     def start(
         self, temperature_degC: float, memory: Memory | None, current_A: float = 0.0, test_current_A: float = 0.0

@@ -25,6 +25,7 @@ from compensator.control.reference_shaping import (
     Reach,
     Reference,
     Turn,
+    left_for_later,
     limited,
     next_reference,
     next_temperature,
@@ -32,8 +33,8 @@ from compensator.control.reference_shaping import (
 from compensator.control.unknown_heat import Foretold, corrected_temperature, unknown_heats
 from compensator.control.unknown_memory import NONE, mean_of, taken_along, weighed
 from compensator.hysteresis.film import Memory, Packed, memory_owning
-from compensator.hysteresis.functions import Array, memoryless_value
-from compensator.hysteresis.play import advance, weighted_sum
+from compensator.hysteresis.functions import Array
+from compensator.hysteresis.play import advance, output_of
 from compensator.inverse.solve import Settings
 from compensator.thermal.plate import current_for_rate, current_range, rate
 from compensator.thermal.plate import step as plate_step
@@ -41,8 +42,6 @@ from compensator.thermal.plate import step as plate_step
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
 NAMES: Final = ("full", "feedforward", "pid", "instrument_pid", "temperature")
 FULL, FEEDFORWARD, PID, INSTRUMENT_PID, TEMPERATURE = range(5)  # places in NAMES, for compiled code
-CAUTION: Final = 1.0  # standard deviations of the output's estimate, by which a film stops short of a target that stays
-CLOSES_S: Final = 0.3  # in which it then goes on: readings that tell it where it is
 SLOWEST_K_PER_S: Final = 1e-6  # a reference that can move either way, however little the plate can
 
 
@@ -208,18 +207,6 @@ def remembered(
 
 
 @njit(cache=True)
-def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
-    """How much of the way to a target that stays is not gone in this period, signed: what the estimate does not know,
-    but for what closes in `CLOSES_S`. To be late costs a moment, to be beyond a turning point that nobody planned."""
-    _, _, weights, code, par = film.model
-    gap = targets[0] - memoryless_value(code, par, film.degC) - weighted_sum(weights, film.plays)
-    if gap * toward <= 0.0 or np.max(targets) > np.min(targets):
-        return 0.0
-    later = math.exp(-period_s / CLOSES_S) * abs(gap)
-    return math.copysign(min(later, CAUTION * math.sqrt(doubt)), gap)
-
-
-@njit(cache=True)
 def planned(
     rule: Rule,
     plate: Array,
@@ -232,7 +219,8 @@ def planned(
     noise: float,
     targets: Array,
 ) -> Planned:
-    """A period later. targets: without the disturbance; doubt, noise: variances, of the estimate and of a reading."""
+    """Where film and plate should be a period after the command acts. targets: without the disturbance; doubt, noise:
+    variances of the output's estimate and of a reading."""
     low, high = current_range(plate, plate_degC, rule.current_limit_A)
     cooling = max(rule.rate_share * rate(plate, plate_degC, low), -rule.fastest_K_per_s)
     heating = min(rule.rate_share * rate(plate, plate_degC, high), rule.fastest_K_per_s)
@@ -242,7 +230,7 @@ def planned(
         found = Planned(next_temperature(targets, now, reach), nan, 0.0, True)
     else:
         band = max(rule.band, rule.reversal * math.sqrt(doubt)) if rule.name != FEEDFORWARD else 0.0
-        stays_degC = film.degC if rule.folds else now.film_degC  # where D folds the output, a K may lie between them
+        stays_degC = film.degC if rule.folds else now.film_degC  # another branch may lie between them where D folds
         if rule.name == FULL and not rule.folds:
             targets = targets - left_for_later(targets, min(doubt, noise), film, toward, rule.period_s)
         found = next_reference(targets, Turn(band, toward, stays_degC), film, now, reach)
@@ -320,20 +308,20 @@ def law_step(
     foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC)
     shown, here, known, heats = read_temperature(rule, s.estimate, heats, foretold, 0.0, inputs)
     plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
-    envelopes, radii, weights, code, par = film
+    envelopes, radii, _, _, _ = film
     if rule.has_film:
         if possible.shape[0] > 0:
             taken_along(possible, here, v, film)
             mean_of(possible, plays)
         else:
             advance(here, v, envelopes, radii, plays)
-        v, output = here, memoryless_value(code, par, here) + weighted_sum(weights, plays)
+        v, output = here, output_of(film, here, plays)
         off = inputs.output + s.moved / period * (inputs.output_age_s + inputs.acts_after_s) - output
         before = errors
         known, errors = read_output(rule, known, errors, off, s.moved, inputs)
         if possible.shape[0] > 0:
             possible, plays, errors = remembered(rule, before, errors, known, possible, plays, off, s.moved, film)
-            output = memoryless_value(code, par, here) + weighted_sum(weights, plays)
+            output = output_of(film, here, plays)
     disturbance, doubt = told(errors)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)

@@ -24,13 +24,15 @@ from numba import njit
 
 from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
-from compensator.hysteresis.functions import Array, memoryless_value
+from compensator.hysteresis.functions import Array
 from compensator.inverse.branch import workspace
 from compensator.inverse.solve import HIGH, LOW, Settings, arrive, solve
 
 DEPARTURES: Final = 5  # departure times that are tried, between now and just in time
 LEADS: Final = 9  # of a lagging film: twice as many leave 0.93 of the error, half as many 1.3 times it
 LONGEST_LEAD: Final = 0.6  # of the film's lag: the longest lead that is tried
+CAUTION: Final = 1.0  # standard deviations of the output, by which a film stops short of a target that stays
+CLOSES_S: Final = 0.3  # in which it then goes the rest of the way: some readings
 SLOWED_S: Final = 2.0  # a film that lags by this much leaves for a jump as if the plate had half of its rates
 
 
@@ -44,8 +46,8 @@ class FilmNow(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """When the output may turn round: band, in its unit, and the sign of its last move; until then the film stays at
-    stays_degC."""
+    """When the output may turn round: band, in its unit, and the sign of its last move; stays_degC: where the film is
+    to stay until then."""
 
     band: float
     toward: float
@@ -88,13 +90,12 @@ class Planned(NamedTuple):
 
 @njit(cache=True)
 def held_temperature(target: float, film: FilmNow, reference_degC: float) -> float:
-    """Where a film stays that asks for no move: where it was to be, unless that is further from the target than where
-    it is. A reference that followed the film would take every drift of the plate for its own."""
-    _, _, weights, code, par = film.model
-    memory = film.plays.copy()
-    here = play.weighted_sum(weights, memory) + memoryless_value(code, par, film.degC)
-    play.advance(reference_degC, film.degC, film.model[0], film.model[1], memory)
-    there = play.weighted_sum(weights, memory) + memoryless_value(code, par, reference_degC)
+    """Where a film stays (degC) that asks for no move: where it was to be, unless that leads away from the target; then
+    where it is. A reference that followed the film would take every drift of the plate for its own."""
+    memory, envelopes, radii = film.plays.copy(), film.model[0], film.model[1]
+    here = play.output_of(film.model, film.degC, memory)
+    play.advance(reference_degC, film.degC, envelopes, radii, memory)
+    there = play.output_of(film.model, reference_degC, memory)
     return reference_degC if (there - here) * (target - here) >= 0.0 else film.degC
 
 
@@ -111,10 +112,10 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
     held = held_temperature(targets[0], film, turn.stays_degC)
     v, memory, settings = film.degC, film.plays.copy(), film.settings
     limits = settings[0]
-    envelopes, radii, weights, code, par = film.model
+    envelopes, radii, _, _, _ = film.model
     work = workspace(film.model)
     for i in range(targets.size):
-        output = play.weighted_sum(weights, memory) + memoryless_value(code, par, v)
+        output = play.output_of(film.model, v, memory)
         wanted = targets[i]
         gap = wanted - output
         if gap == 0.0 or (gap * toward <= 0.0 and abs(gap) <= band):
@@ -131,6 +132,22 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
         v = v_next
         temperatures[i] = v
     return first_reached
+
+
+@njit(cache=True)
+def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
+    """How much of the way to a target that stays is not gone in this period: as much as the output is not known by, but
+    for what closes in `CLOSES_S`.
+
+    To arrive late costs a moment; to arrive beyond costs a turning point that nobody planned. Signed, in the output's
+    unit; doubt: the variance of the output; toward: the sign of its last move. Nothing where the target goes on, or the
+    output has to turn round.
+    """
+    gap = targets[0] - play.output_of(film.model, film.degC, film.plays)
+    if gap * toward <= 0.0 or np.max(targets) > np.min(targets):
+        return 0.0
+    later = math.exp(-period_s / CLOSES_S) * abs(gap)
+    return math.copysign(min(later, CAUTION * math.sqrt(doubt)), gap)
 
 
 @njit(cache=True)
@@ -217,8 +234,8 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     wanted, departures = np.empty(count), np.empty(count)
     reached = wanted_temperatures(targets, turn, film, wanted)
     latest_departures(wanted, reach, departures)
-    envelopes, radii, weights, code, par = film.model
-    before = memoryless_value(code, par, film.degC) + play.weighted_sum(weights, film.plays)
+    envelopes, radii, _, _, _ = film.model
+    before = play.output_of(film.model, film.degC, film.plays)
     best, cheapest, best_output = now, math.inf, before
     choices = 1 if np.array_equal(wanted, departures) else DEPARTURES  # all the same where nothing has to leave early
     for choice in range(LEADS if lagging else choices):
@@ -234,7 +251,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
             at = moved(at, goal, ahead_s + further * reach.spacing_s, dt, reach)
             play.advance(at.film_degC, v, envelopes, radii, memory)
             v = at.film_degC
-            error = memoryless_value(code, par, v) + play.weighted_sum(weights, memory) - targets[i]
+            error = play.output_of(film.model, v, memory) - targets[i]
             cost += dt * error * error
             if i == 0:
                 first, output = at, error + targets[i]

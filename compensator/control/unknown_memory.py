@@ -19,8 +19,8 @@ import numpy as np
 from numba import njit
 
 from compensator.hysteresis.film import FilmModel, Packed
-from compensator.hysteresis.functions import Array, memoryless_value
-from compensator.hysteresis.play import advance, weighted_sum
+from compensator.hysteresis.functions import Array
+from compensator.hysteresis.play import advance, output_of, weighted_sum
 
 COUNT: Final = 400  # memories: some hundred are still likely after minutes, so that their mean is smooth
 TURNS: Final = 4  # turning points before the last, at most: of nested loops the outermost decide
@@ -36,17 +36,12 @@ NONE.setflags(write=False)
 
 
 @njit(cache=True)
-def _output(v: float, film: Packed, plays: Array) -> float:
-    return memoryless_value(film[3], film[4], v) + weighted_sum(film[2], plays)
-
-
-@njit(cache=True)
 def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) -> float:
     """The output at v after an excursion to `turn` and back, from `before`; plays: the memory then."""
     plays[:] = before
     advance(turn, v, film[0], film[1], plays)
     advance(v, turn, film[0], film[1], plays)
-    return _output(v, film, plays)
+    return output_of(film, v, plays)
 
 
 @njit(cache=True)
@@ -63,7 +58,7 @@ def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, play
         at = toward
     advance(v, at, film[0], film[1], plays)
     before = plays.copy()
-    rest = _output(v, film, before)
+    rest = output_of(film, v, before)
     end = high if output > rest else low
     left = output - _returned(v, end, film, before, plays)
     if left * (output - rest) > 0.0:  # the film is at the edge of its loop, or this course leads elsewhere
@@ -88,7 +83,7 @@ def _drawn(output: float, v: float, ends: Array, film: Packed, chances: Array, n
         plays = start[0 if chance[0] < 0.5 else 1].copy()
         if _one(output + noise[found], v, ends, film, chance, plays):
             rows[found, :operators] = plays
-            rows[found, operators] = output - _output(v, film, plays)
+            rows[found, operators] = output - output_of(film, v, plays)
             found += 1
         tried += 1
     return rows[:found]

@@ -66,6 +66,13 @@ def weighted_sum(weights: Array, memory: Array) -> float:
 
 
 @njit(cache=True)
+def output_of(film: tuple[Array, Array, Array, int, Array], v: float, memory: Array) -> float:
+    """Output u of a film at v (degC) with this memory, eq (9). film: as of `run`."""
+    _, _, weights, code, par = film
+    return memoryless_value(code, par, v) + weighted_sum(weights, memory)
+
+
+@njit(cache=True)
 def run(
     inputs: Array,
     v_before: float,

@@ -5,6 +5,7 @@ They are used on a record of the simulated rig, so that every loop is compiled f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from rig.analysis.predicted import predicted
 from rig.files.model_file import Model
 from rig.files.record import Record
 from rig.rehearsal.simulated import simulate, simulated_configuration, simulated_rig
+from sim.diagnosis.data.noise_model import NoiseModel
 
 HERE = Path("precompile")  # where messages would say that the configuration stands
 PROFILE = ["start 1.1 A", "sine 1.2 A period 160 s for 160 s"]  # once through the transition of the template's film
@@ -28,7 +30,8 @@ BUDGET_S = 20.0  # of the diagnosis: by then it has called each loop
 
 
 def precompile() -> None:
-    """Identify, predict, invert and diagnose a simulated record."""
+    """Identify, predict, invert and diagnose a simulated record; its noise is independent from row to row, as an
+    instrument's often is not."""
     record = _record()
     film = identified([record], AskedFit(), lambda text: None).model.film
     assert film is not None
@@ -36,6 +39,7 @@ def precompile() -> None:
     for initial in (None, "fitted"):
         predicted(model, record, HERE, initial=initial)
     inverted(film, np.array([3e4, 8e3, 1.5e4]), HERE)
+    replace(NoiseModel.white(1.0), correlation=0.5).on(np.arange(3), np.zeros(3)).over(np.ones((3, 2)))
 
 
 def _record() -> Record:

@@ -141,10 +141,8 @@ def plain_step(
     else:
         settings = Inverse(film, s.low_degC, s.high_degC).settings()
         band = max(s.band, s.reversal * math.sqrt(known.doubt)) if s.name != "feedforward" else 0.0
-        turn, now = (
-            Turn(band, known.toward, before),
-            FilmNow(memory.input_degC, memory.plays.copy(), film.packed, settings),
-        )
+        turn = Turn(band, known.toward, before)
+        now = FilmNow(memory.input_degC, memory.plays.copy(), film.packed, settings)
         plan = next_reference(targets - disturbance, turn, now, Reference(before, before), reach)
         following, known.moved = plan.reference.film_degC, plan.move
         if following != before and known.moved != 0.0:

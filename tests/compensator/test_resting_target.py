@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from compensator.control.law import Law, LawSettings
-from compensator.control.law_step import CAUTION, CLOSES_S, Inputs, left_for_later
+from compensator.control.law_step import Inputs
 from compensator.control.pid import PidGains
-from compensator.control.reference_shaping import FilmNow, held_temperature
-from compensator.hysteresis.functions import memoryless_value
-from compensator.hysteresis.play import weighted_sum
+from compensator.control.reference_shaping import CAUTION, CLOSES_S, FilmNow, held_temperature, left_for_later
+from compensator.hysteresis.play import output_of
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 from tests.compensator.film_models import THIRTY_OPERATORS as FILM
@@ -28,17 +27,13 @@ def film_at(degC: float) -> FilmNow:
     return FilmNow(degC, memory.plays.copy(), FILM.packed, Inverse(FILM, 10.0, 95.0).settings())
 
 
-def output_of(film: FilmNow) -> float:
-    return float(weighted_sum(FILM.packed[2], film.plays) + memoryless_value(*FILM.packed[3:], film.degC))
-
-
 @pytest.mark.parametrize("drift_K", [0.02, -0.02])
 @pytest.mark.parametrize("beyond", [0.001, -0.001])
 def test_a_film_that_asks_for_no_move_goes_back_to_its_reference_but_not_further_from_its_target(
     drift_K: float, beyond: float
 ) -> None:
     film = film_at(60.0)
-    target = output_of(film) - beyond  # a warmer film has a larger output
+    target = output_of(film.model, film.degC, film.plays) - beyond  # a warmer film has a larger output
     towards = drift_K * beyond > 0.0  # what the drift did is undone where that is towards the target
     held = held_temperature(target, film, 60.0 - drift_K)
     assert held == (60.0 - drift_K if towards else 60.0)
@@ -50,7 +45,7 @@ def test_a_target_that_goes_on_is_followed_as_it_is() -> None:
 
 def test_a_film_stops_short_of_a_target_that_stays_and_goes_on_slowly_but_turns_round_at_once() -> None:
     film, doubt = film_at(60.0), 1e-6
-    here, rest = output_of(film), math.exp(-PERIOD_S / CLOSES_S)
+    here, rest = output_of(film.model, film.degC, film.plays), math.exp(-PERIOD_S / CLOSES_S)
     assert left_for_later(np.full(3, here - 0.5), doubt, film, -1.0, PERIOD_S) == pytest.approx(-CAUTION * 1e-3)
     assert left_for_later(np.full(3, here + 0.5), doubt, film, 1.0, PERIOD_S) == pytest.approx(CAUTION * 1e-3)
     assert left_for_later(np.full(3, here - 1e-4), doubt, film, -1.0, PERIOD_S) == pytest.approx(-rest * 1e-4)

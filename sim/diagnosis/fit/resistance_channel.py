@@ -33,8 +33,8 @@ from sim.model.recorded import COARSE, Spacing
 GAP = 4.0  # times the noise that the errors of two ranges are apart, from which a reading tells its range
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
-AS_LINEAR = 0.01  # of the cost, by which the ohmmeter's bends change it, below which nothing is solved again
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
+AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
 SETTLE, EACH = 3, 3  # turns of the widths before and after a descent; steps of it after which they follow
