@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from compensator.control.design import SPLINE
 from compensator.control.law import Law
 from compensator.control.linear_plant import LinearPlant, Timing
 from compensator.control.operating_points import LEVELS, Point, operating_points
@@ -98,7 +99,7 @@ def loop_margins_at(point: Point, ratio: float) -> LoopMargins:
     loop = judged(point, ratio, omega)
     if slowest_root(point, point.plant.steeper(ratio)) >= 1.0 - 1e-9:
         return LoopMargins(False, 0.0, 0.0, math.inf, math.inf, math.inf, 0.0, 1.0, 0.0, math.nan)
-    response = control.frd(loop, omega, smooth=True)
+    response = control.frd(loop[::SPLINE], omega[::SPLINE], smooth=True)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         gain, phase, _, crossover = control.margin(response)

@@ -128,7 +128,7 @@ def columns_followed(effect: Switched, time_s: Array, columns: Array) -> Array:
         together = np.empty(columns.shape)
         form.columns(effect.par, time_s, np.ascontiguousarray(columns), together)
         return together
-    out = np.empty_like(columns.T)
+    out = np.empty(columns.shape[::-1])  # in C order: a filter is compiled for one
     for k, column in enumerate(np.ascontiguousarray(columns.T)):
         form.run(effect.par, time_s, column, np.array([column[0]]), out[k])
     return np.ascontiguousarray(out.T)

@@ -225,4 +225,4 @@ class Observer:
 
 def _lag_s(effects: Effects) -> float:
     """Sum of the lags' time constants."""
-    return sum(e.values().get(LAG_PARAMETER, 0.0) for e in effects if isinstance(e.effect.form, Filter))
+    return math.fsum(e.values().get(LAG_PARAMETER, 0.0) for e in effects if isinstance(e.effect.form, Filter))

@@ -14,7 +14,7 @@ from tests.diagnosis.cases import Case, case
 
 @pytest.fixture(scope="module")
 def lagging() -> Case:
-    return case("one", 1, effect="sensor_lag")
+    return case("one", 1, effect="sensor_lag", rows=2000)
 
 
 def test_what_is_assumed_is_fitted_and_not_found(lagging: Case) -> None:

@@ -42,7 +42,7 @@ def test_more_evidence_is_less_often_false_but_never_less_than_is_known_of_clean
 
 def test_what_is_named_at_one_per_cent_is_not_at_one_in_a_billion() -> None:
     """A lag of the sensor under noise of 1 K: it shows, as one of what moves the reading later, and not by much."""
-    found = case("one", 7, effect="sensor_lag").columns
+    found = case("one", 7, effect="sensor_lag", rows=2000).columns
     noisy = found["temperature_degC"] + np.random.default_rng(1).standard_normal(found["time_s"].size)
     columns = {"time_s": found["time_s"], "current_A": found["current_A"], "temperature_degC": noisy}
     document = diagnose(columns).document()

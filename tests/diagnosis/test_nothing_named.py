@@ -12,7 +12,7 @@ from tests.diagnosis.said import covered, names
 
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.other_processor), 1])
 def test_nothing_hidden_nothing_named(seed: int) -> None:
-    document = diagnose(case("clean", seed).columns).document()
+    document = diagnose(case("clean", seed, rows=2000).columns).document()
     assert names(document) == set()
     assert document["verdict"] == "clean"
     assert document["candidates"] == []

@@ -21,7 +21,7 @@ ONE = [
 
 @pytest.mark.parametrize(("effect", "seed"), ONE)
 def test_one_hidden_effect(effect: str, seed: int) -> None:
-    blind = case("one", seed, effect=effect)
+    blind = case("one", seed, effect=effect, rows=2000)
     document = diagnose(blind.columns).document()
     assert names(document) == {effect}
     assert document["verdict"] == "explained"
@@ -41,18 +41,18 @@ def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
 
 
 def test_a_base_without_d_lacks_it() -> None:
-    blind = case("one", 201, effect="memoryless_term")
+    blind = case("one", 201, effect="memoryless_term", rows=2000)
     document = diagnose(blind.columns, **blind.options).document()
     assert names(document) == {"memoryless_term"}
 
 
 def test_a_record_without_current_and_one_without_resistance() -> None:
-    blind = case("one", 1, effect="creep")
+    blind = case("one", 1, effect="creep", rows=2000)
     film = {k: v for k, v in blind.columns.items() if k != "current_A"}
     document = diagnose(film).document()
     assert document["channels"]["temperature_K"] is None
     assert names(document) == {"creep"}
-    blind = case("one", 1, effect="sensor_lag")
+    blind = case("one", 1, effect="sensor_lag", rows=2000)
     plate = {k: v for k, v in blind.columns.items() if k != "resistance_ohm"}
     document = diagnose(plate).document()
     assert document["channels"]["resistance_dec"] is None

@@ -35,7 +35,7 @@ def mirrored(found: Case, series_ohm: float = 0.0, leakage_ohm: float = np.inf) 
 
 @pytest.mark.long
 def test_a_shunt_beside_a_film_that_rises() -> None:
-    found = case("clean", 2)
+    found = case("clean", 2, rows=2000)
     size = float(np.nanpercentile(mirrored(found)["resistance_ohm"], 95))
     columns = mirrored(found, leakage_ohm=size)
     said = diagnose(columns, output="log10_ohm")
@@ -69,7 +69,7 @@ def test_another_quantity_is_stretched_and_comes_back_in_its_unit() -> None:
 
 def test_the_verb_on_a_quantity_that_falls(tmp_path: Path, peltier: Peltier) -> None:
     """A film's transmission, in percent, that falls on heating: the effect, its channel, the extended model."""
-    found = case("one", 1, effect="film_lag")
+    found = case("one", 1, effect="film_lag", rows=2000)
     columns = dict(found.columns)
     log_ohm = np.log10(columns.pop("resistance_ohm"))
     columns.pop("meter_current_A")
@@ -106,7 +106,7 @@ def test_the_verb_on_a_quantity_that_falls(tmp_path: Path, peltier: Peltier) -> 
 
 def test_the_verb_on_a_resistance_that_rises(tmp_path: Path, peltier: Peltier) -> None:
     """Found without being told; leads in the extended model come back in a prediction."""
-    found = case("clean", 2)
+    found = case("clean", 2, rows=2000)
     ohm = float(np.nanpercentile(mirrored(found)["resistance_ohm"], 5))
     write_columns(tmp_path / "rising.csv", mirrored(found, series_ohm=ohm))
     words = ("--json", tmp_path / "out.json", "--report", tmp_path / "report")

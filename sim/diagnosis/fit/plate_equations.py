@@ -86,27 +86,27 @@ class PlateEquations:
         record = self.record
         return first_readings(record, np.where(record.temperature_used, record.temperature_degC, np.nan))
 
-    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Array, Array, Array]:
-        """Effects with values, the temperatures of those on the plate's balance (beginnings, effects), how far the
-        filters are behind (beginnings, filters), both in the chain's order, and by how much the room is warmer than the
-        first record's (beginnings,)."""
+    def split(self, p: PlateParameters, x: Array) -> tuple[list[Switched], Links, Array, Array, Array]:
+        """Effects with values, their links, the temperatures of those on the plate's balance (beginnings, effects), how
+        far the filters are behind (beginnings, filters), both in the chain's order, and by how much the room is warmer
+        than the first record's (beginnings,)."""
         end = x.size - self._owns(p.effects)
         effects = with_values(p.effects, x[len(p.base) : end])
         p = replace(p, x=x)
         ambient, rooms = p.plate()[-1], np.append(0.0, p.rooms_K)[self._record_of]
         apart = APART_K * x[end:].reshape(-1, self.anew.size)
-        flows = links_of(effects).plate
+        links = links_of(effects)
+        flows = links.plate
         place = [k for k, e in enumerate(flows) if has_own(e)]
         own = np.repeat((ambient + rooms)[:, None], len(flows), axis=1)
         own[:, place] += apart[: len(place)].T
-        return effects, own, apart[len(place) :].T, rooms
+        return effects, links, own, apart[len(place) :].T, rooms
 
     def simulate(
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath | None = None
     ) -> tuple[PlatePath, Array]:
         """The plate's path and what is shown in all rows. path: the plate's, where only the thermometer is another."""
-        effects, own, late, rooms = self.split(p, x)
-        links = links_of(effects)
+        _, links, own, late, rooms = self.split(p, x)
         p, nodes = replace(p, x=x), self._nodes(links)
         if path is not None:
             return path, behind_thermometer(self.record, nodes, links, self.anew, late, path, self.spacing)

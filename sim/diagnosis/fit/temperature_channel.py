@@ -204,7 +204,7 @@ class TemperatureChannel(PlateEquations):
         self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
     ) -> TemperatureFit:
         like = self.likelihood(shown)
-        effects, _, _, _ = self.split(p, x)
+        effects = self.split(p, x)[0]
         final = replace(p, effects=tuple(effects), x=x, first_degC=first)
         minus_log = float(self.weight @ like.minus_log)
         if self.misfit > 1.0:  # there sizes that nobody meets count against an effect

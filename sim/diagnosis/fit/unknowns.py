@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -58,7 +59,12 @@ def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
 
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
     """The unknown of an effect's parameter."""
-    name = f"{effect.name}.{parameter.name}"
+    return _unknown(effect.name, parameter)
+
+
+@lru_cache(maxsize=256)  # asked for at every trial of a descent
+def _unknown(effect: str, parameter: Parameter) -> Unknown:
+    name = f"{effect}.{parameter.name}"
     if parameter.signed:
         scale = float(np.sqrt(parameter.smallest * parameter.largest))
         return free(name, scale, -ABOVE * parameter.largest, ABOVE * parameter.largest)

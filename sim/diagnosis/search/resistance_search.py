@@ -35,6 +35,7 @@ SETTLED = 0.5  # log-likelihood that another round brings
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
 PAIR_SIZES = 7  # of each of two effects: 49 pairs
 TWO_AT_ONCE = 8.0  # log-likelihood from which two effects at once are tried
+SOME_OF_IT = 0.3  # of the work of relays, from which an effect is followed to the end in their place
 UNDERSTOOD = 30.0  # mean square residual over noise below which the memory at the first row is looked for anew
 RESHAPED_FROM = 1.2  # mean square residual over noise from which the envelopes are searched for anew
 
@@ -204,10 +205,17 @@ class ResistanceSearch:
     def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
         """One more effect from where it does the most of the relays' work: beside a Prandtl-Ishlinskii film if that
         leaves nothing, else beside the fit's relays; kept."""
-        plain = self.plain(self.quick(fit, name).parameters)
-        if self.channel.mean_square(plain) <= RELAYS_FROM:
-            return self.keep(plain)
+        plain = self.quick(fit, name)
+        if self._gone(fit, plain) > SOME_OF_IT:
+            plain = self.plain(plain.parameters)
+            if self.channel.mean_square(plain) <= RELAYS_FROM:
+                return self.keep(plain)
         return self.beside(fit, next(e for e in plain.effects if e.name == name))
+
+    def _gone(self, fit: ResistanceFit, plain: ResistanceFit) -> float:
+        """Which share of what a fit leaves without its relays another leaves no more: 1 does all of their work."""
+        without = self.channel.descend((fit.plain or fit.parameters).with_relays(0.0), 1)
+        return (without.minus_log - plain.minus_log) / max(without.minus_log - fit.minus_log, 1e-30)  # > 0
 
     def absorbed(self, fit: ResistanceFit, effect: Effect, within: float = WITHIN) -> Switched | None:
         """The size of an effect beside which the film fits about as well as without it, the best; None without one."""
