@@ -210,7 +210,9 @@ def corrected_temperature(
         now = passed(before, by)
         moved = told.shown_degC - told.shown_before_degC + now.thermometer_K - before.thermometer_K
         since_K = moved * acts_after_s / period_s
-        after[k] = packed(corrected(now, reading_degC + since_K - told.shown_degC, noise.variance), HEAT)
+        row = packed(corrected(now, reading_degC + since_K - told.shown_degC, noise.variance), HEAT)
+        for j in range(HEAT):  # a whole row at once would compile numpy's broadcasting, 8 s
+            after[k, j] = row[j]
     likely, s, p, d = weighed(after, period_s), 0.0, 0.0, 0.0
     for k in range(likely.size):
         s += likely[k] * after[k, OVER]

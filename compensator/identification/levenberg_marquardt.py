@@ -72,21 +72,30 @@ def descend(
     linearized: Callable[[Point], Linearized[Point]],
     settled: Callable[[float, float], bool],
     damping: Damping = Damping(),
+    least_gain: float = 0.0,
 ) -> Point:
-    """The point reached in at most `steps` steps. settled: whether a step from one cost to another was the last."""
+    """The point reached in at most `steps` steps. settled: whether a step from one cost to another was the last;
+    least_gain: of the cost, that a step has to promise to be tried."""
     at, level = start, damping.first
     for _ in range(steps):
         before = cost(at)
-        at, level = damped_step(at, cost, linearized(at), level, damping)
+        at, level = damped_step(at, cost, linearized(at), level, damping, least_gain)
         if settled(before, cost(at)):
             break
     return at
 
 
 def damped_step(
-    at: Point, cost: Callable[[Point], float], about: Linearized[Point], level: float, damping: Damping
+    at: Point,
+    cost: Callable[[Point], float],
+    about: Linearized[Point],
+    level: float,
+    damping: Damping,
+    least_gain: float = 0.0,
 ) -> tuple[Point, float]:
-    """The point after one step that gains, or the same where none does; and the damping for the next. level: of now."""
+    """The point after one step that gains, or the same where none does; and the damping for the next. level: of now;
+    least_gain: of the cost, that a step has to promise to be tried (g' step - 1/2 step' N step): at a minimum none
+    does, and each of `trials` would be in vain."""
     norm = np.sqrt(about.scale)
     scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
     before = cost(at)
@@ -94,7 +103,10 @@ def damped_step(
         damped = scaled + level * np.eye(norm.size)
         if about.floor > 0.0:
             damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), about.floor)
-        trial = about.moved(np.linalg.solve(damped, gradient) / norm)
+        step = np.linalg.solve(damped, gradient)
+        if float(gradient @ step - 0.5 * step @ scaled @ step) < least_gain:
+            break
+        trial = about.moved(step / norm)
         if cost(trial) < before:
             return trial, max(damping.less * level, damping.least)
         level = max(damping.more * level, damping.least_after_failure)

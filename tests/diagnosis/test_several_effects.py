@@ -13,6 +13,14 @@ from tests.diagnosis.said import covered, names
 
 
 def test_two_hidden_effects() -> None:
+    blind = case("two", 1, effects=("sensor_lag", "film_lag"), rows=2000)
+    document = diagnose(blind.columns).document()
+    assert names(document) == set(blind.hidden)
+    covered(document, blind)
+
+
+@pytest.mark.long
+def test_a_resistance_that_relays_may_stand_in_for() -> None:
     """With the memory at the first row that fits best without the series resistance, relays do its work."""
     blind = case("two", 9000)
     document = diagnose(blind.columns).document()

@@ -18,9 +18,9 @@ from tests.diagnosis.cases import case
     [
         ("self_heating", "theta_K_per_W", 1),
         ("parallel_leakage", "leakage_ohm", 2),
-        ("heat_sink_warmup", "sink_capacity_ratio", 1),
-        ("film_lag", "tau_s", 1),
-        ("actuator_deadband", "deadband_A", 2),
+        pytest.param("heat_sink_warmup", "sink_capacity_ratio", 1, marks=pytest.mark.long),
+        pytest.param("film_lag", "tau_s", 1, marks=pytest.mark.long),
+        pytest.param("actuator_deadband", "deadband_A", 2, marks=pytest.mark.long),
     ],
 )
 def test_the_true_size_is_below_and_not_far(effect: str, parameter: str, seed: int) -> None:

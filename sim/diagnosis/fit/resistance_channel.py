@@ -36,6 +36,7 @@ SAME_COST = 1.0  # by which another round changes it, from which the solution st
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
 AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
+PROMISED = 0.1  # of what settles a descent: a step that promises less is not tried
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
 SETTLE, EACH = 3, 3  # turns of the widths before and after a descent; steps of it after which they follow
 DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
@@ -170,7 +171,7 @@ class ResistanceChannel(FilmEquations):
             scale = np.maximum(np.diag(normal), FLAT * float(np.max(np.diag(normal))) + 1e-30)  # > 0
             before = loss(point)
             about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
-            point, damping = damped_step(point, loss, about, damping, DAMPING)
+            point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * tolerance)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=point.film_output)
             if settle and iteration % EACH == EACH - 1:

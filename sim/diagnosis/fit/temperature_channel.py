@@ -31,6 +31,7 @@ DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 FIRST_STEP_K = 0.01  # of first temperatures in difference quotients: the plate is next to linear in them
 FAR, STEP = 20.0, 1e-3  # of a body's or filter's own temperature, over `APART_K`: the furthest; of its differences
+PROMISED = 0.1  # of what settles a descent: a step that promises less is not tried
 STEPS, SETTLED = 40, 1e-3  # of a descent, which costs little; log-likelihood that the last one gains
 
 
@@ -187,7 +188,13 @@ class TemperatureChannel(PlateEquations):
 
         start = tried(np.clip(p.x, low, high), p.first_degC.copy())
         best = descend(
-            start, steps, lambda at: at.cost, linearized, lambda before, after: before - after < tolerance, DAMPING
+            start,
+            steps,
+            lambda at: at.cost,
+            linearized,
+            lambda before, after: before - after < tolerance,
+            DAMPING,
+            PROMISED * tolerance,
         )
         self._slopes(p, best, high, h, jacobian)
         return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
