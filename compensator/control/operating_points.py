@@ -82,7 +82,7 @@ def believed(law: Law, noise_K: float, state: LawState) -> LawState:
     there = Foretold(0.0, 0.0, 0.0, 0.0)
     for _ in range(SETTLED):
         heats = corrected_temperature(known, heats, there, 0.0, law.settings.period_s, 0.0, lag_s)[-1]
-    heats.setflags(write=False)
+        heats.setflags(write=False)  # as the law hands it over: compiled for one type
     output = state.estimate.output._replace(variance=QUIET[0])
     return state._replace(
         estimate=known._replace(output=output), errors=one_error(state.disturbance, QUIET[1]), heats=heats

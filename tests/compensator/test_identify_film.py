@@ -44,7 +44,7 @@ def error_elsewhere(fit: FilmFit, film: FilmModel, seed: int = 5) -> float:
     return rms(outputs(fit.model, v) - outputs(film, v))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_a_film_of_the_class_is_found_to_its_noise(seed: int) -> None:
     time, temperature, y, _ = record(seed)
     fit = identify_film(time, temperature, y)

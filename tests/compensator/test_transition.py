@@ -17,6 +17,7 @@ from tests.diagnosis.truth.draw import draw_film
 QUICK = (0, 2, 7, 8, 9, 10, 11, 12, 15, 18, 21, 23)  # of the benchmark's films, of each kind, those with few rows
 
 
+@pytest.mark.long
 def test_a_dozen_films_of_three_kinds() -> None:
     """36 numbers: with intervals that hold 95 % fewer than 31 are inside once in 300 such dozens."""
     rows = [row for seed in QUICK for row in judged(seed)[0] if row[1] in ASKED]

@@ -14,7 +14,7 @@ from benchmarks._mutations import mutated
 from rig.__main__ import main
 
 QUICK = {"predict", "invert", "tune", "off", "replay", "identify"}  # what needs no instruments, and takes milliseconds
-COUNT = 120
+COUNT = 72
 
 
 @pytest.fixture(scope="module")
