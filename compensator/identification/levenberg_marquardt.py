@@ -24,6 +24,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 
 FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
+PROMISED: Final = 0.1  # of the gain that settles a descent: a step that promises less is not worth a trial
 
 Point = TypeVar("Point")
 

@@ -35,7 +35,7 @@ def mirrored(found: Case, series_ohm: float = 0.0, leakage_ohm: float = np.inf) 
 
 @pytest.mark.long
 def test_a_shunt_beside_a_film_that_rises() -> None:
-    found = case("clean", 2, rows=2000)
+    found = case("clean", 2)
     size = float(np.nanpercentile(mirrored(found)["resistance_ohm"], 95))
     columns = mirrored(found, leakage_ohm=size)
     said = diagnose(columns, output="log10_ohm")

@@ -16,7 +16,14 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, damped_step, held_at_bounds
+from compensator.identification.levenberg_marquardt import (
+    FLAT,
+    PROMISED,
+    Damping,
+    Linearized,
+    damped_step,
+    held_at_bounds,
+)
 from sim.diagnosis.data.noise_model import NoiseModel, Whitens
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
@@ -36,7 +43,6 @@ SAME_COST = 1.0  # by which another round changes it, from which the solution st
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
 AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
-PROMISED = 0.1  # of what settles a descent: a step that promises less is not tried
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
 SETTLE, EACH = 3, 3  # turns of the widths before and after a descent; steps of it after which they follow
 DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)

@@ -13,7 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend, held_at_bounds
+from compensator.identification.levenberg_marquardt import (
+    FLAT,
+    PROMISED,
+    Damping,
+    Linearized,
+    descend,
+    held_at_bounds,
+)
 from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residual
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
@@ -31,7 +38,6 @@ DAMPING = Damping(least=1e-10, least_after_failure=1e-8, trials=7)
 LONGEST_MOVE = 1.5  # of an unknown, in its own units: a factor of 4.5 of what is searched for by its logarithm
 FIRST_STEP_K = 0.01  # of first temperatures in difference quotients: the plate is next to linear in them
 FAR, STEP = 20.0, 1e-3  # of a body's or filter's own temperature, over `APART_K`: the furthest; of its differences
-PROMISED = 0.1  # of what settles a descent: a step that promises less is not tried
 STEPS, SETTLED = 40, 1e-3  # of a descent, which costs little; log-likelihood that the last one gains
 
 

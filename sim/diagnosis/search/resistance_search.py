@@ -212,9 +212,13 @@ class ResistanceSearch:
                 return self.keep(plain)
         return self.beside(fit, next(e for e in plain.effects if e.name == name))
 
+    def _without_relays(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit as it was before it had relays; itself where it has none, or was never without."""
+        return self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
+
     def _gone(self, fit: ResistanceFit, plain: ResistanceFit) -> float:
         """Which share of what a fit leaves without its relays another leaves no more: 1 does all of their work."""
-        without = self.channel.descend((fit.plain or fit.parameters).with_relays(0.0), 1)
+        without = self._without_relays(fit)
         return (without.minus_log - plain.minus_log) / max(without.minus_log - fit.minus_log, 1e-30)  # > 0
 
     def absorbed(self, fit: ResistanceFit, effect: Effect, within: float = WITHIN) -> Switched | None:
@@ -257,9 +261,8 @@ class ResistanceSearch:
 
     def score_tests(self, fit: ResistanceFit, names: Sequence[str]) -> dict[str, list[ScoreTest]]:
         """What each effect may bring: seen from the fit, and, where that has relays, from the same without."""
-        seen = [fit]
-        if fit.plain is not None and fit.parameters.has_relays:
-            seen.append(self.channel.descend(fit.plain, 1))
+        without = self._without_relays(fit)
+        seen = [fit] if without is fit else [fit, without]
         return {name: [self.score_test(f, name) for f in seen] for name in names}
 
     def score_test(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> ScoreTest:
@@ -282,7 +285,7 @@ class ResistanceSearch:
         that neither shows alone. None where no two pass a score test."""
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
-        plain = self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
+        plain = self._without_relays(fit)
         view, p = View(self.channel, plain), plain.parameters.with_relays(0.0)
         left = {name: [view.left_of(start) for start in starts_of(self.effects[name], self.channel)] for name in others}
         pairs = [(one, two) for one, two in combinations(others, 2) if _pass(view.residual, left[one], left[two])]
