@@ -21,6 +21,7 @@ from rig.epics.published import LONG, SHORT, Published, shortened
 from rig.epics.questions import Answer, Place
 
 SHORTEST_S = 1.0  # as the daemon has it
+REMEMBERED = 100  # jobs whose last state is kept: far more than begin within the time of one answer
 
 
 class InThreads:
@@ -76,11 +77,19 @@ class Commands:
         self._result = builder.longStringIn("COMMAND:RESULT", length=LONG, initial_value="")
         self._job = builder.stringIn("COMMAND:JOB", initial_value="")
         self._job_state = builder.stringIn("COMMAND:JOB_STATE", initial_value="")
+        self._states: dict[str, str] = {}  # of each job, as last told: it may begin before the daemon's answer is here
+        self._telling = threading.Lock()  # events come in a thread of their own
 
     def take(self, event: str, data: dict[str, Any]) -> None:
-        """What the daemon tells of the job that was last started here."""
-        if event == "job" and data["id"] == self._job.get():
-            self._job_state.set(shortened(data["state"], SHORT))
+        """What the daemon tells of its jobs; the one that was last started here is shown."""
+        if event != "job":
+            return
+        with self._telling:
+            self._states[data["id"]] = data["state"]
+            while len(self._states) > REMEMBERED:
+                del self._states[next(iter(self._states))]
+            if data["id"] == self._job.get():
+                self._job_state.set(shortened(data["state"], SHORT))
 
     def _may_hold(self, record: Any, degC: float) -> bool:
         low, high = self._published.limits_degC
@@ -94,8 +103,9 @@ class Commands:
 
     def _started(self, answer: Answer) -> None:
         if answer.done:
-            self._job.set(shortened(answer.job, SHORT))
-            self._job_state.set("queued")
+            with self._telling:
+                self._job.set(shortened(answer.job, SHORT))
+                self._job_state.set(shortened(self._states.get(answer.job, "queued"), SHORT))
         _tell(self._result, answer)
 
     def _cancel(self, _: object) -> None:

@@ -133,8 +133,10 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
     pva.put("HOLD:DURATION", 300.0)
     pva.put("HOLD:START", 1)
     assert pva.get("COMMAND:RESULT").severity == NO_ALARM
-    number = pva.text("COMMAND:JOB")
-    assert bench.desk.queue.find(number) is not None
+    job = bench.desk.queue.find(pva.text("COMMAND:JOB"))
+    assert job is not None
+    until(lambda: job.started_s is not None or job.ended_s is not None, "the hold's beginning")
+    assert job.ended_s is None, job.reason
     pva.until("COMMAND:JOB_STATE", lambda word: "".join(word) == "running")
     pva.put("COMMAND:CANCEL", 1)
     pva.until("COMMAND:JOB_STATE", lambda word: "".join(word) not in ("queued", "running"))
@@ -149,6 +151,31 @@ def test_a_hold_is_started_ended_and_reset_with_a_reason(writable: Rig) -> None:
     pva.put("RUN:START", 1)
     assert pva.get("COMMAND:RESULT").severity == MAJOR
     assert "no such name" in pva.text("COMMAND:RESULT")
+
+
+BEGAN_BEFORE_THE_ANSWER = """
+from softioc import builder
+from rig.epics import commands, questions
+from rig.epics.published import Published
+builder.SetDeviceName("RIG")
+def submitted(place, **what):  # the daemon's events overtake its answer
+    asked.take("job", {"id": "a", "state": "running"})
+    return questions.Answer(True, "a hold: queued", "a")
+asked = commands.Commands(None, Published((0.0, 100.0), 1.0))
+questions.submit = submitted
+asked._hold(1)
+print(asked._job.get(), asked._job_state.get())
+asked.take("job", {"id": "another", "state": "failed"})
+asked.take("job", {"id": "a", "state": "done"})
+print(asked._job.get(), asked._job_state.get())
+"""
+
+
+def test_a_job_may_begin_before_the_answer_that_it_is_taken() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BEGAN_BEFORE_THE_ANSWER], capture_output=True, text=True, check=True, timeout=180.0
+    )
+    assert done.stdout.splitlines() == ["a running", "a done"]
 
 
 def test_who_is_not_on_the_list_cannot_write(tmp_path: Path) -> None:

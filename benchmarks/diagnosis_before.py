@@ -1,0 +1,199 @@
+"""The diagnosis of now beside that of an earlier commit: the same unseen records, at the same time, a core each.
+
+    ./peltier benchmark diagnosis_before --before COMMIT [--kinds one,two,...] [--seeds 2] [--first 0] [--results FILE]
+                                         [--tree FOLDER] [--table]
+
+Each kind of blind case has `--seeds` cases from `--first` on, without their records of another profile. Both programs
+diagnose a case at once, each in a process of its own with one thread, and what their processors worked is compared:
+without what they compiled, which belongs to the first records of an installation. What each says is scored as in
+`benchmark diagnosis`, and where one is right and the other wrong is told. A follow-up of a case is not diagnosed: what
+decides there is not counted. The earlier commit is taken from git into `--tree` (a folder for temporary files by
+default), with the packages of now. A case is a line of the results file; started again, the benchmark goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import IO, Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.diagnosis import key_of, read  # noqa: E402
+from tests.diagnosis.cases import case  # noqa: E402
+from tests.diagnosis.score import Row, score  # noqa: E402
+
+KINDS = (
+    "one",
+    "two",
+    "three",
+    "clean",
+    "other_film",
+    "other_film_effect",
+    "further_film",
+    "outside",
+    "indistinguishable",
+    "disturbed",
+    "negative",
+    "real_noise",
+)
+# What is compared, the share of the records that take no longer, and what is asked of it over the program of then.
+ASKED = (("median", 0.5, 0.6), ("95th percentile", 0.95, 0.3), ("longest", 1.0, 0.2))
+NAMES = ("before", "now")
+# Reads the path of a pickled record on each line, leaves the document and the seconds beside it, and says so.
+PROGRAM = """
+import json, pickle, sys, time
+from numba.core import event
+from sim.diagnosis.diagnose import diagnose
+for line in sys.stdin:
+    path = line.strip()
+    with open(path, "rb") as file:
+        columns, options = pickle.load(file)
+    compiled = []
+    with event.install_timer("numba:compile", compiled.append):
+        began = time.process_time()
+        try:
+            document, fault = diagnose(columns, **options).document(), None
+        except Exception as error:
+            document, fault = None, repr(error)
+        worked_s = time.process_time() - began
+    answer = {"document": document, "fault": fault, "cpu_s": worked_s - sum(compiled), "compiled_s": sum(compiled)}
+    with open(sys.argv[1], "w") as file:
+        json.dump(answer, file, default=float)
+    print("answered", file=sys.__stdout__, flush=True)
+"""
+
+
+class Program:
+    """The diagnosis of one tree of sources, in a process of its own."""
+
+    def __init__(self, tree: Path, answers: Path) -> None:
+        self.answers = answers
+        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+        cache = {"NUMBA_CACHE_DIR": str(tree / ".compiled")} if tree != ROOT else {}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(answers)],
+            cwd=tree,
+            env={**os.environ, **one_thread, **cache, "PYTHONPATH": str(tree)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def ask(self, record: Path) -> None:
+        stdin: IO[str] = self.process.stdin  # type: ignore[assignment]
+        stdin.write(f"{record}\n")
+        stdin.flush()
+
+    def answer(self) -> dict[str, Any]:
+        stdout: IO[str] = self.process.stdout  # type: ignore[assignment]
+        for line in stdout:
+            if line.strip() == "answered":
+                found: dict[str, Any] = json.loads(self.answers.read_text())
+                return found
+        raise RuntimeError(f"the program ended with {self.process.wait()}")
+
+
+def tree_of(commit: str, tree: Path | None) -> Path:
+    """The sources of a commit, out of git's archive."""
+    wanted = subprocess.run(["git", "rev-parse", commit], cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    folder = tree or Path(tempfile.gettempdir()) / f"peltier-{wanted[:12]}"
+    if not (folder / "sim").is_dir():
+        folder.mkdir(parents=True, exist_ok=True)
+        archive = subprocess.Popen(["git", "archive", wanted.strip()], cwd=ROOT, stdout=subprocess.PIPE)
+        subprocess.run(["tar", "-x", "-C", str(folder)], stdin=archive.stdout, check=True)
+        if archive.wait() != 0:
+            sys.exit(f"benchmark: git has no archive of {commit}")
+    return folder
+
+
+def both(job: dict[str, Any], programs: dict[str, Program], folder: Path) -> Row:
+    """One case, told to both programs at once."""
+    truth = case(job["kind"], job["seed"])
+    record = folder / "record.pickle"
+    record.write_bytes(pickle.dumps((truth.columns, truth.options)))
+    for program in programs.values():
+        program.ask(record)
+    row: Row = {"key": key_of(job), "kind": truth.kind, "seed": truth.seed, "hidden": sorted(truth.hidden)}
+    row["rows"] = int(truth.columns["time_s"].size)
+    for name, program in programs.items():
+        said = program.answer()
+        found = score(truth, said["document"]) if said["document"] else {"named": [], "verdict": said["fault"]}
+        row[name] = {
+            "cpu_s": said["cpu_s"],
+            "compiled_s": said["compiled_s"],
+            **{what: found.get(what) for what in ("ok", "named", "verdict")},
+        }
+    return row
+
+
+def percentile(values: list[float], share: float) -> float:
+    """The smallest value that so large a share of them does not exceed."""
+    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
+
+
+def table(rows: list[Row], before: str) -> None:
+    """Times of both, and who is right."""
+    times = {name: [row[name]["cpu_s"] for row in rows] for name in NAMES}
+    print(f"\n{len(rows)} records, seconds of a processor      {before[:12]:>12}         now   ratio   asked")
+    for what, share, asked in ASKED:
+        old, now = (percentile(times[name], share) for name in NAMES)
+        print(f"{what:<45}{old:>8.1f}{now:>12.1f}{now / old:>8.2f}{asked:>8.1f}")
+    ratios = [now / old for old, now in zip(times["before"], times["now"], strict=True)]
+    print(f"{'each record over itself: median; largest':<65}{percentile(ratios, 0.5):>8.2f}{max(ratios):>8.2f}")
+    print(f"\n{'kind':<22}{'records':>8}{'before s':>10}{'now s':>8}{'right before':>14}{'now':>5}")
+    for kind in KINDS:
+        of_kind = [row for row in rows if row["kind"] == kind]
+        if of_kind:
+            took = [percentile([row[name]["cpu_s"] for row in of_kind], 0.5) for name in NAMES]
+            right = [sum(bool(row[name]["ok"]) for row in of_kind) for name in NAMES]
+            print(f"{kind:<22}{len(of_kind):>8}{took[0]:>10.1f}{took[1]:>8.1f}{right[0]:>14}{right[1]:>5}")
+    for row in rows:
+        if bool(row["before"]["ok"]) != bool(row["now"]["ok"]):
+            said = [f"{row[name]['named'] or row[name]['verdict']}" for name in NAMES]
+            print(f"differs: {row['kind']} {row['seed']}, hidden {row['hidden']}: before {said[0]}, now {said[1]}")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--before", required=True, help="the commit")
+    parser.add_argument("--kinds", default=",".join(KINDS), help=f"of {', '.join(KINDS)}")
+    parser.add_argument("--seeds", type=int, default=2, help="cases of each kind")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--results", type=Path, default=Path("diagnosis_before.jsonl"))
+    parser.add_argument("--tree", type=Path, help="where the earlier sources are, or are to be")
+    parser.add_argument("--table", action="store_true", help="only print the table of what is there")
+    options = parser.parse_args()
+    kinds = options.kinds.split(",")
+    if unknown := set(kinds) - set(KINDS):
+        parser.error(f"unknown kinds {', '.join(sorted(unknown))}: of {', '.join(KINDS)}")
+    seeds = range(options.first, options.first + options.seeds)
+    jobs = [{"kind": kind, "seed": seed, "choice": {}} for seed in seeds for kind in kinds]
+    done = read(options.results, {key_of(job) for job in jobs})
+    todo = [] if options.table else [job for job in jobs if key_of(job) not in done]
+    if todo:
+        trees = {"before": tree_of(options.before, options.tree), "now": ROOT}
+        with tempfile.TemporaryDirectory() as made, options.results.open("a", encoding="utf-8") as file:
+            folder = Path(made)
+            programs = {name: Program(tree, folder / f"{name}.json") for name, tree in trees.items()}
+            for count, job in enumerate(todo, 1):
+                row = done[key_of(job)] = both(job, programs, folder)
+                file.write(json.dumps(row, default=float) + "\n")
+                file.flush()
+                took = " and ".join(f"{row[name]['cpu_s']:.1f} s ({row[name]['ok']})" for name in NAMES)
+                print(f"{count}/{len(todo)} {row['key']}: {took}", file=sys.stderr, flush=True)
+            for program in programs.values():
+                program.process.kill()
+    table([done[key_of(job)] for job in jobs if key_of(job) in done], options.before)
+    return 0 if len(done) == len(jobs) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
