@@ -38,7 +38,8 @@ def shown_in_rows(
     shown = signal[nodes.rows]
     for e in links.readings:
         if range_of is not None and _has_ranges(e):
-            shown = shown + shown_output(e, range_of) - range_of
+            within = np.clip(range_of, -FARTHEST_DEC, FARTHEST_DEC)
+            shown = shown + shown_output(e, within) - within
         else:
             shown = _read(e, shown)
     return np.asarray(shown, dtype=np.float64)

@@ -8,7 +8,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from sim.effects.catalogue import catalogue
+from sim.model.film_nodes import FilmNodes
 from sim.model.links import links_of
+from sim.model.ohmmeter import shown_in_rows
 from sim.world.films.preisach import PreisachFilm
 from sim.world.open_loop import Readings, film_readings, simulate_record
 from sim.world.plant import SimulatedPlant, stamp_s
@@ -157,3 +159,13 @@ def test_the_sink_shown_is_that_of_the_heat_sink() -> None:
 def test_an_effect_twice_is_refused() -> None:
     with pytest.raises(ValueError, match="film_lag: switched on twice"):
         links_of([on("film_lag"), on("film_lag", tau_s=5.0)])
+
+
+def test_a_trial_that_has_no_resistance_warns_of_nothing() -> None:
+    """A search may try outputs of hundreds of decades; pytest makes an error of a warning."""
+    every = np.arange(3)
+    nodes = FilmNodes(every.astype(float), np.zeros(3), np.zeros(3, np.int8), every, None, every, every)
+    links = links_of([on("meter_range_error", threshold_ohm=1e4, error=0.01)])
+    signal = np.array([-400.0, -5.0, 400.0])
+    shown = shown_in_rows(links, nodes, signal, signal)
+    np.testing.assert_allclose(shown, signal - np.log10([1.01, 1.01, 1.0]), rtol=0.0, atol=1e-12)
