@@ -25,6 +25,7 @@ from compensator.hysteresis.functions import Array
 
 FLAT: Final = 1e-9  # of a scaled diagonal: what the record hardly tells would move without an end
 PROMISED: Final = 0.1  # of the gain that settles a descent: a step that promises less is not worth a trial
+SAME: Final = 0.1  # of a step that gained nothing, by which another has to differ to be tried
 
 Point = TypeVar("Point")
 
@@ -96,19 +97,20 @@ def damped_step(
 ) -> tuple[Point, float]:
     """The point after one step that gains, or the same where none does; and the damping for the next. level: of now;
     least_gain: of the cost, that a step has to promise to be tried (g' step - 1/2 step' N step): at a minimum none
-    does, and each of `trials` would be in vain."""
+    does, and each of `trials` would be in vain. So would be one that more damping has hardly changed."""
     norm = np.sqrt(about.scale)
     scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
-    before = cost(at)
-    for _ in range(damping.trials):
+    before, trials, failed = cost(at), 0, np.full(norm.size, np.inf)
+    while trials < damping.trials:
         damped = scaled + level * np.eye(norm.size)
         if about.floor > 0.0:
             damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), about.floor)
         step = np.linalg.solve(damped, gradient)
-        if float(gradient @ step - 0.5 * step @ scaled @ step) < least_gain:
+        if float(gradient @ step - 0.5 * step @ scaled @ step) <= least_gain:
             break
-        trial = about.moved(step / norm)
-        if cost(trial) < before:
-            return trial, max(damping.less * level, damping.least)
+        if trials == 0 or not np.linalg.norm(step - failed) <= SAME * np.linalg.norm(failed):
+            trial, failed, trials = about.moved(step / norm), step, trials + 1
+            if cost(trial) < before:
+                return trial, max(damping.less * level, damping.least)
         level = max(damping.more * level, damping.least_after_failure)
     return at, level

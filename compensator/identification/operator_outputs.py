@@ -11,6 +11,8 @@ the smallest radius for which the order condition below eq (6) holds.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from compensator.hysteresis.functions import Array
 Integers = NDArray[np.int64]
 Sides = NDArray[np.int8]
 GROUP = 4  # parameters of a group: log a_R, c_R, log a_L, c_L
+WIDE, FINE = 80, 16  # steps to each side of the middle, in which the widest place between envelopes is looked for
 
 
 @njit(cache=True)
@@ -58,6 +61,36 @@ def operator_outputs(
         while r < rows.size and rows[r] == i:
             for j in range(count):
                 out[r, j] = w[j]
+            r += 1
+
+
+@njit(cache=True, fastmath={"reassoc"})
+def weighted_outputs(
+    gamma: Array, side: Sides, radii: Array, weights: Array, top: float, rows: Integers, out: Array
+) -> None:
+    """The outputs of one group times their weights, into out (rows,); gamma (path,), the rest as above."""
+    count = radii.size
+    w = np.empty(count)
+    r = 0
+    for i in range(side.size):
+        s, g = side[i], gamma[i]
+        if s == 1:
+            for j in range(count):
+                w[j] = max(g - radii[j], w[j])
+        elif s == -1:
+            for j in range(count):
+                w[j] = min(g + radii[j], w[j])
+        elif s == -2:
+            for j in range(count):
+                w[j] = min(g + radii[j], top - radii[j])
+        elif s != 0:
+            for j in range(count):
+                w[j] = max(g - radii[j], radii[j] - top)
+        while r < rows.size and rows[r] == i:
+            total = 0.0
+            for j in range(count):
+                total += weights[j] * w[j]
+            out[r] = total
             r += 1
 
 
@@ -157,23 +190,37 @@ def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
 
 def radius_floor(shape: Array) -> tuple[float, Array]:
     """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
-    slope_r, centre_r, slope_l, centre_l = np.exp(shape[0]), shape[1], np.exp(shape[2]), shape[3]
-    reach = 4.0 / min(slope_r, slope_l)
-    low, high = min(centre_r, centre_l) - reach, max(centre_r, centre_l) + reach
-    for points in (161, 33, 33):  # the narrower tanh may be far steeper: a grid in each scale, then twice refined
-        v = np.linspace(low, high, points)
-        if points == 161:
-            steep = max(slope_r, slope_l)
-            near = centre_r if slope_r > slope_l else centre_l
-            v = np.sort(np.concatenate((v, near + np.linspace(-4.0, 4.0, 161) / steep)))
-        gap = np.tanh(slope_r * (v - centre_r)) - np.tanh(slope_l * (v - centre_l))
-        k = int(np.argmax(gap))
-        low, high = float(v[max(k - 1, 0)]), float(v[min(k + 1, v.size - 1)])
-    floor = 0.5 * float(gap[k])
+    slope_r, centre_r, slope_l, centre_l = math.exp(shape[0]), float(shape[1]), math.exp(shape[2]), float(shape[3])
+    envelopes = slope_r, centre_r, slope_l, centre_l
+    middle, reach = 0.5 * (centre_r + centre_l), 0.5 * abs(centre_r - centre_l) + 4.0 / min(slope_r, slope_l)
+    gap, x = _largest_gap(*envelopes, middle, reach, WIDE)
+    # The narrower tanh may be far steeper: a grid in each scale, then twice refined about the best place.
+    near, its_reach = centre_r if slope_r > slope_l else centre_l, 4.0 / max(slope_r, slope_l)
+    other_gap, other_x = _largest_gap(*envelopes, near, its_reach, WIDE)
+    if other_gap > gap:
+        x, reach = other_x, its_reach
+    reach /= WIDE
+    for _ in range(2):
+        gap, x = _largest_gap(*envelopes, x, reach, FINE)
+        reach /= FINE
+    floor = 0.5 * gap
     if floor <= 0.0:
         return 0.0, np.zeros(GROUP)
-    x = float(v[k])
-    g_r, g_l = np.tanh(slope_r * (x - centre_r)), np.tanh(slope_l * (x - centre_l))
+    g_r, g_l = math.tanh(slope_r * (x - centre_r)), math.tanh(slope_l * (x - centre_l))
     bell_r, bell_l = 0.5 * (1.0 - g_r * g_r) * slope_r, 0.5 * (1.0 - g_l * g_l) * slope_l
     gradient = np.array([bell_r * (x - centre_r), -bell_r, -bell_l * (x - centre_l), bell_l])
     return floor + 1e-9, gradient
+
+
+@njit(cache=True)
+def _largest_gap(
+    slope_r: float, centre_r: float, slope_l: float, centre_l: float, middle: float, reach: float, steps: int
+) -> tuple[float, float]:
+    """The largest gamma_R - gamma_L of so many steps to each side of the middle, and where it is."""
+    largest, at = -np.inf, middle
+    for k in range(-steps, steps + 1):
+        v = middle + reach * k / steps
+        gap = math.tanh(slope_r * (v - centre_r)) - math.tanh(slope_l * (v - centre_l))
+        if gap > largest:
+            largest, at = gap, v
+    return largest, at

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legval
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.operator_outputs import envelope_values, operator_outputs
+from compensator.identification.operator_outputs import envelope_values, operator_outputs, weighted_outputs
 from sim.model.film_nodes import FilmNodes
 
 KNOTS = 7  # of a smooth D over the record's range, which bends less often
@@ -24,11 +25,7 @@ GRID = 400
 
 def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
     """Output of each operator at the points, shape (points, operators); shape: (log a_R, c_R, log a_L, c_L)."""
-    inputs, side = nodes.film_degC, nodes.side
-    if nodes.previous_degC is not None:
-        inputs = np.concatenate(([nodes.previous_degC], inputs))
-        turn = np.int8(np.sign(inputs[1] - inputs[0]))
-        side = np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
+    inputs, side = _path(nodes)
     gamma = envelope_values(inputs, side, shape[None, :])
     rows = nodes.points + (inputs.size - nodes.time_s.size)
     out = np.empty((rows.size, radii.size))
@@ -36,12 +33,29 @@ def operator_columns(nodes: FilmNodes, shape: Array, radii: Array) -> Array:
     return out
 
 
+def operator_signal(nodes: FilmNodes, shape: Array, radii: Array, weights: Array) -> Array:
+    """The columns times weights, shape (points,)."""
+    inputs, side = _path(nodes)
+    gamma = envelope_values(inputs, side, shape[None, :])[:, 0]
+    rows = nodes.points + (inputs.size - nodes.time_s.size)
+    out = np.empty(rows.size)
+    weighted_outputs(gamma, side, radii, weights, 1.0, rows, out)
+    return out
+
+
+def _path(nodes: FilmNodes) -> tuple[Array, NDArray[np.int8]]:
+    """The film's temperatures and the one before, where it is known, and the directions of the steps."""
+    inputs, side = nodes.film_degC, nodes.side
+    if nodes.previous_degC is None:
+        return inputs, side
+    inputs = np.concatenate(([nodes.previous_degC], inputs))
+    turn = np.int8(np.sign(inputs[1] - inputs[0]))
+    return inputs, np.concatenate((side[:1], [turn], side[1:])).astype(np.int8)
+
+
 def play_outputs(nodes: FilmNodes, half_width_K: Array) -> Array:
     """Classical play operators F_h[T] at the rows' readings, degC, shape (rows, operators)."""
-    side, inputs = nodes.side, nodes.film_degC
-    if nodes.previous_degC is not None:
-        inputs = np.concatenate(([nodes.previous_degC], inputs))
-        side = np.concatenate((side[:1], [np.int8(np.sign(inputs[1] - inputs[0]))], side[1:])).astype(np.int8)
+    inputs, side = _path(nodes)
     plays = np.empty((nodes.taken.size, half_width_K.size))
     order = np.argsort(nodes.taken, kind="stable")
     rows = nodes.taken[order] + (inputs.size - nodes.time_s.size)

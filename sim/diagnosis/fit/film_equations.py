@@ -23,7 +23,7 @@ from sim.diagnosis.fit.preisach_density import Relays, followed_by
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import Unknown, envelope_unknowns, unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
-from sim.model.film_columns import operator_columns
+from sim.model.film_columns import operator_columns, operator_signal
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterPower
@@ -100,7 +100,7 @@ class FilmEquations:
 
     def _signals(self, links: Links, nodes: FilmNodes, x: Array) -> Array:
         """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
-        operators = self._operators(nodes, x)
+        operators = operator_columns(nodes, x[:ENVELOPES], self._radii(x))
         parts = [np.ones((nodes.points.size, 1))]
         if self.basis.curve is not None:
             parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
@@ -110,14 +110,15 @@ class FilmEquations:
             extra.append(behind(effect, nodes.points_s))
         return np.concatenate([*parts, operators, *extra], axis=1)
 
-    def _operators(self, nodes: FilmNodes, x: Array) -> Array:
+    def _radii(self, x: Array) -> Array:
+        """Of the operators, from the smallest one on that keeps the envelopes in order."""
         floor, _ = radius_floor(x[:ENVELOPES])
-        return operator_columns(nodes, x[:ENVELOPES], floor + (1.0 - floor) * self.basis.fractions)
+        return np.asarray(floor + (1.0 - floor) * self.basis.fractions, dtype=np.float64)
 
     def own_output(self, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]) -> Array:
         """The film's own output at the points: the columns of `_signals` times c, its coefficients. late_dec: how far
         each filter of the hysteretic part is behind."""
-        signal = self._operators(nodes, x) @ c[self.basis.free : self.basis.columns]
+        signal = operator_signal(nodes, x[:ENVELOPES], self._radii(x), c[self.basis.free : self.basis.columns])
         for effect, late in zip(links.hysteretic_part, late_dec, strict=True):
             signal = columns_followed(effect, nodes.points_s, signal[:, None])[:, 0]
             signal = signal + late * behind(effect, nodes.points_s)[:, 0]

@@ -175,15 +175,15 @@ class ResistanceChannel(FilmEquations):
             gradient = j.T @ residual - room
             held_at_bounds(normal, gradient, point.x, low, high)
             scale = np.maximum(np.diag(normal), FLAT * float(np.max(np.diag(normal))) + 1e-30)  # > 0
-            before = loss(point)
+            before, settled = loss(point), tolerance * self._misfit(point)
             about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
-            point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * tolerance)
+            point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * settled)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=point.film_output)
             if settle and iteration % EACH == EACH - 1:
                 point = self.point(p, point.x, point.coefficients)
                 p, point = self._settled(p, point, 1)
-            elif before - loss(point) < tolerance:
+            elif before - loss(point) < settled:
                 break
         point = self.point(p, point.x, point.coefficients)
         p, point = self._settled(p, point, SETTLE if settle else 0)
@@ -198,6 +198,10 @@ class ResistanceChannel(FilmEquations):
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
+
+    def _misfit(self, point: Point) -> float:
+        """How many times the noise's own variance is left, at least 1: a gain counts by what is left."""
+        return max(1.0, 2.0 * point.cost / self.rows.size)
 
     def _moved(self, p: FilmParameters, point: Point, low: Array, high: Array, move: Array) -> Point:
         """The point after a step, within the bounds and no longer than 1 in any unknown."""
