@@ -26,8 +26,9 @@ def test_something_that_no_effect_accounts_for(seed: int) -> None:
     assert document["verdict"] == "unexplained"
 
 
-def test_what_the_film_went_through_in_gaps_is_no_effect() -> None:
-    blind = case("disturbed", 203)
+@pytest.mark.parametrize("choice", [{"rows": 2000}, pytest.param({}, marks=pytest.mark.long)])
+def test_what_the_film_went_through_in_gaps_is_no_effect(choice: dict[str, int]) -> None:
+    blind = case("disturbed", 203, **choice)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden) == set()
     assert document["verdict"] == "clean"

@@ -37,10 +37,18 @@ def test_a_film_that_bends_its_own_output_is_no_leakage() -> None:
     assert names(diagnose(blind.columns).document()) == {"ambient_drift"}
 
 
-@pytest.mark.parametrize("seed", [6005, pytest.param(11001, marks=pytest.mark.long)])
-def test_nothing_hidden_nothing_named(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "choice"),
+    [
+        (6005, {"rows": 2000}),
+        (6006, {"rows": 2000}),
+        pytest.param(6005, {}, marks=pytest.mark.long),
+        pytest.param(11001, {}, marks=pytest.mark.long),
+    ],
+)
+def test_nothing_hidden_nothing_named(seed: int, choice: dict[str, int]) -> None:
     """The last film's minor loops are not congruent, as if there were 53 ohm in series: evidence 52, and a softer bend
     is better by 7.6 to 8.0."""
-    document = diagnose(case("other_film", seed).columns).document()
+    document = diagnose(case("other_film", seed, **choice).columns).document()
     assert names(document) == set()
     assert document["verdict"] == "clean"

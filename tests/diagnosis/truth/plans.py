@@ -98,10 +98,10 @@ def memoryless_term(rng: Random, seed: int) -> Case:
     return replace(made, hidden=hidden, details={"form": FORMS[film.form]})
 
 
-def other_film(rng: Random, seed: int, film: str | None = None) -> Case:
+def other_film(rng: Random, seed: int, film: str | None = None, rows: int | None = None) -> Case:
     """A film outside the class and no effect."""
     film = film or ("preisach", "forc")[seed % 2]
-    return finished(rng, "other_film", seed, draw_bench(rng, film), {}, "no_name")
+    return finished(rng, "other_film", seed, draw_bench(rng, film, rows=rows), {}, "no_name")
 
 
 def other_film_effect(rng: Random, seed: int, film: str | None = None, effect: str | None = None) -> Case:
@@ -146,7 +146,12 @@ def indistinguishable(rng: Random, seed: int, design: str | None = None) -> Case
 
 
 def disturbed_record(
-    rng: Random, seed: int, disturbances: tuple[str, ...] = (), effect: str | None = None, clean: bool | None = None
+    rng: Random,
+    seed: int,
+    disturbances: tuple[str, ...] = (),
+    effect: str | None = None,
+    clean: bool | None = None,
+    rows: int | None = None,
 ) -> Case:
     """A record of one effect, every fourth of none, with outliers, gaps and the like."""
     without = seed % 4 == 3 if clean is None else clean
@@ -154,9 +159,9 @@ def disturbed_record(
     if not kinds:
         kinds = tuple(str(k) for k in rng.choice(DISTURBANCES, int(rng.integers(1, 4)), replace=False))
     if without:
-        bench, hidden, shares = draw_bench(rng), {}, {}
+        bench, hidden, shares = draw_bench(rng, rows=rows), {}, {}
     else:
-        bench, hidden, shares = with_effects(rng, (effect or drawn_names(rng, 1)[0],))
+        bench, hidden, shares = with_effects(rng, (effect or drawn_names(rng, 1)[0],), rows=rows)
     if "uneven" in kinds:
         bench = replace(bench, schedule=uneven(rng, bench.schedule))
     details = {"disturbances": kinds, "smallest_share": shares}
