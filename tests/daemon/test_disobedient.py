@@ -31,7 +31,8 @@ def bench_of(tmp_path: Path, fault: str) -> Iterator[tuple[RunningBench, Disobed
     path = write_current(tmp_path, '["start 1 A", "hold 60 s"]', more=SERVE)
     text = path.read_text()
     plant = SimulatedPlant(simulated_world(read_configuration(path)), 0.0)
-    plant.advance_to(1.0)  # its loops are compiled before a controller in this process has to answer in time
+    plant.advance_to(1.0)  # its loops are compiled before a controller in this process has to answer in time,
+    plant.read_resistance_ohm(1e-4)  # the film's, too
     instruments: dict[str, Any] = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
     controller = Disobedient(instruments["controller"], fault)
     with PseudoTerminals({**instruments, "controller": controller}) as terminals:
