@@ -15,17 +15,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import pickle
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+from benchmarks._asked_program import Program  # noqa: E402
 from benchmarks.diagnosis import key_of, read  # noqa: E402
 from tests.diagnosis.cases import case  # noqa: E402
 from tests.diagnosis.score import Row, score  # noqa: E402
@@ -47,58 +46,6 @@ KINDS = (
 # What is compared, the share of the records that take no longer, and what is asked of it over the program of then.
 ASKED = (("median", 0.5, 0.6), ("95th percentile", 0.95, 0.3), ("longest", 1.0, 0.2))
 NAMES = ("before", "now")
-# Reads the path of a pickled record on each line, leaves the document and the seconds beside it, and says so.
-PROGRAM = """
-import json, pickle, sys, time
-from numba.core import event
-from sim.diagnosis.diagnose import diagnose
-for line in sys.stdin:
-    path = line.strip()
-    with open(path, "rb") as file:
-        columns, options = pickle.load(file)
-    compiled = []
-    with event.install_timer("numba:compile", compiled.append):
-        began = time.process_time()
-        try:
-            document, fault = diagnose(columns, **options).document(), None
-        except Exception as error:
-            document, fault = None, repr(error)
-        worked_s = time.process_time() - began
-    answer = {"document": document, "fault": fault, "cpu_s": worked_s - sum(compiled), "compiled_s": sum(compiled)}
-    with open(sys.argv[1], "w") as file:
-        json.dump(answer, file, default=float)
-    print("answered", file=sys.__stdout__, flush=True)
-"""
-
-
-class Program:
-    """The diagnosis of one tree of sources, in a process of its own."""
-
-    def __init__(self, tree: Path, answers: Path) -> None:
-        self.answers = answers
-        one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-        cache = {"NUMBA_CACHE_DIR": str(tree / ".compiled")} if tree != ROOT else {}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM, str(answers)],
-            cwd=tree,
-            env={**os.environ, **one_thread, **cache, "PYTHONPATH": str(tree)},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-
-    def ask(self, record: Path) -> None:
-        stdin: IO[str] = self.process.stdin  # type: ignore[assignment]
-        stdin.write(f"{record}\n")
-        stdin.flush()
-
-    def answer(self) -> dict[str, Any]:
-        stdout: IO[str] = self.process.stdout  # type: ignore[assignment]
-        for line in stdout:
-            if line.strip() == "answered":
-                found: dict[str, Any] = json.loads(self.answers.read_text())
-                return found
-        raise RuntimeError(f"the program ended with {self.process.wait()}")
 
 
 def tree_of(commit: str, tree: Path | None) -> Path:
@@ -114,13 +61,11 @@ def tree_of(commit: str, tree: Path | None) -> Path:
     return folder
 
 
-def both(job: dict[str, Any], programs: dict[str, Program], folder: Path) -> Row:
+def both(job: dict[str, Any], programs: dict[str, Program]) -> Row:
     """One case, told to both programs at once."""
     truth = case(job["kind"], job["seed"])
-    record = folder / "record.pickle"
-    record.write_bytes(pickle.dumps((truth.columns, truth.options)))
     for program in programs.values():
-        program.ask(record)
+        program.ask(truth.columns, truth.options)
     row: Row = {"key": key_of(job), "kind": truth.kind, "seed": truth.seed, "hidden": sorted(truth.hidden)}
     row["rows"] = int(truth.columns["time_s"].size)
     for name, program in programs.items():
@@ -179,18 +124,21 @@ def main() -> int:
     done = read(options.results, {key_of(job) for job in jobs})
     todo = [] if options.table else [job for job in jobs if key_of(job) not in done]
     if todo:
-        trees = {"before": tree_of(options.before, options.tree), "now": ROOT}
+        before = tree_of(options.before, options.tree)
         with tempfile.TemporaryDirectory() as made, options.results.open("a", encoding="utf-8") as file:
             folder = Path(made)
-            programs = {name: Program(tree, folder / f"{name}.json") for name, tree in trees.items()}
+            programs = {
+                "before": Program(before, folder / "before", {"NUMBA_CACHE_DIR": str(before / ".compiled")}),
+                "now": Program(ROOT, folder / "now"),
+            }
             for count, job in enumerate(todo, 1):
-                row = done[key_of(job)] = both(job, programs, folder)
+                row = done[key_of(job)] = both(job, programs)
                 file.write(json.dumps(row, default=float) + "\n")
                 file.flush()
                 took = " and ".join(f"{row[name]['cpu_s']:.1f} s ({row[name]['ok']})" for name in NAMES)
                 print(f"{count}/{len(todo)} {row['key']}: {took}", file=sys.stderr, flush=True)
             for program in programs.values():
-                program.process.kill()
+                program.end()
     table([done[key_of(job)] for job in jobs if key_of(job) in done], options.before)
     return 0 if len(done) == len(jobs) else 1
 

@@ -77,6 +77,19 @@ def test_a_missing_row_begins_a_stretch_only_where_its_command_is_not_known() ->
     assert read_columns({**columns, "current_A": told}).first_rows.size == 2 + 20 + 9
 
 
+def test_a_late_tick_whose_command_is_told_is_no_gap() -> None:
+    """The first command of a run may take a period: it acts late, and the next one follows it at the usual pace."""
+    time = np.concatenate(([0.0, 0.07], 0.265 + 0.1 * np.arange(500)))
+    temperature = 40.0 + 0.01 * np.random.default_rng(5).standard_normal(time.size)
+    columns = {"time_s": time, "temperature_degC": temperature, "current_A": np.sin(time)}
+    assert read_columns(columns).after_gaps.tolist() == [2]
+    acts = time + 0.01
+    acts[:2] = np.nan, 0.2
+    assert read_columns({**columns, "current_time_s": acts}).after_gaps.tolist() == []
+    fewer = {name: np.delete(values, 200) for name, values in {**columns, "current_time_s": acts}.items()}
+    assert read_columns(fewer).after_gaps.tolist() == [200]  # here a command is missing
+
+
 def test_a_stretch_begins_where_a_fit_is_off_after_a_missing_row() -> None:
     rng = np.random.default_rng(5)
     time = np.cumsum(rng.uniform(0.45, 0.55, 2000))

@@ -226,7 +226,7 @@ def read_columns(
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
     told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
-    after = gaps(time, told, _none(joined).tolist())
+    after = gaps(time, told, _none(joined).tolist(), data.get("current_time_s"))
     if current is not None:
         current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")

@@ -31,10 +31,13 @@ MEDIAN = 1.57  # variance of a median of normal readings, over that of their mea
 Rows = NDArray[np.int64]
 
 
-def gaps(time_s: Array, told: NDArray[np.bool_], joined: Sequence[int] = ()) -> Rows:
+def gaps(time_s: Array, told: NDArray[np.bool_], joined: Sequence[int] = (), acts_s: Array | None = None) -> Rows:
     """The rows after each gap. told: rows in which a current stands, (rows,); joined: where further records begin, each
-    with rows as far apart as its own are."""
+    with rows as far apart as its own are; acts_s: when each row's current acted, (rows,), nan where that is not told:
+    where the next one followed at the usual pace none is missing, however late the first of the two was."""
     after, steps = ~told[:-1], np.diff(time_s)
+    if acts_s is not None:
+        steps = np.fmin(steps, np.diff(acts_s))
     for first, last in itertools.pairwise([0, *joined, time_s.size]):
         own = steps[first : last - 1]
         if own.size:
