@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
+DIGITS, MOST_DIGITS = 4, 8  # of a number in words
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
@@ -24,9 +26,13 @@ def listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def number(value: float) -> str:
-    """Four digits that matter, no needless exponent."""
-    return f"{value:.4g}"
+def number(value: float, width: float = 0.0) -> str:
+    """Four digits that matter, no needless exponent; more where an interval is so narrow that its ends would be alike.
+    width: of that interval."""
+    digits = DIGITS
+    if 0.0 < width < abs(value):
+        digits = min(max(DIGITS, math.ceil(math.log10(abs(value) / width)) + 1), MOST_DIGITS)
+    return f"{value:.{digits}g}"
 
 
 def rough(value: float) -> str:
@@ -38,8 +44,11 @@ def rough(value: float) -> str:
 
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
     """tau_s 2.27 (2.25 to 2.29)."""
-    text = f"{name} {number(value)}"
-    return text if interval is None else f"{text} ({number(interval[0])} to {number(interval[1])})"
+    if interval is None:
+        return f"{name} {number(value)}"
+    low, high = interval
+    value_text, *ends = (number(each, high - low) for each in (value, low, high))
+    return f"{name} {value_text} ({ends[0]} to {ends[1]})"
 
 
 def parameters(finding: Finding) -> str:
@@ -73,11 +82,16 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
         text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
         if text is not None:
             lines.append(f"{what}: {text}")
-        elif channel is not None and channel.rmse_extended > NOISY * channel.noise:
+        elif channel is not None and _off_elsewhere(channel):
             times = channel.rmse_extended / channel.noise
             why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
             lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: {why}")
     return lines
+
+
+def _off_elsewhere(channel: Channel) -> bool:
+    """Whether the fit is worse than the noise on held-out rows."""
+    return channel.rmse_extended > NOISY * channel.noise
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -86,11 +100,14 @@ def sentence(diagnosis: Diagnosis) -> str:
     left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
     names = [named(f) for f in diagnosis.findings]
     rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
+    nothing = "nothing is left beyond the noise"
+    if any(_off_elsewhere(channel) for *_, channel in judged_channels(diagnosis)):
+        nothing += " in the fitted rows; held-out rows are off by more, as said below"
     if diagnosis.verdict == "clean":
-        return "Clean: no effect is seen, and nothing is left beyond the noise."
+        return f"Clean: no effect is seen, and {nothing}."
     if diagnosis.verdict == "explained":
         these = "them" if len(names) > 1 else "it"
-        return f"Explained: {listed(names)}; with {these} nothing is left beyond the noise."
+        return f"Explained: {listed(names)}; with {these} {nothing}."
     if diagnosis.verdict == "too_short":
         what = f" ({'; '.join(left)})" if left else ""
         return f"Too short: what is left may be the film between two rows{what}; none is blamed."
@@ -155,12 +172,13 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
     for f in diagnosis.findings:
         other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
-        out.append(f"  {f.name}: {parameters(f)}; evidence {f.evidence:.4g}, false alarms {f.false_alarm:.2g}{other}")
+        evidence = f"evidence {f.evidence:.4g}, false alarms at most {f.false_alarm:.2g}"
+        out.append(f"  {f.name}: {parameters(f)}; {evidence}{other}")
     out += [gain_line(*one) for one in judged_channels(diagnosis)]
     out += plate_lines(diagnosis)
     if diagnosis.film is not None:
         film = diagnosis.film
-        out.append(f"film: D(T) {film['memoryless']}, {film['operators']} operators with weight")
+        out.append(f"film: D(T) of the form {film['memoryless']}, {film['operators']} operators with weight")
     out += [f"not named: {text}" for text in not_named(diagnosis)]
     known = [f"{name} ({allowed})" for name, allowed, _ in limit_rows(diagnosis) if not allowed.endswith("any")]
     out += [f"not seen, and at 95 % no larger than: {'; '.join(known)}"] if known else []

@@ -26,6 +26,7 @@ from sim.diagnosis.judge.verdict import (
 )
 from sim.diagnosis.report.candidates import candidates_of
 from sim.diagnosis.report.confounders import confounders_of
+from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
@@ -214,6 +215,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     if turns := only_turns(chain, names, unexplained):
         unexplained["resistance_dec"] = TURNS
     verdict = verdict_of(findings, unexplained, sparse is not None or turns)
+    hidden = hidden_by_the_film(chain, names)
     if verdict == "too_short" and sparse is not None:
         next_experiment = [f"record {sparse.missing}", *next_experiment]
     return Diagnosis(
@@ -222,14 +224,14 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         channels,
         unexplained,
         film,
-        [*warnings_of(chain, names), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
+        [*warnings_of(chain, hidden), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
         next_experiment,
         record,
         chain,
         judged,
         plate_numbers(chain, names),
         candidates,
-        upper_limits(chain, names),
+        upper_limits(chain, names, hidden),
         {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
         _rooms_degC(chain, names),
         held_out.halves,

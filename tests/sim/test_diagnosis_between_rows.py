@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel
+from sim.diagnosis.judge import turns_between
 from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.world.open_loop import simulate_record
@@ -149,3 +152,11 @@ def test_a_heater_is_tried_where_a_peltier_plate_leaves_something(clean: bool, m
     found = temperature_search(record, catalogue(), kinds)
     assert found.base.parameters.kind == "peltier"
     assert ("heater" in begun) is not clean
+
+
+def test_where_every_current_is_logged_there_is_no_turn_between_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Though what is left is small."""
+    monkeypatch.setattr(turns_between, "resistance_residual", lambda chain, names: (np.full(100, 0.9), None))
+    chain: Any = SimpleNamespace(fits=lambda names: (None, None), first=None, facts=None)
+    left = {"temperature_K": None, "resistance_dec": "structure in blocks of 12 rows"}
+    assert not turns_between.only_turns(chain, frozenset(), left)

@@ -26,8 +26,11 @@ def only_turns(chain: Chain, names: frozenset[str], unexplained: Mapping[str, st
     channel, in words, None: nothing."""
     if unexplained["temperature_K"] is not None or unexplained["resistance_dec"] is None:
         return False
+    most = _most(chain, names)
+    if most == 0.0:
+        return False
     z, _ = resistance_residual(chain, names)
-    return float(np.mean(z * z)) - 1.0 < _most(chain, names)
+    return float(np.mean(z * z)) - 1.0 < most
 
 
 def _most(chain: Chain, names: frozenset[str]) -> float:

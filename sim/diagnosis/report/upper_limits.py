@@ -16,13 +16,17 @@ which is the one-sided limit of the profile likelihood (G. Cowan, K. Cranmer, E.
 happens to speak against an effect makes no instrument better than it is (power constraint, arXiv:1105.3166). Where the
 residual hangs together from row to row, or is larger than the noise, the deviation 1/k is widened as parameters'
 intervals are (`compensator.identification.covariance`).
+
+What plate and film do instead is linear in delta. Where another film does most of what an effect does at the terminals
+(`sim.diagnosis.report.detectability`), it does more than that: there a limit is no smaller than the size that would
+have shown, and none is given where no usual size would have.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, Final
 
@@ -61,8 +65,9 @@ class UpperLimit:
         return {"name": self.name, "parameter": self.parameter, "limit95": self.limit}
 
 
-def upper_limits(chain: Chain, names: frozenset[str]) -> list[UpperLimit]:
-    """Of every effect that the record could show and that is not among the names, along the chain."""
+def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]]) -> list[UpperLimit]:
+    """Of every effect that the record could show and that is not among the names, along the chain. hidden: those that
+    the film's own shape hides, with the weakest size that would have shown, nan where none would."""
     a, b = chain.fits(names)
     found = []
     if a is not None and chain.first is not None:
@@ -76,8 +81,21 @@ def upper_limits(chain: Chain, names: frozenset[str]) -> list[UpperLimit]:
         for name, effect in search.effects.items():
             if name not in names:
                 thresholds = [t for p in effect.parameters if p.choices for t in thresholds_inside(p, channel)]
-                found.append(_limit(effect, last.left_of, last.residual, tuple(thresholds)))
+                limit = _limit(effect, last.left_of, last.residual, tuple(thresholds))
+                found.append(_beside_the_film(limit, hidden.get(name)))
     return found
+
+
+def _beside_the_film(limit: UpperLimit, hidden: tuple[str, float] | None) -> UpperLimit:
+    """The limit, or the weakest size that would have shown in spite of the film, if that is stronger."""
+    if hidden is None or limit.limit is None:
+        return limit
+    parameter, shows = hidden
+    if math.isnan(shows):
+        return replace(limit, limit=None)
+    if parameter != limit.parameter:  # a threshold
+        return limit
+    return replace(limit, limit=min(limit.limit, shows) if limit.from_below else max(limit.limit, shows))
 
 
 def _limit(effect: Effect, left_of: Left, residual: Array, thresholds: tuple[float, ...]) -> UpperLimit:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sim.diagnosis.data.record import OUTLYING, Record
-from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
 
@@ -31,8 +31,8 @@ class Warning:
         return {"code": self.code, "from_s": self.from_s, "to_s": self.to_s, "text": self.text}
 
 
-def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
-    """All that apply."""
+def warnings_of(chain: Chain, hidden: Mapping[str, tuple[str, float]]) -> list[Warning]:
+    """All that apply. hidden: as `hidden_by_the_film` has it."""
     record, found = chain.record, []
     found += saturated_sink(chain)
     gaps, anew = record.after_gaps.size, record.first_rows.size - 1
@@ -57,7 +57,7 @@ def warnings_of(chain: Chain, names: frozenset[str]) -> list[Warning]:
         found.append(Warning("no_resistance", f"{record.quantity.column}: {text}"))
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
-    for name, (parameter, weakest) in hidden_by_the_film(chain, names).items():
+    for name, (parameter, weakest) in hidden.items():
         text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
         if np.isfinite(weakest):
             text = (
