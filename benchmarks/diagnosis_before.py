@@ -19,30 +19,17 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from benchmarks._asked_program import Program  # noqa: E402
-from benchmarks.diagnosis import key_of, read  # noqa: E402
+from benchmarks.diagnosis import Job, key_of, read  # noqa: E402
+from tests.diagnosis.cases import KINDS as ALL_KINDS  # noqa: E402
 from tests.diagnosis.cases import case  # noqa: E402
 from tests.diagnosis.score import Row, score  # noqa: E402
 
-KINDS = (
-    "one",
-    "two",
-    "three",
-    "clean",
-    "other_film",
-    "other_film_effect",
-    "further_film",
-    "outside",
-    "indistinguishable",
-    "disturbed",
-    "negative",
-    "real_noise",
-)
+KINDS = tuple(kind for kind in ALL_KINDS if kind not in ("smallest", "unlike"))  # those have choices besides a seed
 # What is compared, the share of the records that take no longer, and what is asked of it over the program of then.
 ASKED = (("median", 0.5, 0.6), ("95th percentile", 0.95, 0.3), ("longest", 1.0, 0.2))
 NAMES = ("before", "now")
@@ -61,7 +48,7 @@ def tree_of(commit: str, tree: Path | None) -> Path:
     return folder
 
 
-def both(job: dict[str, Any], programs: dict[str, Program]) -> Row:
+def both(job: Job, programs: dict[str, Program]) -> Row:
     """One case, told to both programs at once."""
     truth = case(job["kind"], job["seed"])
     for program in programs.values():
@@ -106,23 +93,35 @@ def table(rows: list[Row], before: str) -> None:
             print(f"differs: {row['kind']} {row['seed']}, hidden {row['hidden']}: before {said[0]}, now {said[1]}")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--before", required=True, help="the commit")
+def add_cases(parser: argparse.ArgumentParser, seeds: int, results: str) -> None:
+    """Which blind cases, and where what came out is kept."""
     parser.add_argument("--kinds", default=",".join(KINDS), help=f"of {', '.join(KINDS)}")
-    parser.add_argument("--seeds", type=int, default=2, help="cases of each kind")
+    parser.add_argument("--seeds", type=int, default=seeds, help="cases of each kind")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--results", type=Path, default=Path("diagnosis_before.jsonl"))
-    parser.add_argument("--tree", type=Path, help="where the earlier sources are, or are to be")
+    parser.add_argument("--results", type=Path, default=Path(results))
     parser.add_argument("--table", action="store_true", help="only print the table of what is there")
-    options = parser.parse_args()
+
+
+def cases_of(
+    options: argparse.Namespace, parser: argparse.ArgumentParser
+) -> tuple[list[Job], dict[str, Row], list[Job]]:
+    """The cases asked for, the rows that there are by key, and the cases that are to be done."""
     kinds = options.kinds.split(",")
     if unknown := set(kinds) - set(KINDS):
         parser.error(f"unknown kinds {', '.join(sorted(unknown))}: of {', '.join(KINDS)}")
     seeds = range(options.first, options.first + options.seeds)
-    jobs = [{"kind": kind, "seed": seed, "choice": {}} for seed in seeds for kind in kinds]
+    jobs: list[Job] = [{"kind": kind, "seed": seed, "choice": {}} for seed in seeds for kind in kinds]
     done = read(options.results, {key_of(job) for job in jobs})
-    todo = [] if options.table else [job for job in jobs if key_of(job) not in done]
+    return jobs, done, [] if options.table else [job for job in jobs if key_of(job) not in done]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--before", required=True, help="the commit")
+    add_cases(parser, 2, "diagnosis_before.jsonl")
+    parser.add_argument("--tree", type=Path, help="where the earlier sources are, or are to be")
+    options = parser.parse_args()
+    jobs, done, todo = cases_of(options, parser)
     if todo:
         before = tree_of(options.before, options.tree)
         with tempfile.TemporaryDirectory() as made, options.results.open("a", encoding="utf-8") as file:

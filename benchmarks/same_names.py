@@ -24,8 +24,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from benchmarks._asked_program import Program  # noqa: E402
-from benchmarks.diagnosis import key_of, read  # noqa: E402
-from benchmarks.diagnosis_before import KINDS  # noqa: E402
+from benchmarks.diagnosis import Job, key_of  # noqa: E402
+from benchmarks.diagnosis_before import add_cases, cases_of  # noqa: E402
 from tests.diagnosis.cases import case  # noqa: E402
 from tests.diagnosis.score import Row  # noqa: E402
 
@@ -42,7 +42,7 @@ def moved(columns: dict[str, Any], seed: int) -> dict[str, Any]:
     }
 
 
-def four_times(job: dict[str, Any], here: Program, elsewhere: Program) -> Row:
+def four_times(job: Job, here: Program, elsewhere: Program) -> Row:
     """What is said of one case, twice by each program."""
     truth = case(job["kind"], job["seed"])
     row: Row = {"key": key_of(job), "kind": truth.kind, "hidden": sorted(truth.hidden), "said": {}}
@@ -70,19 +70,9 @@ def table(rows: list[Row]) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kinds", default=",".join(KINDS), help=f"of {', '.join(KINDS)}")
-    parser.add_argument("--seeds", type=int, default=1, help="cases of each kind")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
-    parser.add_argument("--results", type=Path, default=Path("same_names.jsonl"))
-    parser.add_argument("--table", action="store_true", help="only print the table of what is there")
+    add_cases(parser, 1, "same_names.jsonl")
     options = parser.parse_args()
-    kinds = options.kinds.split(",")
-    if unknown := set(kinds) - set(KINDS):
-        parser.error(f"unknown kinds {', '.join(sorted(unknown))}: of {', '.join(KINDS)}")
-    seeds = range(options.first, options.first + options.seeds)
-    jobs = [{"kind": kind, "seed": seed, "choice": {}} for seed in seeds for kind in kinds]
-    done = read(options.results, {key_of(job) for job in jobs})
-    todo = [] if options.table else [job for job in jobs if key_of(job) not in done]
+    jobs, done, todo = cases_of(options, parser)
     if todo:
         narrower = runpy.run_path(str(ROOT / ".ci" / "narrower_instructions.py"))["narrower"]()
         with tempfile.TemporaryDirectory() as made, options.results.open("a", encoding="utf-8") as file:
