@@ -195,5 +195,7 @@ def test_a_lattice_is_told_beneath_outliers(share: float) -> None:
     bad = rng.choice(6000, int(share * 6000), replace=False)
     values[bad] += rng.uniform(-10.0, 10.0, bad.size)
     assert lattice_step(values) == pytest.approx(0.0625, rel=1e-6)
+    moved = values * (1.0 + 1e-12 * rng.standard_normal(6000))  # as a conversion leaves them
+    assert lattice_step(moved) == pytest.approx(0.0625, rel=1e-6)
     assert lattice_step(values + 0.01 * rng.standard_normal(6000)) == 0.0
     assert lattice_step(np.round(values + 0.01 * rng.standard_normal(6000), 3)) == 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from compensator.hysteresis.functions import Array
@@ -10,11 +12,15 @@ SMALLEST_K = 0.02  # a file's own last digit is no finding
 FEWEST_PER_STEP = 4.0
 NEAR = 0.02  # of a step: on the lattice
 MOST_ON_IT = 0.98  # of the readings
+ALIKE = 9  # digits in which readings are the same: converted or averaged ones differ in the last of sixteen
 
 
 def lattice_step(values: Array) -> float:
     """The step of readings on a lattice k step, 0 where there is none that matters. It is told by the values that
     repeat; few readings may lie off it, as outliers do."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    if largest > 0.0:
+        values = np.round(values, ALIKE - 1 - math.floor(math.log10(largest)))
     distinct, times = np.unique(values, return_counts=True)
     distinct, times = distinct[times > 1], times[times > 1]
     if distinct.size < 3 or np.sum(times) < FEWEST_PER_STEP * distinct.size:
