@@ -3,9 +3,9 @@
     ./peltier benchmark same_names [--kinds one,two,...] [--seeds 1] [--first 0] [--results FILE] [--table]
 
 Each blind case is diagnosed four times: as it is, with every reading moved by a random 1e-12 of itself, and both again
-with the instructions of another processor (`.ci/narrower_instructions.py`). Asked: the same names. Where
-the verdict differs beside the same names, that is told, too. A case is a line of the results file; started again, the
-benchmark goes on.
+with the instructions of another processor (`.ci/narrower_instructions.py`). Asked: the same names. Where the verdict
+differs beside the same names, that is told, too. A case is a line of the results file; started again, the benchmark
+goes on.
 """
 
 from __future__ import annotations

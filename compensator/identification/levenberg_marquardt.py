@@ -100,7 +100,8 @@ def damped_step(
     does, and each of `trials` would be in vain. So would be one that more damping has hardly changed."""
     norm = np.sqrt(about.scale)
     scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
-    before, trials, failed = cost(at), 0, np.full(norm.size, np.inf)
+    before, trials = cost(at), 0
+    failed: Array | None = None
     while trials < damping.trials:
         damped = scaled + level * np.eye(norm.size)
         if about.floor > 0.0:
@@ -108,7 +109,7 @@ def damped_step(
         step = np.linalg.solve(damped, gradient)
         if float(gradient @ step - 0.5 * step @ scaled @ step) <= least_gain:
             break
-        if trials == 0 or not np.linalg.norm(step - failed) <= SAME * np.linalg.norm(failed):
+        if failed is None or not np.linalg.norm(step - failed) <= SAME * np.linalg.norm(failed):  # nan is another
             trial, failed, trials = about.moved(step / norm), step, trials + 1
             if cost(trial) < before:
                 return trial, max(damping.less * level, damping.least)

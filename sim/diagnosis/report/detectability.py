@@ -15,7 +15,7 @@ from sim.diagnosis.search.views import View
 from sim.effects.effect import Switched, at_the_terminals, switched
 
 SIZES = 9  # that are tried, from the least to the largest that is met
-HALVINGS = 5  # of the ratio between two of them: to a thirtieth of it
+HALVINGS = 5  # of the way between two of them, in logarithms: to a thirtieth of it
 
 
 def hidden_by_the_film(chain: Chain, names: frozenset[str]) -> dict[str, tuple[str, float]]:
