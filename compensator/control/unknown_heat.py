@@ -70,9 +70,7 @@ WEIGHT: Final = HEAT - 1
 LEAST_LIKELY: Final = 1e-300  # so that a lag that is out of the question has a logarithm
 
 
-def unknown_heats(
-    sizes_K_per_s2: tuple[float, ...] = UNSTEADY_K_PER_S2, lags_s: tuple[float, ...] = LAGS_S
-) -> Array:
+def unknown_heats(sizes_K_per_s2: tuple[float, ...] = UNSTEADY_K_PER_S2, lags_s: tuple[float, ...] = LAGS_S) -> Array:
     """Before any reading."""
     heats = np.array([flattener(Heat)(Heat(size, lag)) for lag in lags_s for size in sizes_K_per_s2])
     heats.setflags(write=False)

@@ -23,6 +23,7 @@ from compensator.identification.rows import Path, Prepared, Start, build_path
 from compensator.identification.variable_projection import Problem, Solution, Structure
 
 STARTS: Final = 256  # over four to six parameters: about three values of each
+CHANGE_STEPS: Final = 60  # of travel over a range of temperatures: noise is small beside what changes in one
 REFINED: Final = 8  # of the starts, the best: a descent costs as much as a dozen of them
 SHAPES: Final = 48  # of D, tried beside good envelopes
 
@@ -47,14 +48,28 @@ def transition(path: Path) -> tuple[float, float]:
     return 0.5 * float(low + high), max(0.5 * float(high - low), float(edges[1] - edges[0]))
 
 
-def slope_density(path: Path, edges: Array) -> Array:
-    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart."""
+def quartiles_of_change(path: Path) -> tuple[float, float, float]:
+    """The temperatures (degC) below which a quarter, a half and three quarters of the output's change are seen, over
+    all that a record goes through: a slow slope of the rest of the range moves them little."""
+    v = path.inputs[path.rows]
+    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
+    order = np.argsort(middle)
+    total = np.cumsum(np.maximum(np.sign(dv) * dy, 0.0)[order])
+    low, half, high = np.interp(np.array([0.25, 0.5, 0.75]) * total[-1], total, middle[order])
+    return float(low), float(half), float(high)
+
+
+def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
+    """Between rows at least so much travel apart: the temperature, its change, the output's."""
     v, y = path.inputs[path.rows], path.output
     travel = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(v)))))
-    step = 0.5 * float(edges[1] - edges[0])
-    coarse = np.flatnonzero(np.diff(np.floor(travel / step), prepend=-1.0) > 0)
-    dv, dy = np.diff(v[coarse]), np.diff(y[coarse])
-    middle = 0.5 * (v[coarse][1:] + v[coarse][:-1])
+    coarse = np.flatnonzero(np.diff(np.floor(travel / step_K), prepend=-1.0) > 0)
+    return 0.5 * (v[coarse][1:] + v[coarse][:-1]), np.diff(v[coarse]), np.diff(y[coarse])
+
+
+def slope_density(path: Path, edges: Array) -> Array:
+    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart."""
+    middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
     size = edges.size - 1
     place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
     moved = np.bincount(place, weights=np.abs(dv), minlength=size)

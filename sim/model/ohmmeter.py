@@ -94,6 +94,15 @@ class Ohmmeter:
         """The same without those of the filters, (rows, k)."""
         return self._through(columns, False)
 
+    def of_rows(self, columns: Array, taken_s: Array) -> Array:
+        """The same of columns that are known in the rows alone, (rows, k), which were taken at these times."""
+        for stage in self._stages:
+            if isinstance(stage, Switched):
+                columns = columns_followed(stage, taken_s, columns)
+            else:
+                columns = columns * stage[self._nodes.rows, None]
+        return columns
+
     @property
     def late(self) -> Array:
         """Those of the filters alone, (rows, filters)."""

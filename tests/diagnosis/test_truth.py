@@ -21,7 +21,7 @@ from tests.diagnosis.truth.rig import Clean, Effects, Rig, Schedule, simulate
 from tests.diagnosis.truth.sizes import weaker
 
 Array = NDArray[np.float64]
-FILMS = ("of_class", "preisach", "forc", "moving", "medium")
+FILMS = ("of_class", "preisach", "forc", "moving", "medium", "mixed")
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +183,22 @@ def test_a_mixture_percolates_at_a_half_and_at_a_third() -> None:
         np.testing.assert_allclose(gained[some], decades + np.log10(conducts), atol=1e-3)
         assert np.max(gained[metal < 1.0 / dimensions - 0.05]) < 1.5
         assert gained[-1] == pytest.approx(decades, abs=1e-3)
+
+
+@pytest.mark.parametrize("exponent", [-1.0, -0.4, 0.0, 0.5, 1.0])
+def test_domains_mix_as_the_exponent_says(exponent: float) -> None:
+    film = draw_film(np.random.default_rng(4), "mixed", form=0)
+    table, t = film.table.copy(), np.concatenate((np.linspace(20.0, 100.0, 400), np.linspace(100.0, 20.0, 400)))
+    table[4] = exponent
+    relays = replace(film, kind=PREISACH, table=table[:4], d=np.zeros(4)).log_ohm(t)
+    decades = float(np.sum(table[1]))
+    metal = -relays / decades
+    insulator = 10.0 ** (decades + table[5, 0] * (1.0 / (t + 273.15) - 1.0 / 333.15))  # over the metal's resistance
+    ohm = 10.0 ** (replace(film, table=table, d=np.zeros(4)).log_ohm(t) + decades)
+    if exponent == 0.0:
+        np.testing.assert_allclose(np.log10(ohm), (1.0 - metal) * np.log10(insulator), atol=1e-9)
+    else:
+        np.testing.assert_allclose(ohm**exponent, (1.0 - metal) * insulator**exponent + metal, rtol=1e-8)
 
 
 def test_order_condition_holds() -> None:

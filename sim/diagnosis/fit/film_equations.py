@@ -1,9 +1,11 @@
 """The equations of the last links: plate temperature -> film -> ohmmeter, for given parameters and coefficients.
 
-    y = D(T_f) + sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]        then the ohmmeter's effects
+    y = B(D(T_f) + step(T_f) (sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]))        then the ohmmeter's effects
 
 F_j are play operators with one pair of envelopes (the model's class), N_k relays spread over the Preisach plane: they
-stand for whatever a film of another kind does besides. Nothing here knows of noise, or of how well a reading is met.
+stand for whatever a film of another kind does besides. step and B are how the phases of such a film mix
+(`sim.model.film_mixing`), 1 and the identity for any other. Nothing here knows of noise, or of how well a reading is
+met.
 """
 
 from __future__ import annotations
@@ -17,11 +19,18 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.data.record import Record
-from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
+from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE, FilmBasis
 from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.preisach_density import Relays, followed_by
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.fit.unknowns import Unknown, envelope_unknowns, unknowns_of, values_inside, with_values
+from sim.diagnosis.fit.unknowns import (
+    Unknown,
+    envelope_unknowns,
+    mixing_unknowns,
+    unknowns_of,
+    values_inside,
+    with_values,
+)
 from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns, operator_signal
 from sim.model.film_nodes import FilmNodes, film_nodes
@@ -69,13 +78,13 @@ class FilmEquations:
 
     def extended(self, p: FilmParameters, effects: Sequence[Switched]) -> FilmParameters:
         """The same film with these effects."""
-        x = np.concatenate((p.x[:ENVELOPES], values_inside(effects), np.zeros(self.filters_behind(effects))))
+        x = np.concatenate((p.x[:SHAPE], values_inside(effects), np.zeros(self.filters_behind(effects))))
         return replace(p, effects=tuple(effects), x=x)
 
     def split(self, p: FilmParameters, x: Array) -> tuple[list[Switched], Array]:
         """Effects with their values, and how far the film's filters are behind (K)."""
         count = self.filters_behind(p.effects)
-        return with_values(p.effects, x[ENVELOPES : x.size - count]), x[x.size - count :]
+        return with_values(p.effects, x[SHAPE : x.size - count]), x[x.size - count :]
 
     def nodes(self, p: FilmParameters, x: Array) -> tuple[Links, FilmNodes]:
         """The effects with their values in the chain's order, and the film's temperature."""
@@ -85,6 +94,24 @@ class FilmEquations:
             own = self._at_rows_s(links, self._film_output(p))
             power = MeterPower(self.record.time_s, test, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
+
+    def read_links(self, p: FilmParameters, x: Array, links: Links) -> Links:
+        """The effects with the mixing of the film's phases before those of the ohmmeter."""
+        if not p.is_mixed:
+            return links
+        return replace(links, ohmmeter=(self.basis.mixing.reading(float(x[SHAPE - 1])), *links.ohmmeter))
+
+    def mixed(self, p: FilmParameters, x: Array, unmixed: Array) -> Array:
+        """The film's own output of what its operators add up to."""
+        return self.basis.mixing.mixed(float(x[SHAPE - 1]), unmixed) if p.is_mixed else unmixed
+
+    def unmixed(self, p: FilmParameters, x: Array, own: Array) -> Array:
+        """What the operators have to add up to for an output of the film."""
+        return self.basis.mixing.unmixed(float(x[SHAPE - 1]), own) if p.is_mixed else own
+
+    def step(self, p: FilmParameters, x: Array, film_degC: Array) -> Array | None:
+        """What the operators are multiplied by at temperatures of the film; None: by 1."""
+        return self.basis.mixing.step(float(x[ENVELOPES]), film_degC) if p.is_mixed else None
 
     def _film_output(self, p: FilmParameters) -> Array:
         """The film's own output as far as it is known before a fit; rows."""
@@ -98,9 +125,12 @@ class FilmEquations:
         order = np.argsort(taken, kind="stable")
         return np.interp(time, taken[order], output[order])
 
-    def _signals(self, links: Links, nodes: FilmNodes, x: Array) -> Array:
-        """Columns at the points before the ohmmeter: constant, D, operators; creep included."""
+    def _signals(self, p: FilmParameters, links: Links, nodes: FilmNodes, x: Array) -> Array:
+        """Columns at the points before the phases mix: constant, D, operators; creep included."""
         operators = operator_columns(nodes, x[:ENVELOPES], self._radii(x))
+        step = self.step(p, x, nodes.film_degC[nodes.points])
+        if step is not None:
+            operators *= step[:, None]
         parts = [np.ones((nodes.points.size, 1))]
         if self.basis.curve is not None:
             parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
@@ -115,10 +145,15 @@ class FilmEquations:
         floor, _ = radius_floor(x[:ENVELOPES])
         return np.asarray(floor + (1.0 - floor) * self.basis.fractions, dtype=np.float64)
 
-    def own_output(self, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]) -> Array:
-        """The film's own output at the points: the columns of `_signals` times c, its coefficients. late_dec: how far
-        each filter of the hysteretic part is behind."""
+    def _unmixed(
+        self, p: FilmParameters, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]
+    ) -> Array:
+        """The film's output before its phases mix, at the points: the columns of `_signals` times c, its coefficients.
+        late_dec: how far each filter of the hysteretic part is behind."""
         signal = operator_signal(nodes, x[:ENVELOPES], self._radii(x), c[self.basis.free : self.basis.columns])
+        step = self.step(p, x, nodes.film_degC[nodes.points])
+        if step is not None:
+            signal *= step
         for effect, late in zip(links.hysteretic_part, late_dec, strict=True):
             signal = columns_followed(effect, nodes.points_s, signal[:, None])[:, 0]
             signal = signal + late * behind(effect, nodes.points_s)[:, 0]
@@ -130,7 +165,7 @@ class FilmEquations:
         """Effects and film at another x, and what the relays add: all that the envelopes leave alone."""
         links, nodes = self.nodes(p, x)
         first = point.coefficients.size - self.relay_count(p)
-        return links, nodes, self._signal_of(links, nodes, point.coefficients[first:], point.problem.relays)
+        return links, nodes, self._signal_of(p, x, links, nodes, point.coefficients[first:], point.problem.relays)
 
     def predict(
         self, p: FilmParameters, x: Array, point: Point, relays: tuple[Links, FilmNodes, Array] | None = None
@@ -140,8 +175,8 @@ class FilmEquations:
         c = point.coefficients
         creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
         late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
-        signal = self.own_output(links, nodes, x, c, late[:creeps]) + of_relays
-        return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
+        signal = self._unmixed(p, links, nodes, x, c, late[:creeps]) + of_relays
+        return shown_in_rows(self.read_links(p, x, links), nodes, signal, point.problem.range_of, late[creeps:])
 
     def predict_from(
         self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None, near: Relays | None = None
@@ -153,20 +188,26 @@ class FilmEquations:
         c = fit.coefficients
         late = self.late_dec(fit) if late is None else late
         relays = c[c.size - self.relay_count(fit.parameters) :]
-        signal = self.own_output(links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
-        signal = signal + self._signal_of(links, nodes, relays, near)
-        shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
-        return shown, nodes.of_rows(signal)
+        signal = self._unmixed(p, links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
+        signal = signal + self._signal_of(p, p.x, links, nodes, relays, near)
+        read = self.read_links(p, p.x, links)
+        shown = shown_in_rows(read, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
+        return shown, self.mixed(p, p.x, nodes.of_rows(signal))
 
-    def _signal_of(self, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None) -> Array:
-        """What the relays add to the film's output at the points. near: those of a fit, which may be at the same
-        temperature of the film."""
+    def _signal_of(
+        self, p: FilmParameters, x: Array, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None
+    ) -> Array:
+        """What the relays add to the film's output at the points, before its phases mix. near: those of a fit, which
+        may be at the same temperature of the film."""
         if not coefficients.size:
             return np.zeros(nodes.points.size)
         if near is not None and near.nodes is not None and nodes.same_film(near.nodes):
             signal = near.columns @ coefficients
         else:
             signal = self.basis.plane.signal(nodes, coefficients)
+        step = self.step(p, x, nodes.film_degC[nodes.taken])
+        if step is not None:
+            signal = step * signal
         return nodes.at_points(followed_by(links.hysteretic_part, self.record.taken_s, signal[:, None])[:, 0])
 
     def late_dec(self, fit: ResistanceFit) -> dict[str, float]:
@@ -189,4 +230,5 @@ class FilmEquations:
 
     def unknowns(self, p: FilmParameters) -> list[Unknown]:
         """Of the envelopes and of the effects."""
-        return [*envelope_unknowns(self.path.plate_degC), *unknowns_of(p.effects)]
+        mixing = mixing_unknowns(p.is_mixed)
+        return [*envelope_unknowns(self.path.plate_degC), *mixing, *unknowns_of(p.effects)]

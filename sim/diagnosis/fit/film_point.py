@@ -90,7 +90,7 @@ class Point:
 
     @property
     def film_output(self) -> Array:
-        """The film's own, in all rows."""
+        """The film's own before its phases mix, in all rows."""
         film, relays, c = self.problem.film, self.problem.relays, self.coefficients
         return np.asarray(film @ c[: film.shape[1]] + relays.film @ c[self.problem.own.shape[1] :], dtype=np.float64)
 

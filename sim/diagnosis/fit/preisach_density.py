@@ -97,10 +97,10 @@ class RelayPlane:
 
 @dataclass(frozen=True, eq=False)
 class Relays:
-    """The relays' columns at one temperature of the film: as they are, of the film itself (crept), behind the
-    ohmmeter's filters, all (rows, columns); slope: by how much what is shown changes with the latter, (rows,), None: by
-    as much; fitted: as they are shown in the fitted rows, over the noise; gram: its products. nodes: that temperature,
-    None where there are no relays; through: the filters passed since."""
+    """The relays' columns at one temperature of the film: as they are, of the film itself (times step, crept), behind
+    the ohmmeter's filters, all (rows, columns); slope: by how much what is shown changes with the latter, (rows,),
+    None: by as much; fitted: as they are shown in the fitted rows, over the noise; gram: its products. nodes: that
+    temperature, None where there are no relays; through: the filters passed since; step: (rows,), None: 1."""
 
     nodes: FilmNodes | None
     columns: Array
@@ -110,6 +110,7 @@ class Relays:
     gram: Array
     through: tuple[Switched, ...] = ()
     slope: Array | None = None
+    step: Array | None = None
 
     @classmethod
     def none(cls, rows: int, fitted: Rows) -> Relays:
@@ -145,16 +146,17 @@ class RelaysOfRecord:
         self.none = Relays.none(taken_s.size, fitted)
         self._last = deque([self.none], maxlen=1)
 
-    def at(self, links: Links, nodes: FilmNodes) -> Relays:
-        """The relays at a temperature of the film."""
+    def at(self, links: Links, nodes: FilmNodes, step: Array | None = None) -> Relays:
+        """The relays at a temperature of the film, times `step` (rows,)."""
         (known,) = self._last
         through = (*links.hysteretic_part, *links.meter_lags)
         same = known.nodes is not None and nodes.same_film(known.nodes)
-        if not same or not _same(known.through, through):
+        if not (same and _alike(known.step, step) and _same(known.through, through)):
             columns = known.columns if same else self.plane.columns(nodes)
-            film = followed_by(links.hysteretic_part, self.taken_s, columns)
+            film = columns if step is None else columns * step[:, None]
+            film = followed_by(links.hysteretic_part, self.taken_s, film)
             every = followed_by(links.meter_lags, self.taken_s, film)
-            plain = replace(self.none, nodes=nodes, columns=columns, film=film, every=every, through=through)
+            plain = replace(self.none, nodes=nodes, columns=columns, film=film, every=every, through=through, step=step)
             known = plain.seen_by(None, self.fitted, self.noise)
             self._last.append(known)
         return known
@@ -165,6 +167,11 @@ def followed_by(effects: Effects, taken_s: Array, columns: Array) -> Array:
     for effect in effects:
         columns = columns_followed(effect, taken_s, columns)
     return columns
+
+
+def _alike(one: Array | None, other: Array | None) -> bool:
+    """Whether these are the same steps."""
+    return one is other if one is None or other is None else np.array_equal(one, other)
 
 
 def _same(one: Sequence[Switched], other: Sequence[Switched]) -> bool:

@@ -29,7 +29,7 @@ from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_equations import FilmEquations, straight_readings
 from sim.diagnosis.fit.film_point import LinearProblem, Point
-from sim.diagnosis.fit.preisach_density import RelaysOfRecord
+from sim.diagnosis.fit.preisach_density import Relays, RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Links, links_of, shown_output
@@ -84,8 +84,9 @@ class ResistanceChannel(FilmEquations):
     def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
         links, nodes = self.nodes(p, x)
-        relays = self.plane.at(links, nodes) if self.relay_count(p) else self.plane.none
-        signals = self._signals(links, nodes, x)
+        step = self.step(p, x, nodes.film_degC[nodes.taken])
+        relays = self.plane.at(links, nodes, step) if self.relay_count(p) else self.plane.none
+        signals, links = self._signals(p, links, nodes, x), self.read_links(p, x, links)
         rows, y, coefficients = self.rows, self.output, guess
         film = nodes.of_rows(signals)
         if links.linear:
@@ -97,13 +98,12 @@ class ResistanceChannel(FilmEquations):
         for turn in range(most):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
             guessed = known.size == signals.shape[1]
-            signal = np.interp(nodes.points_s, self.record.time_s, self._film_output(p))
+            signal = np.interp(nodes.points_s, self.record.time_s, self.unmixed(p, x, self._film_output(p)))
             if coefficients is not None and guessed:
                 of_relays = coefficients[coefficients.size - relays.count :]
                 signal = signals @ known + nodes.at_points(relays.film @ of_relays)
             ohmmeter = Ohmmeter(links, nodes, signal)
-            sloped = ohmmeter.slope is not None and relays.count
-            shown = relays.seen_by(ohmmeter.slope[nodes.rows], rows, self.whitening) if sloped else relays  # type: ignore[index]
+            shown = self._seen(relays, ohmmeter, links, nodes)
             at_rows = ohmmeter.columns(signals)
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.shown(of_relays)
@@ -125,6 +125,15 @@ class ResistanceChannel(FilmEquations):
                 break
             before = found.cost
         return found
+
+    def _seen(self, relays: Relays, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes) -> Relays:
+        """The relays as the ohmmeter shows them about a signal."""
+        if ohmmeter.slope is None or not relays.count:
+            return relays
+        if not links.meter_lags:
+            return relays.seen_by(ohmmeter.slope[nodes.rows], self.rows, self.whitening)
+        every = ohmmeter.of_rows(relays.film, self.record.taken_s)
+        return replace(relays, every=every).seen_by(None, self.rows, self.whitening)
 
     def _bent(self, links: Links, nodes: FilmNodes, signals: Array, found: Point) -> float:
         """By how much the cost of a problem's solution changes where the ohmmeter is not linear about a guess."""
@@ -167,7 +176,7 @@ class ResistanceChannel(FilmEquations):
             return -at.evidence if nonlinear else at.cost
 
         for iteration in range(steps):
-            room = self._slopes(p, point, high, h, nonlinear, jacobian)
+            room = self._slopes(p, point, (low, high, h), nonlinear, jacobian)
             j = self.over(jacobian[self.rows])
             residual = self._over_noise(point.shown)
             cross = point.along(j)
@@ -179,7 +188,7 @@ class ResistanceChannel(FilmEquations):
             about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
             point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * settled)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
-                p = replace(p, film_output=point.film_output)
+                p = replace(p, film_output=self.mixed(p, point.x, point.film_output))
             if settle and iteration % EACH == EACH - 1:
                 point = self.point(p, point.x, point.coefficients)
                 p, point = self._settled(p, point, 1)
@@ -192,7 +201,7 @@ class ResistanceChannel(FilmEquations):
         return ResistanceFit(
             replace(p, effects=tuple(effects), x=point.x),
             point.shown,
-            point.film_output,
+            self.mixed(p, point.x, point.film_output),
             point.evidence,
             point.coefficients,
             jacobian.copy(),
@@ -208,13 +217,21 @@ class ResistanceChannel(FilmEquations):
         return self.point(p, np.clip(point.x + np.clip(move, -1.0, 1.0), low, high), point.coefficients)
 
     def _slopes(
-        self, p: FilmParameters, point: Point, high: Array, h: Array, nonlinear: list[int], jacobian: Array
+        self,
+        p: FilmParameters,
+        point: Point,
+        bounds: tuple[Array, Array, Array],
+        nonlinear: list[int],
+        jacobian: Array,
     ) -> Array:
         """d shown / d x by difference quotients, into jacobian (rows, unknowns); returned is by how much the room that
         the coefficients leave changes with those of x that bend the reading."""
-        relays, room = self.of_relays(p, point.x, point), np.zeros(point.x.size)
+        (low, high, h), relays, room = bounds, self.of_relays(p, point.x, point), np.zeros(point.x.size)
         base = self.predict(p, point.x, point, relays)
         for k in range(point.x.size):
+            if low[k] == high[k]:
+                jacobian[:, k] = 0.0
+                continue
             moved = point.x.copy()
             moved[k] += h[k] if moved[k] + h[k] <= high[k] else -h[k]
             change = self.predict(p, moved, point, relays if k < ENVELOPES else None) - base

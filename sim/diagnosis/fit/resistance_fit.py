@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.fit.film_basis import ENVELOPES
+from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE
 from sim.diagnosis.fit.film_prior import PriorWidths
 from sim.effects.effect import Switched, at_the_terminals
 from sim.model.record_own import FilmStart
@@ -13,14 +15,22 @@ from sim.model.record_own import FilmStart
 
 @dataclass(frozen=True, eq=False)
 class FilmParameters:
-    """x: envelopes (4), effects, how far film filters are behind; film_output: of an earlier fit, (rows,), whose
-    resistance the ohmmeter's current heats; None: the one that was read."""
+    """x: envelopes (4), change and exponent of how the phases mix (0 where they do not), effects, how far film filters
+    are behind; film_output: of an earlier fit, (rows,), whose resistance the ohmmeter's current heats; None: the one
+    that was read. mixes: whether relays are mixed otherwise than in their logarithms."""
 
     effects: tuple[Switched, ...]
     x: Array
     start: FilmStart
     prior: PriorWidths = field(default_factory=PriorWidths)
     film_output: Array | None = None
+    mixes: bool = False
+
+    @classmethod
+    def of_the_class(cls, envelopes: Array, start: FilmStart, prior: PriorWidths | None = None) -> FilmParameters:
+        """A Prandtl-Ishlinskii film with no effect. envelopes: (4,)."""
+        x = np.concatenate((envelopes, np.zeros(SHAPE - ENVELOPES)))
+        return cls((), x, start, PriorWidths() if prior is None else prior)
 
     @property
     def has_relays(self) -> bool:
@@ -28,10 +38,16 @@ class FilmParameters:
         return self.prior.relay_dec > 0.0
 
     @property
+    def is_mixed(self) -> bool:
+        """Whether there are relays, and are mixed."""
+        return self.mixes and self.has_relays
+
+    @property
     def nonlinear(self) -> list[int]:
-        """Which of x bend the reading as a function of the resistance."""
+        """Which of x bend the reading as a function of the resistance, or of the relays."""
         bends = [at_the_terminals(e.effect) for e in self.effects for q in e.effect.parameters if not q.choices]
-        return [ENVELOPES + k for k, bent in enumerate(bends) if bent]
+        mixing = range(ENVELOPES, SHAPE) if self.is_mixed else ()
+        return [*mixing, *(SHAPE + k for k, bent in enumerate(bends) if bent)]
 
     def with_relays(self, relay_dec: float) -> FilmParameters:
         """The same with relays of this prior's width, or none at 0."""

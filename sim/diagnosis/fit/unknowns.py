@@ -11,6 +11,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
+from sim.model.film_mixing import MOST_CHANGE, MOST_EXPONENT
 
 LEAST_LEFT = 0.2  # of a value, after a step
 BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
@@ -55,6 +56,12 @@ def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
     a = positive("a", STEEP[0] / span, STEEP[1] / span)
     c = free("c", 1.0, low_T - 0.5 * span, high_T + 0.5 * span)
     return [a, c, a, c]
+
+
+def mixing_unknowns(mixed: bool) -> list[Unknown]:
+    """How the phases of a film mix, or that they do not."""
+    change, exponent = (MOST_CHANGE, MOST_EXPONENT) if mixed else (0.0, 0.0)
+    return [free("mixing.change", 1.0, -change, change), free("mixing.exponent", 1.0, -exponent, exponent)]
 
 
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:

@@ -12,7 +12,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
-from sim.diagnosis.fit.film_basis import ENVELOPES
+from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.judge.verdict import resistance_residual, temperature_residual
@@ -31,7 +31,12 @@ VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the s
 
 
 def _deviations(columns: Array, z: Array) -> Array:
-    """Standard deviations of unknowns whose columns were freed of all others."""
+    """Standard deviations of unknowns whose columns were freed of all others; 0 of one that is held."""
+    moves = np.any(columns != 0.0, axis=0)
+    if not np.all(moves):
+        deviations = np.zeros(moves.size)
+        deviations[moves] = _deviations(columns[:, moves], z)
+        return deviations
     normal = columns.T @ columns
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))  # > 0
     # by the pseudoinverse: two unknowns may do the same
@@ -73,14 +78,14 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     joint = chain.joint(names)
     if joint is not None:
         p = joint.a.parameters
-        begin = p.x.size + p.first_degC.size + ENVELOPES
+        begin = p.x.size + p.first_degC.size + SHAPE
         out |= _by_name(list(joint.b.effects), _deviations(*joint.columns())[begin:])
     elif b is not None:
         z, rows = resistance_residual(chain, names)
         last = chain.film_channel(names)
         point = last.point(b.parameters, b.parameters.x, b.coefficients)
         j = point.off(last.over(b.jacobian[rows]))
-        out |= _by_name(list(b.effects), _deviations(j, z)[ENVELOPES:])
+        out |= _by_name(list(b.effects), _deviations(j, z)[SHAPE:])
     return out | _profiles(chain, names)
 
 

@@ -135,7 +135,7 @@ class Chain:
         record, facts = self.record, self.facts
         assert facts is not None
         channel = ResistanceChannel.of(record, path, ~record.held_out, facts.noise, facts.basis, self.relays)
-        base, mine = FilmParameters((), facts.shape, facts.start, facts.prior), self._of_the_film
+        base, mine = FilmParameters.of_the_class(facts.shape, facts.start, facts.prior), self._of_the_film
         return ResistanceSearch(channel, mine, base, self.assumed.intersection(mine), self.budget)
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.multistart import transition
+from compensator.identification.multistart import quartiles_of_change
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Record, Rows
@@ -66,9 +66,9 @@ def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True
             best, shape, least = start, found, square
     thin = thinned_path(film_nodes(record, path, Links(), [], None, best), output, used, best)
     noise = NoiseModel.white(max(quick_noise(output[used]), LEAST_NOISE_DEC))
-    basis = FilmBasis.over(record, path, *transition(thin), curve)
+    basis = FilmBasis.over(record, path, quartiles_of_change(thin), curve)
     channel = ResistanceChannel.of(record, path, fitted, noise, basis)
-    fit = channel.descend(FilmParameters((), shape, best))
+    fit = channel.descend(FilmParameters.of_the_class(shape, best))
     for _ in range(MEMORY_ROUNDS):  # the envelopes were found with another memory
         start = remembered(channel, fit.parameters)
         if start == fit.parameters.start:

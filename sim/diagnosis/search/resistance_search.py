@@ -29,6 +29,7 @@ AS_GOOD = 1.2
 WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
+MIXING_WORTH = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
 RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
@@ -240,8 +241,15 @@ class ResistanceSearch:
         if self.channel.relays:
             wider = self.channel.descend(fit.parameters.with_relays(fit.parameters.prior.first_relay_dec), RELAY_STEPS)
             if wider.score > fit.score:
-                return replace(wider, plain=fit.parameters)
+                return self._mixed(replace(wider, plain=fit.parameters))
         return fit
+
+    def _mixed(self, fit: ResistanceFit) -> ResistanceFit:
+        """The fit, or a better one whose film's phases mix otherwise than in their logarithms."""
+        if fit.parameters.is_mixed or View(self.channel, fit).gain_of_mixing() < MIXING_WORTH:
+            return fit
+        other = self.channel.descend(replace(fit.parameters, mixes=True), WHOLE_STEPS)
+        return replace(other, plain=fit.plain) if other.score > fit.score + MIXING_WORTH else fit
 
     def ended(self, fit: ResistanceFit) -> ResistanceFit:
         """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,

@@ -7,12 +7,16 @@ with the residual says whether the record asks for it (score test).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K, TemperatureChannel, TemperatureFit
+from sim.diagnosis.fit.unknowns import STEP
 from sim.effects.effect import Switched
 
 NOTHING = 1e-9  # a square in units of the noise's: what changes the rows less changes nothing
@@ -78,5 +82,21 @@ class View:
         others = [e for e in fit.effects if e.name != effect.name]
         trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
         shown = channel.predict_from(trial, fit, near=near)[0]
-        delta = self._point.off(channel.over(shown[rows] - self._point.shown[rows])[:, None])[:, 0]
+        return self._left(channel.over(shown[rows] - self._point.shown[rows]))
+
+    def gain_of_mixing(self) -> float:
+        """The log-likelihood that the fit may gain where the phases of its film mix otherwise (score test)."""
+        channel, p, rows = self._channel, self._fit.parameters, self._channel.rows
+        shown, columns = channel.predict(p, p.x, self._point), []
+        for k in range(ENVELOPES, SHAPE):
+            x = p.x.copy()
+            x[k] += STEP
+            moved = channel.predict(replace(p, mixes=True), x, self._point)
+            columns.append(self._left(channel.over((moved - shown)[rows])))
+        left = np.stack(columns, axis=1)
+        return 0.5 * float(self.residual @ (left @ np.linalg.lstsq(left, self.residual)[0]))
+
+    def _left(self, delta: Array) -> Array:
+        """What is left of a change of the fitted rows, over the noise, once everything that is free has followed."""
+        delta = self._point.off(delta[:, None])[:, 0]
         return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)

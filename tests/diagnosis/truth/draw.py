@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.diagnosis.truth.films import Film
-from tests.diagnosis.truth.hysteresis import MEDIUM, MOVING, PLAY, PREISACH, REVERSAL
+from tests.diagnosis.truth.hysteresis import MEDIUM, MIXED, MOVING, PLAY, PREISACH, REVERSAL
 from tests.diagnosis.truth.manner import USUAL, Manner, setpoints
 from tests.diagnosis.truth.profiles import meter_currents, steps_and_dithers
 from tests.diagnosis.truth.rig import Plate, Rig, Schedule, feedforward, simulate
@@ -16,6 +16,7 @@ from tests.diagnosis.truth.rig import Plate, Rig, Schedule, feedforward, simulat
 Array = NDArray[np.float64]
 Random = np.random.Generator
 ROWS_ELSEWHERE = 3000
+BOLTZMANN_EV_PER_K = 8.617e-5
 
 
 def memoryless_part(rng: Random, form: int, decades: float) -> Array:
@@ -113,6 +114,14 @@ def medium_table(rng: Random, centre: float, decades: float) -> Array:
     return np.vstack((table, np.full(table.shape[1], float(rng.integers(2, 4)))))
 
 
+def mixed_table(rng: Random, centre: float, decades: float) -> Array:
+    """Domains in parallel, in series, or in between; an insulator of 0.1 to 0.3 eV."""
+    table = preisach_table(rng, centre, decades)
+    exponent, activation_K = rng.uniform(-1.0, 1.0), rng.uniform(0.1, 0.3) / BOLTZMANN_EV_PER_K
+    both = np.array([[exponent], [activation_K / np.log(10.0)]])
+    return np.vstack((table, np.repeat(both, table.shape[1], axis=1)))
+
+
 def reversal_table(rng: Random, centre: float, decades: float) -> Array:
     """Two major branches, each of two steps, and reversal curves that start flatter than the branch they join."""
     width = rng.uniform(3.0, 9.0)
@@ -139,6 +148,7 @@ def draw_film(rng: Random, kind: str = "of_class", form: int | None = None, few_
         "forc": (REVERSAL, reversal_table),
         "moving": (MOVING, moving_table),
         "medium": (MEDIUM, medium_table),
+        "mixed": (MIXED, mixed_table),
     }
     code, table = make[kind]
     parts = table(rng, centre, total - slow)

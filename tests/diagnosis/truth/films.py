@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.diagnosis.truth.hysteresis import COLD, DEEPEST, HOT, MOVING, PLAY, REVERSAL, film_path, share
+from tests.diagnosis.truth.hysteresis import COLD, DEEPEST, HOT, MIXED, MOVING, PLAY, REVERSAL, film_path, share
 
 Array = NDArray[np.float64]
 FORMS = ("none", "linear", "arrhenius", "tanh")
@@ -86,6 +86,9 @@ class Film:
         elif self.kind != REVERSAL:
             if self.kind == MOVING:
                 yield self.changed(4, 0, 1e-3), 1e-3
+            if self.kind == MIXED:
+                yield self.changed(4, 0, 1e-4), 1e-4
+                yield self.changed(5, 0, 1.0), 1.0
             for row, step in ((0, 2e-3), (2, 2e-3), (3, 2e-3)):
                 for group in np.array_split(np.argsort(self.table[0, :n]), 6):
                     yield self.changed(row, group, step), step

@@ -13,6 +13,8 @@ kind 3, the relays of kind 1 in the mean field of all others: what has switched 
         Electroacoust. 14 (1966) 86, with temperature for the field).
 kind 4, the relays of kind 1 as grains of metal in an insulator, 10^decades times less conductive, of which Bruggeman's
         effective medium of table[4, 0] dimensions conducts (D. Stroud, Phys. Rev. B 12 (1975) 3368): it percolates.
+kind 5, the relays of kind 1 as a share s of metal, R^p = (1 - s) R_i(T)^p + s R_m^p with p = table[4, 0] (0: logarithms
+        add) and an insulator that is table[5, 0] / T[K] decades above the metal, and sum(table[1]) at MIDDLE.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-PLAY, PREISACH, REVERSAL, MOVING, MEDIUM = 0, 1, 2, 3, 4
+PLAY, PREISACH, REVERSAL, MOVING, MEDIUM, MIXED = 0, 1, 2, 3, 4, 5
+MIDDLE = 60.0  # degC
 DEEPEST = 400  # turning points that a reversal film can remember
 COLD, HOT = -60.0, 200.0
 
@@ -109,6 +112,15 @@ def _medium(metal: float, decades: float, dimensions: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def _mixed(metal: float, decades: float, exponent: float, activation: float, x: float) -> float:
+    """Decades by which the mixture conducts better than the insulator at MIDDLE."""
+    gap = decades + activation * (1.0 / (x + 273.15) - 1.0 / (MIDDLE + 273.15))
+    if abs(exponent) < 1e-9:
+        return decades - (1.0 - metal) * gap
+    return decades - np.log10((1.0 - metal) * 10.0 ** (exponent * gap) + metal) / exponent
+
+
+@njit(cache=True, error_model="numpy")
 def share(kind: int, table: Array, state: Array, x: float, commit: bool) -> float:
     """Decades of the transition at film temperature x, degC; the memory in `state` moves only with `commit`."""
     if kind == REVERSAL:
@@ -128,6 +140,9 @@ def share(kind: int, table: Array, state: Array, x: float, commit: bool) -> floa
     decades = np.sum(table[1])
     if kind == MOVING:
         return _relays(table, state, _seen(table, state, x, decades), commit)
+    if kind == MIXED:
+        metal = _relays(table, state, x, commit) / decades
+        return _mixed(metal, decades, table[4, 0], table[5, 0], x)
     return _medium(_relays(table, state, x, commit) / decades, decades, table[4, 0])
 
 

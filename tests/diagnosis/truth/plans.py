@@ -25,6 +25,7 @@ from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, slower, s
 Random = np.random.Generator
 # "smallest" is asked only of effects whose limit is of a size that one meets: at least this share of the least one
 NOT_TRIFLING = 0.25
+FURTHER = ("moving", "medium", "mixed")  # films that relays and a curve alone do not tell to the noise
 FEW_TRIES = 12
 LIMITED = (
     "actuator_deadband",
@@ -118,10 +119,10 @@ def other_film_effect(rng: Random, seed: int, film: str | None = None, effect: s
 
 
 def further_film(rng: Random, seed: int, film: str | None = None, effect: str | None = None) -> Case:
-    """Films that relays and a curve do not tell to the noise: a moving Preisach film, and one that percolates; every
-    other pair with an effect."""
-    film = film or ("moving", "medium")[seed % 2]
-    bare = effect is None and seed // 2 % 2 == 0
+    """Films that relays and a curve do not tell to the noise: a moving Preisach film, one that percolates, and one that
+    mixes otherwise than in logarithms; every other three with an effect."""
+    film = film or FURTHER[seed % len(FURTHER)]
+    bare = effect is None and seed // len(FURTHER) % 2 == 0
     made = other_film(rng, seed, film) if bare else other_film_effect(rng, seed, film, effect)
     return replace(made, kind="further_film")
 
