@@ -10,7 +10,7 @@ import numpy as np
 
 from sim.diagnosis.judge.verdict import least_evidence
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import starts_of
+from sim.diagnosis.search.starting_sizes import starts_of
 from sim.diagnosis.search.views import View
 from sim.effects.effect import Switched, at_the_terminals, switched
 

@@ -35,7 +35,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import thresholds_inside
+from sim.diagnosis.search.starting_sizes import thresholds_inside
 from sim.diagnosis.search.views import FirstView, View
 from sim.effects.effect import Effect, Parameter, Switched, switched
 

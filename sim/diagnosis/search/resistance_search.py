@@ -16,13 +16,12 @@ from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.starting_sizes import SIZES, starts_of
 from sim.diagnosis.search.views import NOTHING, View
-from sim.effects.effect import Effect, Parameter, Reading, Switched, Warming, at_the_terminals, switched
+from sim.effects.effect import Effect, Reading, Switched, at_the_terminals
 from sim.model.film_nodes import FilmNodes
 
-FEWEST_ROWS = 30  # on either side of a threshold
 QUICK_STEPS = 4  # of a descent that is compared with others alike
-SIZES = 4  # of an effect that are looked at
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
 AS_GOOD = 1.2
@@ -245,11 +244,28 @@ class ResistanceSearch:
         return fit
 
     def _mixed(self, fit: ResistanceFit) -> ResistanceFit:
-        """The fit, or a better one whose film's phases mix otherwise than in their logarithms."""
+        """The fit, or a better one whose film's phases mix otherwise than in their logarithms. A resistance in series
+        or in parallel bends the output, too: where one of them does as well, it is the simpler reason."""
         if fit.parameters.is_mixed or View(self.channel, fit).gain_of_mixing() < MIXING_WORTH:
             return fit
         other = self.channel.descend(replace(fit.parameters, mixes=True), WHOLE_STEPS)
-        return replace(other, plain=fit.plain) if other.score > fit.score + MIXING_WORTH else fit
+        least = max(fit.score, -np.inf if self._is_known_to_mix(fit) else self._bent(fit))
+        return replace(other, plain=fit.plain) if other.score > least + MIXING_WORTH else fit
+
+    def _is_known_to_mix(self, fit: ResistanceFit) -> bool:
+        """Whether the film was found to mix with fewer effects, or with these."""
+        names = frozenset(e.name for e in fit.effects)
+        return any(known.parameters.is_mixed for found, known in self.fits.items() if found <= names)
+
+    def _bent(self, fit: ResistanceFit) -> float:
+        """Score of the best fit with one more effect at the ohmmeter's terminals, the film's phases as they are."""
+        best, names = -np.inf, {e.name for e in fit.effects}
+        for name, effect in self.effects.items():
+            start = self.absorbed(fit, effect, np.inf) if at_the_terminals(effect) and name not in names else None
+            if start is not None:
+                trial = self.channel.extended(fit.parameters, [*fit.effects, start])
+                best = max(best, self.channel.descend(trial, RELAY_STEPS).score)
+        return best
 
     def ended(self, fit: ResistanceFit) -> ResistanceFit:
         """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,
@@ -317,32 +333,3 @@ def _pass(residual: Array, one: list[Array], two: list[Array]) -> bool:
             if np.all(share > 0.0) and 0.5 * float(residual @ (both @ share)) > TWO_AT_ONCE:
                 return True
     return False
-
-
-def thresholds_inside(threshold: Parameter, channel: ResistanceChannel) -> tuple[float, ...]:
-    """The choices of a threshold with enough rows on either side; the one that is known, where it is."""
-    if len(threshold.choices) == 1:
-        return threshold.choices
-    ohm = channel.record.quantity.ohm(channel.output[channel.rows])
-    return tuple(c for c in threshold.choices if min(np.sum(ohm > c), np.sum(ohm <= c)) >= FEWEST_ROWS)
-
-
-def starts_of(effect: Effect, channel: ResistanceChannel, sizes: int = SIZES) -> list[Switched]:
-    """Values of an effect to begin from: over the sizes met, of both signs, each choice that the record can show."""
-    axes: list[list[float]] = []
-    for k, p in enumerate(effect.parameters):
-        if p.choices:
-            axes.append([*thresholds_inside(p, channel)] or [p.choices[0]])
-        elif p.signed:
-            values = np.geomspace(p.smallest, p.largest, sizes)[::2]
-            axes.append([float(v) for v in (*-values[::-1], *values)])
-        else:  # three values of what an effect has besides its size
-            axes.append([float(v) for v in np.geomspace(p.smallest, p.largest, sizes if k == 0 else 3)])
-    heated = isinstance(effect.form, Warming) and effect.form.heated and not effect.parameters[0].choices
-    if heated and channel.record.test_current_A is not None:
-        ohm = channel.record.quantity.ohm(channel.output[channel.rows])
-        power = channel.record.test_current_A[channel.rows] ** 2 * ohm
-        largest = max(float(np.max(power)), 1e-30)  # > 0
-        # warmer by so many K at the largest power, within 1 to 1e5 K/W: any film on any substrate
-        axes[0] = [min(max(k / largest, 1.0), 1e5) for k in (0.02, 0.2, 1.0, 3.0)]
-    return [switched(effect, list(values)) for values in product(*axes)]
