@@ -4,13 +4,15 @@ A film of which a share s is metal, R_i(T) its insulator and R_m its metal, read
 
     R^p = (1 - s) R_i(T)^p + s R_m^p        p = -1: domains in parallel; 1: in series; 0: logarithms add
 
-(a power mean; G. Hardy, J. Littlewood, G. Polya, Inequalities, 1934, ch. 2). A model D(T) + N, N a sum of operators, is
-p = 0 with an insulator and a metal that change alike with temperature. Two numbers tell the rest: by how much the step
-from one phase to the other changes with temperature, and p.
+(a power mean; G. Hardy, J. Littlewood, G. Polya, Inequalities, 1934, ch. 2). Where the metal percolates, p falls with
+its share: below the threshold of a plane's effective medium R_i (1 - 2 s) is left, domains in series, above it the
+metal's conductance times 2 s - 1, domains in parallel (D. Stroud, Phys. Rev. B 12 (1975) 3368). A model D(T) + N, N a
+sum of operators, is p = 0 with an insulator and a metal that change alike with temperature. Three numbers tell the
+rest: by how much the step from one phase to the other changes with temperature, p, and its tilt.
 
-    u = D(T) + (1 + change (T - middle) / farthest) N        y = B_p(u)
+    u = D(T) + (1 + change (T - middle) / farthest) N        y = B(u)        p(s) = exponent + tilt (2 s - 1)
 
-B_p takes the ends of a record's output to themselves, so that p changes the form between them and no scale; beyond the
+B takes the ends of a record's output to themselves, so that both change the form between them and no scale; beyond the
 ends it goes on straight.
 """
 
@@ -26,8 +28,11 @@ from sim.effects.effect import Effect, Reading, Switched
 
 MOST_CHANGE = 0.8  # of either sign: the step between the phases does not turn round
 MOST_EXPONENT = 1.5  # of either sign: domains in series or in parallel, and half as much
+MOST_TILT = 2.0  # of either sign: in series as long as few are metal, in parallel when most are, and as much again
 FARTHEST_DEC = 15.0  # from 1 ohm: a trial of a fit beyond it has no resistance
 LOGARITHMS = 1e-7  # exponent below which logarithms add
+NEAR_END = 1e-6  # share, over which the slope beyond an end is taken
+PLACES = 1001  # of a table
 
 
 @dataclass(frozen=True)
@@ -45,34 +50,43 @@ class FilmMixing:
         away = (film_degC - self.middle_degC) / self.farthest_K
         return np.asarray(1.0 + change * np.clip(away, -1.0, 1.0), dtype=np.float64)
 
-    def mixed(self, exponent: float, u: Array) -> Array:
-        """B_p: the film's output, decades."""
-        if abs(exponent) < LOGARITHMS:
+    def mixed(self, exponent: float, tilt: float, u: Array) -> Array:
+        """B: the film's output, decades."""
+        if abs(exponent) + abs(tilt) < LOGARITHMS:
             return u
-        span, share = self.high_dec - self.low_dec, self._share(u)
-        inside, rate = np.clip(share, 0.0, 1.0), math.log(10.0) * exponent * span
-        y = -np.log1p(inside * math.expm1(-rate)) / rate
-        slope = -math.expm1(-rate) / rate / (1.0 + inside * math.expm1(-rate))
-        return np.asarray(self.low_dec + span * (y + (share - inside) * slope), dtype=np.float64)
+        share = self._share(u)
+        inside = np.clip(share, 0.0, 1.0)
+        ends = np.array([0.0, NEAR_END, 1.0 - NEAR_END, 1.0])
+        first, near_first, near_last, last = self._power_mean(exponent, tilt, ends)
+        slope = np.where(share < 0.0, near_first - first, last - near_last) / NEAR_END
+        y = self._power_mean(exponent, tilt, inside) + (share - inside) * slope
+        return np.asarray(self.low_dec + (self.high_dec - self.low_dec) * y, dtype=np.float64)
 
-    def unmixed(self, exponent: float, y: Array) -> Array:
-        """u of an output; beyond the ends that of the end."""
-        if abs(exponent) < LOGARITHMS:
+    def unmixed(self, exponent: float, tilt: float, y: Array) -> Array:
+        """u of an output, straight between `PLACES` of it; beyond the ends that of the end."""
+        if abs(exponent) + abs(tilt) < LOGARITHMS:
             return y
-        span = self.high_dec - self.low_dec
-        rate = math.log(10.0) * exponent * span
-        share = np.expm1(-rate * np.clip(self._share(y), 0.0, 1.0)) / math.expm1(-rate)
-        return np.asarray(self.low_dec + span * share, dtype=np.float64)
+        share = np.linspace(0.0, 1.0, PLACES)
+        there = np.maximum.accumulate(self._power_mean(exponent, tilt, share))
+        found = np.interp(self._share(y), there, share)
+        return np.asarray(self.low_dec + (self.high_dec - self.low_dec) * found, dtype=np.float64)
 
-    def reading(self, exponent: float) -> Switched:
-        """B_p as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
+    def _power_mean(self, exponent: float, tilt: float, share: Array) -> Array:
+        """Place of the output between its ends at a share from 0 to 1."""
+        rate = math.log(10.0) * (self.high_dec - self.low_dec) * (exponent + tilt * (2.0 * share - 1.0))
+        flat = np.abs(rate) < LOGARITHMS
+        rate = np.where(flat, 1.0, rate)
+        return np.where(flat, share, -np.log1p(share * np.expm1(-rate)) / rate)
+
+    def reading(self, exponent: float, tilt: float) -> Switched:
+        """B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
 
         def read(par: Array, ohm: Array) -> Array:
-            y = self.mixed(float(par[0]), -np.log10(ohm))
+            y = self.mixed(float(par[0]), float(par[1]), -np.log10(ohm))
             return np.asarray(10.0 ** -np.clip(y, -FARTHEST_DEC, FARTHEST_DEC), dtype=np.float64)
 
         effect = Effect("mixing of the film's phases", "ohmmeter", (), Reading(read), "", "")
-        return Switched(effect, np.array([exponent]))
+        return Switched(effect, np.array([exponent, tilt]))
 
     def _share(self, dec: Array) -> Array:
         return np.asarray((dec - self.low_dec) / (self.high_dec - self.low_dec), dtype=np.float64)

@@ -44,9 +44,9 @@ def chain() -> Chain:
 
 
 def solved(
-    channel: ResistanceChannel, base: FilmParameters, *names: str, mixing: tuple[float, float] | None = None
+    channel: ResistanceChannel, base: FilmParameters, *names: str, mixing: tuple[float, float, float] | None = None
 ) -> tuple[FilmParameters, Point]:
-    """The best coefficients beside these effects, with relays. mixing: of the film's phases, change and exponent."""
+    """The best coefficients beside these effects, with relays. mixing: of the film's phases, change, exponent, tilt."""
     known = catalogue()
     p = channel.extended(base.with_relays(RELAYS_DEC), [switched(known[n], EFFECTS[n]) for n in names])
     if mixing is not None:
@@ -58,9 +58,11 @@ def solved(
     return p, point
 
 
-@pytest.mark.parametrize("mixing", [None, (-0.3, 0.2), (0.2, -0.3)])
+@pytest.mark.parametrize("mixing", [None, (-0.3, 0.2, 0.1), (0.2, -0.3, -0.2)])
 @pytest.mark.parametrize("name", EFFECTS)
-def test_what_is_solved_for_is_what_is_predicted(chain: Chain, name: str, mixing: tuple[float, float] | None) -> None:
+def test_what_is_solved_for_is_what_is_predicted(
+    chain: Chain, name: str, mixing: tuple[float, float, float] | None
+) -> None:
     search = chain.last(frozenset())
     p, point = solved(search.channel, search.base, name, mixing=mixing)
     np.testing.assert_allclose(search.channel.predict(p, p.x, point), point.shown, atol=2e-5, rtol=0.0)

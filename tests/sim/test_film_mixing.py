@@ -16,22 +16,35 @@ def test_the_output_is_the_power_mean_of_both_ends(exponent: float) -> None:
     insulator, metal = 10.0**5.0, 10.0**2.5
     ohm = ((1.0 - share) * insulator**exponent + share * metal**exponent) ** (1.0 / exponent)
     u = MIXING.low_dec + share * (MIXING.high_dec - MIXING.low_dec)
-    np.testing.assert_allclose(MIXING.mixed(exponent, u), -np.log10(ohm), atol=1e-9)
-    np.testing.assert_allclose(MIXING.unmixed(exponent, -np.log10(ohm)), u, atol=1e-9)
-    read = MIXING.reading(exponent)
+    np.testing.assert_allclose(MIXING.mixed(exponent, 0.0, u), -np.log10(ohm), atol=1e-9)
+    np.testing.assert_allclose(MIXING.unmixed(exponent, 0.0, -np.log10(ohm)), u, atol=1e-4)
+    read = MIXING.reading(exponent, 0.0)
     np.testing.assert_allclose(read.effect.form.read(read.par, 10.0**-u), ohm, rtol=1e-9)  # type: ignore[union-attr]
 
 
 def test_logarithms_add_at_an_exponent_of_0() -> None:
     u = np.linspace(-6.0, -2.0, 9)
-    np.testing.assert_array_equal(MIXING.mixed(0.0, u), u)
-    np.testing.assert_allclose(MIXING.mixed(1e-6, u), u, atol=1e-5)
+    np.testing.assert_array_equal(MIXING.mixed(0.0, 0.0, u), u)
+    np.testing.assert_allclose(MIXING.mixed(1e-6, 0.0, u), u, atol=1e-5)
 
 
-@pytest.mark.parametrize("exponent", [-0.8, 0.6])
-def test_beyond_the_ends_it_goes_on_straight(exponent: float) -> None:
+def test_a_plane_of_domains_percolates() -> None:
+    """In series as long as few are metal, in parallel when most are: Bruggeman's medium of two dimensions, within 0.15
+    of 2.5 decades."""
+    share = np.linspace(0.0, 1.0, 21)
+    b = (2.0 * share - 1.0) * (10.0**2.5 - 1.0)
+    conducts = 0.5 * (b + np.sqrt(b**2 + 4.0 * 10.0**2.5))  # over the insulator
+    u = MIXING.low_dec + share * 2.5
+    found = MIXING.mixed(0.0, -1.1, u)
+    assert np.max(np.abs(found - (MIXING.low_dec + np.log10(conducts)))) < 0.15
+    assert np.max(np.abs(u - (MIXING.low_dec + np.log10(conducts)))) > 0.3
+    np.testing.assert_allclose(MIXING.unmixed(0.0, -1.1, found), u, atol=1e-4)
+
+
+@pytest.mark.parametrize(("exponent", "tilt"), [(-0.8, 0.0), (0.6, 0.0), (0.2, -1.2)])
+def test_beyond_the_ends_it_goes_on_straight(exponent: float, tilt: float) -> None:
     for end, out in ((MIXING.low_dec, -1.0), (MIXING.high_dec, 1.0)):
-        inside, at, beyond, further = MIXING.mixed(exponent, end + out * np.array([-1e-6, 0.0, 1e-6, 2e-6]))
+        inside, at, beyond, further = MIXING.mixed(exponent, tilt, end + out * np.array([-1e-6, 0.0, 1e-6, 2e-6]))
         assert beyond - at == pytest.approx(at - inside, rel=1e-3)
         assert further - beyond == pytest.approx(beyond - at, rel=1e-6)
 

@@ -99,15 +99,15 @@ class FilmEquations:
         """The effects with the mixing of the film's phases before those of the ohmmeter."""
         if not p.is_mixed:
             return links
-        return replace(links, ohmmeter=(self.basis.mixing.reading(float(x[SHAPE - 1])), *links.ohmmeter))
+        return replace(links, ohmmeter=(self.basis.mixing.reading(*_exponents(x)), *links.ohmmeter))
 
     def mixed(self, p: FilmParameters, x: Array, unmixed: Array) -> Array:
         """The film's own output of what its operators add up to."""
-        return self.basis.mixing.mixed(float(x[SHAPE - 1]), unmixed) if p.is_mixed else unmixed
+        return self.basis.mixing.mixed(*_exponents(x), unmixed) if p.is_mixed else unmixed
 
     def unmixed(self, p: FilmParameters, x: Array, own: Array) -> Array:
         """What the operators have to add up to for an output of the film."""
-        return self.basis.mixing.unmixed(float(x[SHAPE - 1]), own) if p.is_mixed else own
+        return self.basis.mixing.unmixed(*_exponents(x), own) if p.is_mixed else own
 
     def step(self, p: FilmParameters, x: Array, film_degC: Array) -> Array | None:
         """What the operators are multiplied by at temperatures of the film; None: by 1."""
@@ -232,3 +232,8 @@ class FilmEquations:
         """Of the envelopes and of the effects."""
         mixing = mixing_unknowns(p.is_mixed)
         return [*envelope_unknowns(self.path.plate_degC), *mixing, *unknowns_of(p.effects)]
+
+
+def _exponents(x: Array) -> tuple[float, float]:
+    """Exponent and tilt of how the phases mix."""
+    return float(x[ENVELOPES + 1]), float(x[ENVELOPES + 2])

@@ -11,7 +11,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
-from sim.model.film_mixing import MOST_CHANGE, MOST_EXPONENT
+from sim.model.film_mixing import MOST_CHANGE, MOST_EXPONENT, MOST_TILT
 
 LEAST_LEFT = 0.2  # of a value, after a step
 BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
@@ -60,8 +60,8 @@ def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
 
 def mixing_unknowns(mixed: bool) -> list[Unknown]:
     """How the phases of a film mix, or that they do not."""
-    change, exponent = (MOST_CHANGE, MOST_EXPONENT) if mixed else (0.0, 0.0)
-    return [free("mixing.change", 1.0, -change, change), free("mixing.exponent", 1.0, -exponent, exponent)]
+    largest = {"change": MOST_CHANGE, "exponent": MOST_EXPONENT, "tilt": MOST_TILT}
+    return [free(f"mixing.{name}", 1.0, -most * mixed, most * mixed) for name, most in largest.items()]
 
 
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:
