@@ -27,11 +27,11 @@ from sim.diagnosis.fit.preisach_density import RelayPlane
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
-from sim.diagnosis.fit.unknowns import values_inside
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, Switched, switched
 from sim.model.chain import ChainModel
 from sim.model.film_columns import SmoothCurve
+from sim.model.film_mixing import FilmMixing
 from sim.model.observer import Observer
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun
@@ -121,8 +121,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
     basis, coefficients = the_fits_film()
     film = ResistanceChannel.of(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)
-    x = np.concatenate((SHAPE, values_inside(last), np.zeros(film.filters_behind(last))))
-    q = FilmParameters(tuple(last), x, FilmStart("cooled", FIRST_DEGC))
+    q = film.extended(FilmParameters.of_the_class(SHAPE, FilmStart("cooled", FIRST_DEGC)), last)
     filters = sum(e.effect.link == "ohmmeter" or e.name == "creep" for e in last)
     c = np.concatenate((coefficients, WEIGHTS, np.zeros(filters)))
     b = ResistanceFit(q, np.empty(0), np.empty(0), 0.0, c, np.empty((0, 0)), 0.0)
@@ -164,7 +163,9 @@ def the_fits_film() -> tuple[FilmBasis, Array]:
     curve, places = SmoothCurve.over(20.0, 110.0), np.linspace(20.0, 110.0, 400)
     columns = np.column_stack((np.ones(400), curve.columns(places)))
     coefficients = np.linalg.lstsq(columns, np.polyval(D[::-1], places), rcond=None)[0]
-    return FilmBasis(curve, FRACTIONS, RelayPlane.over(60.0, 10.0, 40.0, 100)), coefficients
+    return FilmBasis(
+        curve, FRACTIONS, RelayPlane.over(60.0, 10.0, 40.0, 100), FilmMixing(60.0, 40.0, -6.0, -2.0)
+    ), coefficients
 
 
 def every_effect() -> list[Effect]:
