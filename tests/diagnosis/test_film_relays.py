@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +21,8 @@ from sim.diagnosis.search.temperature_search import held_effect
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
 from tests.diagnosis.cases import case
+from tests.diagnosis.truth.draw import draw_film
+from tests.diagnosis.truth.films import Film
 
 RELAYS_DEC = 0.1
 EFFECTS = {
@@ -148,3 +151,43 @@ def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> No
         for effect in fit.effects:
             (truth,) = blind.hidden[effect.name].values()
             assert float(effect.par[0]) == pytest.approx(truth, rel=0.02)
+
+
+def chain_of(film: Film) -> Chain:
+    """A film through turning points all over its loop, 1e-3 decades of noise, the temperature as it is."""
+    rng = np.random.default_rng(5)
+    turns = np.concatenate(([25.0, 90.0, 30.0, 90.0, 30.0], rng.uniform(45.0, 75.0, 40)))
+    legs = [np.linspace(a, b, max(int(abs(b - a) / 0.4), 2), endpoint=False) for a, b in pairwise(turns)]
+    temperature = np.concatenate(legs)
+    log_ohm = film.log_ohm(temperature) + 1e-3 * rng.standard_normal(temperature.size)
+    columns = {
+        "time_s": np.arange(temperature.size, dtype=np.float64),
+        "temperature_degC": temperature,
+        "resistance_ohm": 10.0**log_ohm,
+    }
+    return with_film(Chain(read_columns(columns, held_out=True), dict(catalogue())), frozenset())
+
+
+@pytest.mark.parametrize("exponent", [-0.6, 0.5])
+def test_how_the_phases_of_a_film_mix_is_found(exponent: float) -> None:
+    """By a fit that is weighed by the noise of a film of the class, before the record's own is known."""
+    film = draw_film(np.random.default_rng(8), "mixed", form=0)
+    table = film.table.copy()
+    table[2] += 60.0 - np.mean(table[2])
+    table[4] = exponent
+    chain = chain_of(replace(film, table=table))
+    search = chain.last(frozenset())
+    fit = search.fit(frozenset())
+    assert fit.parameters.is_mixed
+    assert fit.parameters.x[ENVELOPES + 1] == pytest.approx(exponent, rel=0.5)
+    unmixed = search.channel.descend(replace(fit.parameters, mixes=False), WHOLE_STEPS)
+    assert fit.score > unmixed.score + 100.0
+
+
+def test_a_film_whose_logarithms_add_needs_no_mixing() -> None:
+    film = draw_film(np.random.default_rng(8), "preisach", form=0)
+    table = film.table.copy()
+    table[2] += 60.0 - np.mean(table[2])
+    fit = chain_of(replace(film, table=table)).last(frozenset()).fit(frozenset())
+    assert fit.parameters.has_relays
+    assert not fit.parameters.is_mixed
