@@ -29,6 +29,7 @@ WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
 MIXING_WORTH = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
+MIXED_BELOW = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
 RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
@@ -246,16 +247,15 @@ class ResistanceSearch:
     def _mixed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one whose film's phases mix otherwise than in their logarithms. A resistance in series
         or in parallel bends the output, too: where one of them does as well, it is the simpler reason."""
-        if fit.parameters.is_mixed or View(self.channel, fit).gain_of_mixing() < MIXING_WORTH:
+        p = fit.parameters
+        if p.is_mixed or self.channel.mean_square(fit) > MIXED_BELOW:
             return fit
-        other = self.channel.descend(replace(fit.parameters, mixes=True), WHOLE_STEPS)
-        least = max(fit.score, -np.inf if self._is_known_to_mix(fit) else self._bent(fit))
-        return replace(other, plain=fit.plain) if other.score > least + MIXING_WORTH else fit
-
-    def _is_known_to_mix(self, fit: ResistanceFit) -> bool:
-        """Whether the film was found to mix with fewer effects, or with these."""
-        names = frozenset(e.name for e in fit.effects)
-        return any(known.parameters.is_mixed for found, known in self.fits.items() if found <= names)
+        if View(self.channel, fit).gain_of_mixing() < MIXING_WORTH:
+            return fit
+        other = self.channel.descend(replace(p, mixes=True), WHOLE_STEPS)
+        if other.score < fit.score + MIXING_WORTH or other.score < self._bent(fit) + MIXING_WORTH:
+            return fit
+        return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
 
     def _bent(self, fit: ResistanceFit) -> float:
         """Score of the best fit with one more effect at the ohmmeter's terminals, the film's phases as they are."""
