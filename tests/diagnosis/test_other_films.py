@@ -41,7 +41,7 @@ def test_a_film_that_bends_its_own_output_is_no_leakage() -> None:
     ("seed", "choice"),
     [
         (6005, {"rows": 2000}),
-        (6006, {"rows": 2000}),
+        pytest.param(6006, {"rows": 2000}, marks=pytest.mark.long),
         pytest.param(6005, {}, marks=pytest.mark.long),
         pytest.param(11001, {}, marks=pytest.mark.long),
     ],
