@@ -25,11 +25,11 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, Switched
+from sim.model.ohmmeter import FARTHEST_DEC
 
 MOST_CHANGE = 0.8  # of either sign: the step between the phases does not turn round
 MOST_EXPONENT = 1.5  # of either sign: domains in series or in parallel, and half as much
 MOST_TILT = 2.0  # of either sign: in series as long as few are metal, in parallel when most are, and as much again
-FARTHEST_DEC = 15.0  # from 1 ohm: a trial of a fit beyond it has no resistance
 LOGARITHMS = 1e-7  # exponent below which logarithms add
 NEAR_END = 1e-6  # share, over which the slope beyond an end is taken
 PLACES = 1001  # of a table

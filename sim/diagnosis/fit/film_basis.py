@@ -34,14 +34,16 @@ class FilmBasis:
     mixing: FilmMixing
 
     @classmethod
-    def over(cls, record: Record, path: PlatePath, quarters_degC: tuple[float, float, float], curve: bool) -> FilmBasis:
-        """Placed for a record: D's splines over the range, relays where the output changes. quarters_degC: below which
+    def over(
+        cls, record: Record, path: PlatePath, quartiles_degC: tuple[float, float, float], curve: bool
+    ) -> FilmBasis:
+        """Placed for a record: D's splines over the range, relays where the output changes. quartiles_degC: below which
         a quarter, a half and three quarters of its change are."""
         low, high = float(np.min(path.plate_degC)), float(np.max(path.plate_degC))
         assert record.output is not None
         readings = int(np.sum(record.output_used))
         operators = min(OPERATORS, max(readings // PER_OPERATOR, 12))  # four to a third of the loop, as a flank is
-        first, middle_degC, third = quarters_degC
+        first, middle_degC, third = quartiles_degC
         reach = min(max(REACH * (third - first), LEAST_REACH * (high - low)), FARTHEST * (high - low))
         output = record.output[record.output_used]
         farthest_K = max(high - middle_degC, middle_degC - low)

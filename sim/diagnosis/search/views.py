@@ -94,6 +94,8 @@ class View:
             moved = channel.predict(replace(p, mixes=True), x, self._point)
             columns.append(self._left(channel.over((moved - shown)[rows])))
         left = np.stack(columns, axis=1)
+        if not np.all(np.isfinite(left)):
+            return 0.0
         return 0.5 * float(self.residual @ (left @ np.linalg.lstsq(left, self.residual)[0]))
 
     def _left(self, delta: Array) -> Array:
