@@ -89,7 +89,7 @@ def film_text(case: Case) -> str:
             "weights": [depth * w for w in weights],
             "rising": {"function": "tanh", "a": steep, "b": -steep * (middle + 0.5 * width)},
             "falling": {"function": "tanh", "a": steep, "b": -steep * (middle - 0.5 * width)},
-            "memoryless": {"function": "tanh", "amplitude": 0.35, "a": 0.03, "b": -1.65, "offset": -4.0},
+            "memoryless": {"function": "tanh", "amplitude": 0.35, "a": 0.03, "b": -1.65, "offset": -4.05},
         }
     }
     return tomli_w.dumps(table)

@@ -139,6 +139,7 @@ def _rows(record: Record) -> Rows:
         "meter_current_A",
         "resistance_time_s",
         "current_time_s",
+        "meter_current_time_s",
         *INPUTS,
     )
     try:

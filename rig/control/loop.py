@@ -24,7 +24,7 @@ from rig.core.columns import OF_A_RUN
 from rig.core.errors import Disconnected, InstrumentError, RigError
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
-from rig.drivers.meter import LOG_RESISTANCE, film_output
+from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
 from rig.files.run_folder import RunFolder
 from rig.safety.after_off import Courses
 from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
@@ -206,6 +206,7 @@ class Loop:
         acts_after_s = self._acts_after_s
         meter = self.bench.meter
         test_current_A = meter.test_current_A if meter is not None else math.nan
+        test_on_s = on_since_s(meter) - self._start_s
         read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s, test_current_A)
         decision = policy.decide(k * period_s, degC, output, read)
         current_time_s = math.nan  # as before
@@ -223,6 +224,7 @@ class Loop:
                 test_current_A,
                 output_s,
                 current_time_s,
+                test_on_s,
                 decision.setpoint_degC,
                 decision.reference_degC,
                 decision.target_ohm,

@@ -5,7 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 MEASURED: Final = ("temperature_degC", "resistance_ohm", "current_A", "meter_current_A")
-ACTED: Final = ("resistance_time_s", "current_time_s")  # when it was read, and when the command acted
+ACTED: Final = (  # when it was read, when the command acted, and when the test current came on
+    "resistance_time_s",
+    "current_time_s",
+    "meter_current_time_s",
+)
 WANTED: Final = ("setpoint_degC", "reference_degC", "target_ohm", "predicted_ohm")
 BESIDE: Final = ("setpoint_degC", "target_ohm", "ambient_degC", "sink_degC", "input_2")  # of a record that is not ours
 OF_A_RUN: Final = ("time_s", *MEASURED, *ACTED, *WANTED, "acts_after_s", "tick", "phase")

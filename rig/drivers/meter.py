@@ -83,6 +83,12 @@ def film_output(output: str, reading: Reading | None) -> float:
     return -log10(reading.value) if reading.value > 0.0 else nan
 
 
+def on_since_s(meter: Meter | None) -> float:
+    """When the test current of the range in use came on, where the driver knows it (ranges that it changed itself); nan
+    where it does not."""
+    return float(getattr(meter, "test_current_on_s", nan))
+
+
 def settled_reading(meter: Meter) -> Reading:
     """A reading after the meter has found its range, or that none is high enough."""
     for _ in range(MOST_RANGES):

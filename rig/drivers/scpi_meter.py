@@ -87,6 +87,7 @@ class ScpiMeter:
         self._four_wire = True
         self._nplc = nan
         self.most_test_current_A = nan  # that `configure` allowed
+        self.test_current_on_s = nan  # since when that of the range in use has been on
         self._message = ""
         self._settling = False
         self._looking = False
@@ -252,6 +253,8 @@ class ScpiMeter:
         if self._settling and (len(before) != 2 or not is_number(before[1], full_scale)):
             self.link.doubt()
             raise OutOfStep(f"range {full_scale:g} ohm was asked for, and {before[1:]} came back")
+        if self._settling:
+            self.test_current_on_s = self.link.arrived_s + COMMAND_S
         judged = voltage_reading if self._reads_volts else resistance_reading
         reading = judged(value, time_s, 1.05 * self.OVERRANGE * full_scale)
         self._choose_next_range(reading)
@@ -290,6 +293,7 @@ class ScpiMeter:
     def _apply(self) -> None:
         """Send all settings and read them back."""
         self._rests = False
+        self.test_current_on_s = nan
         for message in self._setting_messages():
             self.link.command(message)
         self._index = self._chosen

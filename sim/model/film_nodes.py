@@ -75,7 +75,7 @@ def film_nodes(
 ) -> FilmNodes:
     """The film's temperature. late_K: how far each filter of it is behind at the first row; power: of the ohmmeter, if
     it heats."""
-    jumps_s = power.jumps_s() if power is not None else np.empty(0)
+    jumps_s = power.meter.jumps_s() if power is not None else np.empty(0)
     time, place, temperature = plate_at_film_nodes(record, path, links, jumps_s, start, spacing)
     late = iter(late_K)
     for effect in links.film_temperature:

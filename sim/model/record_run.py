@@ -17,7 +17,7 @@ from sim.model.chain import ChainModel
 from sim.model.film_nodes import plate_at_film_nodes
 from sim.model.film_side import FilmSide
 from sim.model.links import Links
-from sim.model.meter_power import jumps_s
+from sim.model.meter_power import MeterCurrent
 from sim.model.plate_path import PlatePath, PlateRun, plate_nodes, simulate_plate
 from sim.model.record_own import RecordOwn, anew_rows
 from sim.model.recorded import EVENTS, FINE, Recorded, Spacing
@@ -63,9 +63,10 @@ class RecordRun:
         film, links = self.model.film, self.links
         assert film is not None
         test = record.test_current_A if record.test_current_A is not None else np.zeros(record.time_s.size)
-        jumps = jumps_s(record.time_s, test) if links.heated else np.empty(0)
+        meter = MeterCurrent(record.time_s, test, record.test_on_s)
+        jumps = meter.jumps_s() if links.heated else np.empty(0)
         time, place, plate = plate_at_film_nodes(record, path, links, jumps, own.film, self.spacing)
-        test = test[np.minimum(np.searchsorted(record.time_s, time, side="left"), test.size - 1)]
+        test = test[meter.row_at(time)]
         side = FilmSide(film, links)
         state = side.start(own.film.memory(film) if memory is None else memory, own.late)
         output, own_output = np.empty(time.size), np.empty(time.size)

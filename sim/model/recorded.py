@@ -19,8 +19,8 @@ Mask = NDArray[np.bool_]
 class Recorded(Protocol):
     """time_s: of the rows, from the first one on, (rows,). first_rows: those at which the plate's temperature begins
     anew, the first row among them. commands: when a current was commanded and which, s and A, (commands,). taken_s:
-    what the resistances are stamped with, (rows,). test_current_A: of the ohmmeter up to each row, None where none is
-    known. inputs: what else heats the plate.
+    what the resistances are stamped with, (rows,). test_current_A: of the ohmmeter, with which each row was read, None
+    where none is known; test_on_s: since when it had been on. inputs: what else heats the plate.
     """
 
     @property
@@ -37,6 +37,9 @@ class Recorded(Protocol):
 
     @property
     def test_current_A(self) -> Array | None: ...
+
+    @property
+    def test_on_s(self) -> Array: ...
 
     @property
     def inputs(self) -> Inputs: ...

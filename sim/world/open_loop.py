@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
 from sim.model.inputs import NOTHING, Inputs
+from sim.model.meter_power import since_the_row_before
 from sim.model.record_own import FilmStart, RecordOwn
 from sim.model.record_run import RecordRun, straight_path
 from sim.model.recorded import Rows
@@ -47,6 +48,11 @@ class Commanded:
     def first_rows(self) -> Rows:
         """One stretch."""
         return np.zeros(1, dtype=np.int64)
+
+    @property
+    def test_on_s(self) -> Array:
+        """Since the row before."""
+        return since_the_row_before(self.time_s)
 
     @property
     def commands(self) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
 from rig.core.reading import Quality
 from rig.drivers.keithley2000 import Keithley2000Meter
-from rig.drivers.meter import resistance_reading
+from rig.drivers.meter import on_since_s, resistance_reading
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
@@ -322,3 +322,20 @@ def test_one_test_current_for_a_span_of_resistances(
 ) -> None:
     meter, _ = scripted(attach, clock, [])
     assert meter.steady_test_current_A(least_ohm, largest_ohm, most_A) == pytest.approx(expected_A, nan_ok=True)
+
+
+def test_it_is_known_since_when_the_test_current_of_a_new_range_is_on(
+    meter: Keithley2000Meter, plant: StillPlant
+) -> None:
+    meter.configure(True, 1.0, 1e-3)
+    plant.resistance_ohm = 5e3
+    meter.read()
+    assert math.isnan(on_since_s(meter))
+    changed = meter.read()
+    on_s = on_since_s(meter)
+    assert changed.time_s - on_s == pytest.approx(0.01)  # half of a line's period: the integration begins with it
+    meter.read()
+    assert on_since_s(meter) == on_s
+    meter.off()
+    meter.read()
+    assert math.isnan(on_since_s(meter))

@@ -17,7 +17,7 @@ from sim.diagnosis.data.record import Rows
 
 APART_S: Final = 60.0  # ten times the longest delay that one meets; plate, sink and lags begin anew anyway
 APART_ROWS: Final = 20.0  # the same in rows of a record that was read slowly: no row is taken for a missing one
-TIMES: Final = ("time_s", "resistance_time_s", "current_time_s")
+TIMES: Final = ("time_s", "resistance_time_s", "current_time_s", "meter_current_time_s")
 
 
 def joined(records: Sequence[Mapping[str, ArrayLike]]) -> tuple[dict[str, Array], Rows]:

@@ -22,6 +22,7 @@ from sim.diagnosis.data.segments import first_rows, gaps
 from sim.effects.effect import Effect
 from sim.model.inputs import NOTHING, Inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
+from sim.model.meter_power import since_the_row_before
 from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.model.record_own import long_gaps
 
@@ -54,7 +55,8 @@ class Record:
     time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that the
     readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
     another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
-    commanded_s: when the row's current began to act. test_current_A: of the ohmmeter, 0 where it is not known.
+    commanded_s: when the row's current began to act. test_current_A: of the ohmmeter, 0 where it is not known;
+    test_on_s: since when it had been on.
     after_gaps: the row after each gap; first_rows: where a stretch begins (the first row, and after each gap through
     which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
     there, each with its row, column and the rule by which. quantity: what the output is. early: the share of a change
@@ -72,6 +74,7 @@ class Record:
     taken_s: Array
     commanded_s: Array
     test_current_A: Array | None
+    test_on_s: Array
     after_gaps: Rows
     first_rows: Rows
     held_out: Mask
@@ -246,6 +249,7 @@ def read_columns(
         taken,
         _commanded_s(data, time),
         None if test is None or not np.any(np.isfinite(test)) else np.nan_to_num(test),
+        _test_on_s(data, time, taken),
         after,
         begins,
         held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
@@ -278,6 +282,14 @@ def _commanded_s(data: Mapping[str, Array], time: Array) -> Array:
     latest = np.append(time[1:], np.inf)
     acts = np.where(np.isfinite(acts), np.clip(acts, time, latest), time)
     return np.asarray(acts - time[0], dtype=np.float64)
+
+
+def _test_on_s(data: Mapping[str, Array], time: Array, taken: Array) -> Array:
+    """Since when each row's test current had been on: since the row before, or later where the record says so."""
+    before, latest = since_the_row_before(time), np.minimum(time, taken + time[0])
+    told = data.get("meter_current_time_s", np.full(time.size, np.nan))
+    on = np.where(np.isfinite(told), np.clip(told, before, np.maximum(latest, before)), before)
+    return np.asarray(on - time[0], dtype=np.float64)
 
 
 def _checked(columns: Mapping[str, ArrayLike]) -> dict[str, Array]:

@@ -35,7 +35,7 @@ from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns, operator_signal
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of
-from sim.model.meter_power import MeterPower
+from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.ohmmeter import shown_in_rows
 from sim.model.plate_path import PlatePath
 from sim.model.recorded import Spacing
@@ -92,7 +92,8 @@ class FilmEquations:
         test, power, links = self.record.test_current_A, None, links_of(effects)
         if test is not None and links.heated:
             own = self._at_rows_s(links, self._film_output(p))
-            power = MeterPower(self.record.time_s, test, -own if self.record.quantity.rises else own)
+            meter = MeterCurrent(self.record.time_s, test, self.record.test_on_s)
+            power = MeterPower(meter, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
     def read_links(self, p: FilmParameters, x: Array, links: Links) -> Links:
