@@ -10,6 +10,7 @@ everywhere, so that the order condition below paper eq (6) always holds.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,13 +19,15 @@ import numpy as np
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.identification.memoryless_forms import Form
-from compensator.identification.multistart import slope_density
+from compensator.identification.multistart import medians_of_change, slope_density
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, operator_outputs
 from compensator.identification.rows import Path
 from compensator.identification.triangle import triangle
 
-WIDTHS: Final = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.45, 1.75, 2.1, 2.6, 3.2])  # of the loop's half-width
+WIDTHS: Final = np.array(  # of the loop's half-width, closest about it, where a steep transition has all its relays
+    [0.0, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 1.8, 2.1, 2.6, 3.2]
+)
 RESOLUTIONS: Final = (
     (8, 1.0, 0.8),
     (12, 0.8, 0.8),
@@ -59,30 +62,20 @@ class Dictionary:
 
 
 def half_loop_width(path: Path) -> float:
-    """Half the horizontal distance (K) of the mean rising and falling branches at mid-output."""
-    v, y = path.inputs[path.rows], path.output
-    side = np.sign(path.side[path.rows])
-    edges = np.linspace(np.min(v), np.max(v), 81)
-    place = np.clip(np.searchsorted(edges, v, side="right") - 1, 0, 79)
-    span = float(edges[-1] - edges[0])
-    crossing = []
-    level = 0.5 * float(np.min(y) + np.max(y))
-    for sense in (1.0, -1.0):
-        rows = side == sense
-        count = np.bincount(place[rows], minlength=80)
-        if not np.any(count):
-            return 0.05 * span
-        mean = np.bincount(place[rows], weights=y[rows], minlength=80)[count > 0] / count[count > 0]
-        at = 0.5 * (edges[1:] + edges[:-1])[count > 0]
-        crossing.append(float(np.interp(level, np.maximum.accumulate(mean), at)))
-    return min(max(0.5 * (crossing[0] - crossing[1]), 0.01 * span), 0.2 * span)
+    """Half the distance (K) between the temperatures at which half of the change is seen while heating and while
+    cooling. A relay switches at its own two temperatures in minor loops too; a mean of the branches would not."""
+    span = float(np.ptp(path.inputs[path.rows]))
+    heating, cooling = medians_of_change(path)
+    half = 0.5 * (heating - cooling)
+    return min(max(half, 0.01 * span), 0.2 * span) if math.isfinite(half) else 0.05 * span
 
 
 def dictionary(path: Path, centres: int, steepness: float, by_output: float, half_width: float) -> Dictionary:
-    """Centres x half-widths, placed for the record at hand."""
+    """Centres x half-widths, placed for the record at hand: a centre lies half a width below what is seen while
+    heating, and above what is seen while cooling."""
     v = path.inputs[path.rows]
     edges = np.linspace(np.min(v), np.max(v), 101)
-    density = slope_density(path, edges)
+    density = slope_density(path, edges, half_width)
     cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))
     place = by_output * cumulative + (1.0 - by_output) * np.linspace(0.0, 1.0, edges.size)
     centre = np.interp((np.arange(centres) + 0.5) / centres, place, edges)

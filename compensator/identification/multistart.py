@@ -53,10 +53,28 @@ def quartiles_of_change(path: Path) -> tuple[float, float, float]:
     all that a record goes through: a slow slope of the rest of the range moves them little."""
     v = path.inputs[path.rows]
     middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
-    order = np.argsort(middle)
-    total = np.cumsum(np.maximum(np.sign(dv) * dy, 0.0)[order])
-    low, half, high = np.interp(np.array([0.25, 0.5, 0.75]) * total[-1], total, middle[order])
+    low, half, high = _quantiles(middle, np.maximum(np.sign(dv) * dy, 0.0), np.array([0.25, 0.5, 0.75]))
     return float(low), float(half), float(high)
+
+
+def medians_of_change(path: Path) -> tuple[float, float]:
+    """The temperatures (degC) below which half of the output's change is seen while heating and while cooling; nan
+    where a record never goes that way."""
+    v = path.inputs[path.rows]
+    middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
+    found = []
+    for side in (1.0, -1.0):
+        own = np.sign(dv) == side
+        changed = np.maximum(side * dy[own], 0.0)
+        found.append(float(_quantiles(middle[own], changed, np.array([0.5]))[0]) if np.any(changed) else math.nan)
+    return found[0], found[1]
+
+
+def _quantiles(v: Array, weights: Array, shares: Array) -> Array:
+    """Of values with weights."""
+    order = np.argsort(v)
+    total = np.cumsum(weights[order])
+    return np.asarray(np.interp(shares * total[-1], total, v[order]), dtype=np.float64)
 
 
 def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
@@ -67,9 +85,11 @@ def _coarse_steps(path: Path, step_K: float) -> tuple[Array, Array, Array]:
     return 0.5 * (v[coarse][1:] + v[coarse][:-1]), np.diff(v[coarse]), np.diff(y[coarse])
 
 
-def slope_density(path: Path, edges: Array) -> Array:
-    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart."""
+def slope_density(path: Path, edges: Array, half_width_K: float = 0.0) -> Array:
+    """Mean |d output / dv| in each temperature bin, from rows at least half a bin's width of travel apart.
+    half_width_K: by which what is seen while heating lies above its bin, and while cooling below."""
     middle, dv, dy = _coarse_steps(path, 0.5 * float(edges[1] - edges[0]))
+    middle = middle - np.sign(dv) * half_width_K
     size = edges.size - 1
     place = np.clip(np.searchsorted(edges, middle, side="right") - 1, 0, size - 1)
     moved = np.bincount(place, weights=np.abs(dv), minlength=size)

@@ -49,11 +49,20 @@ def random_profile(samples: int, seed: int) -> Array:
     return through([90.0, *rng.uniform(40.0, 80.0, 50), 30.0], samples)
 
 
-def relay_film(temperature_degC: Array, relays: int = 4000, seed: int = 1) -> Array:
-    """-log10 R of a film of relays, first all switched up: means N(61, 3.2) degC, half-widths lognormal with median
-    2.8 K and sigma 0.4, 1.5 decades in all, and 0.35 tanh(0.03 (T - 55)); shape (samples,)."""
+def relay_film(
+    temperature_degC: Array,
+    relays: int = 4000,
+    seed: int = 1,
+    *,
+    spread_K: float = 3.2,
+    half_width_K: float = 2.8,
+    width_spread: float = 0.4,
+) -> Array:
+    """-log10 R of a film of relays, first all switched up: means N(61, spread_K) degC, half-widths lognormal with
+    median half_width_K and sigma width_spread, 1.5 decades in all, and 0.35 tanh(0.03 (T - 55)); shape (samples,)."""
     rng = np.random.default_rng(seed)
-    mean, half_width = rng.normal(61.0, 3.2, relays), 2.8 * np.exp(0.4 * rng.normal(size=relays))
+    mean = rng.normal(61.0, spread_K, relays)
+    half_width = half_width_K * np.exp(width_spread * rng.normal(size=relays))
     up, down = mean + half_width, mean - half_width
     state = np.ones(relays)
     share = np.empty(temperature_degC.size)

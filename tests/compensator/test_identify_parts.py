@@ -9,13 +9,13 @@ import scipy.optimize
 from compensator.identification.covariance import block_sandwich
 from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import dictionary, half_loop_width, solve_mixed
-from compensator.identification.model_selection import make_problem
+from compensator.identification.model_selection import make_problem, rms
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import radius_floor
 from compensator.identification.rows import FilmRecord, Start, build_path, prepare
 from compensator.identification.triangle import triangle
 from compensator.identification.variable_projection import denser, equal_structure, merged
-from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, relay_film
+from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 
 def prepared(samples: int = 900):
@@ -152,6 +152,20 @@ def test_merging_keeps_the_weights_and_their_mean() -> None:
     weights[[3, 4, 20, 33]] = [0.2, 0.6, 0.5, 0.1]
     few = merged(fine, weights, 3)
     assert few.fractions.tolist() == pytest.approx([(0.2 * 3 + 0.6 * 4) / 0.8 / 40, 0.5, 33 / 40])
+
+
+def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
+    """In minor loops too, in which a mean of the branches stays on the plateau that the film is on."""
+    paths = []
+    for seed in (5, 6):
+        v = random_profile(3000, seed)
+        y = relay_film(v, spread_K=0.8, half_width_K=6.0, width_spread=0.1)
+        paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [Start()]))
+    fitted, other = paths
+    assert half_loop_width(fitted) == pytest.approx(6.0, abs=0.3)
+    operators = dictionary(fitted, 16, 0.8, 0.8, half_loop_width(fitted))
+    solution = solve_mixed(fitted, operators, Form("linear", True, 30.0, 90.0), np.empty(0))
+    assert rms(other.output - solution.at(other)) < 0.01
 
 
 def test_a_dictionary_model_reproduces_its_fit() -> None:
