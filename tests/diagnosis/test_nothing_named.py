@@ -35,10 +35,17 @@ def test_what_the_film_went_through_in_gaps_is_no_effect(choice: dict[str, int])
     assert "gaps" in {warning["code"] for warning in document["warnings"]}
 
 
-@pytest.mark.parametrize("seed", [9701, pytest.param(10007, marks=pytest.mark.long)])
-def test_what_happens_in_gaps_is_not_made_up(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("seed", "choice"),
+    [
+        (9746, {"rows": 2000}),
+        pytest.param(9701, {}, marks=pytest.mark.long),
+        pytest.param(10007, {}, marks=pytest.mark.long),
+    ],
+)
+def test_what_happens_in_gaps_is_not_made_up(seed: int, choice: dict[str, int]) -> None:
     """A delayed command of a missing row acts after it; a film went 5 K up and 8 K down in a gap with ends alike."""
-    blind = case("disturbed", seed)
+    blind = case("disturbed", seed, **choice)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden)
     covered(document, blind)
