@@ -28,6 +28,7 @@ from compensator.identification.triangle import triangle
 WIDTHS: Final = np.array(  # of the loop's half-width, closest about it, where a steep transition has all its relays
     [0.0, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 1.8, 2.1, 2.6, 3.2]
 )
+WIDER: Final = 1.15  # a film's relays than those that most of a record's change, seen in minor loops, is of
 RESOLUTIONS: Final = (
     (8, 1.0, 0.8),
     (12, 0.8, 0.8),
@@ -73,7 +74,7 @@ def half_loop_width(path: Path) -> float:
 def dictionary(path: Path, centres: int, steepness: float, by_output: float, half_width: float) -> Dictionary:
     """Centres x half-widths, placed for the record at hand: a centre lies half a width below what is seen while
     heating, and above what is seen while cooling."""
-    v = path.inputs[path.rows]
+    v, half_width = path.inputs[path.rows], WIDER * half_width
     edges = np.linspace(np.min(v), np.max(v), 101)
     density = slope_density(path, edges, half_width)
     cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))

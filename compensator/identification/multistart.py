@@ -49,10 +49,14 @@ def transition(path: Path) -> tuple[float, float]:
 
 
 def quartiles_of_change(path: Path) -> tuple[float, float, float]:
-    """The temperatures (degC) below which a quarter, a half and three quarters of the output's change are seen, over
-    all that a record goes through: a slow slope of the rest of the range moves them little."""
+    """The temperatures (degC) below which a quarter, a half and three quarters of the output's change are, over all
+    that a record goes through: a slow slope of the rest of the range moves them little. What is seen while heating
+    counts half the loop's width lower, while cooling higher: where the relays' middles are."""
     v = path.inputs[path.rows]
+    heating, cooling = medians_of_change(path)
+    half_width_K = max(0.5 * (heating - cooling), 0.0) if math.isfinite(heating - cooling) else 0.0
     middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
+    middle = middle - np.sign(dv) * half_width_K
     low, half, high = _quantiles(middle, np.maximum(np.sign(dv) * dy, 0.0), np.array([0.25, 0.5, 0.75]))
     return float(low), float(half), float(high)
 

@@ -83,7 +83,7 @@ def diagnosed(
 def model_of(extended: ExtendedModel) -> Model:
     """An extended model as a model file has it: of a record with current, the current drives the film."""
     drive = "current" if extended.plate is not None else None
-    return Model(extended.film, extended.plate, tuple(extended.effects), drive)  # type: ignore[arg-type]
+    return Model(extended.film, extended.plate, tuple(extended.effects), drive, extended.mixing)  # type: ignore[arg-type]
 
 
 def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record]) -> Diagnosis:

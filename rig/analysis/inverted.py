@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
 from rig.core.faults import Faults
 from rig.files.film_output import column_of, in_decades, shown_output, sign_of
+
+if TYPE_CHECKING:
+    from sim.model.film_mixing import PowerMean
 
 MOST_FAULTS = 10  # of a target: more of the same line say nothing more
 
@@ -55,8 +58,10 @@ def inverted(
     where: object,
     limits_degC: tuple[float, float] = (-50.0, 200.0),
     initial: Literal["cooled", "heated"] | None = None,
+    mixing: PowerMean | None = None,
 ) -> Inversion:
-    """target: shape (rows,), in the quantity's own unit. initial: the film's memory, None: the model's.
+    """target: shape (rows,), in the quantity's own unit. initial: the film's memory, None: the model's. mixing: of the
+    film's phases, as in its model.
 
     Of several temperatures the nearest to the row before is taken, in the first row the lowest. A target that cannot be
     reached within limits_degC leaves temperature and memory as they are. Raises Faults for values that are no target.
@@ -64,12 +69,13 @@ def inverted(
     _require_targets(target, film.output, where)
     inverse, memory = Inverse(film, *limits_degC), None
     rows: list[tuple[float, bool, float, float, int]] = []
-    for wanted in sign_of(film.output) * (np.log10(target) if in_decades(film.output) else target):
+    outputs = sign_of(film.output) * (np.log10(target) if in_decades(film.output) else target)
+    for wanted in outputs if mixing is None else mixing.inverse(outputs):
         solution = inverse.first(float(wanted), initial) if memory is None else inverse.solve(float(wanted), memory)
         if solution.reachable:
             memory = solution.memory
-        achieved = shown_output(film.output_at(memory) if memory is not None else math.nan, film.output)
-        nearest = achieved if solution.reachable else shown_output(solution.nearest, film.output)
+        achieved = _shown(film.output_at(memory) if memory is not None else math.nan, film.output, mixing)
+        nearest = achieved if solution.reachable else _shown(solution.nearest, film.output, mixing)
         degC = memory.input_degC if memory is not None else math.nan
         rows.append((degC, solution.reachable, achieved, nearest, solution.evaluations))
     return Inversion(
@@ -80,6 +86,11 @@ def inverted(
         np.array([row[4] for row in rows], dtype=np.int64),
         film.output,
     )
+
+
+def _shown(own: float, output: str, mixing: PowerMean | None) -> float:
+    """In the quantity's own unit."""
+    return shown_output(own if mixing is None else float(mixing.mixed(np.array([own]))[0]), output)
 
 
 def jump_warning(film: FilmModel, limits_degC: tuple[float, float], where: object) -> str | None:

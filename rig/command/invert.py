@@ -46,13 +46,14 @@ def main(options: argparse.Namespace) -> int:
         writable_file(options.out)
     limits_degC = parsed_limits(options.limits)
     voice = Voice("-" if options.out is None else options.json)
-    film = read_model(options.model, needs=("film",)).film
+    model = read_model(options.model, needs=("film",))
+    film = model.film
     assert film is not None
     wanted = target_name(film.output)
     (record,) = read_records([options.target], options, needs=(wanted,) if wanted == "target_ohm" else ())
     if wanted not in record.columns:
         raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
-    found = inverted(film, record[wanted], options.target, limits_degC, options.initial)
+    found = inverted(film, record[wanted], options.target, limits_degC, options.initial, model.mixing)
     warning = jump_warning(film, limits_degC, options.model)
     if warning is not None:
         print(warning, file=sys.stderr)

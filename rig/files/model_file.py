@@ -12,12 +12,14 @@ from pydantic import Field, model_validator
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
 from compensator.thermal.plate import PlateModel
 from rig.core.faults import Faults
+from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_file import Table, checked
 from rig.files.toml_text import read_toml
 from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched
+    from sim.model.film_mixing import PowerMean
 
 LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no number any more
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -58,6 +60,29 @@ class OperatorTable(Table):
     falling: EnvelopeTable
 
 
+class MixingTable(Table):
+    """[film.mixing]: how the phases add up to one resistance (`sim.model.film_mixing`), where not in their logarithms.
+    The ends are of the output's, where the film is all insulator and all metal."""
+
+    exponent: Annotated[float, Field(ge=-10.0, le=10.0)]
+    tilt: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    low_dec: Number
+    high_dec: Number
+
+    @model_validator(mode="after")
+    def _whole(self) -> MixingTable:
+        if not self.low_dec < self.high_dec:
+            raise ValueError(f"low_dec: {self.low_dec!r}: expected less than high_dec, {self.high_dec!r}")
+        if not self.mixing().rises:
+            raise ValueError(f"tilt: {self.tilt!r}: more metal would be more resistance; expected a smaller one")
+        return self
+
+    def mixing(self) -> PowerMean:
+        from sim.model.film_mixing import PowerMean
+
+        return PowerMean(self.low_dec, self.high_dec, self.exponent, self.tilt)
+
+
 Drive = Literal["current", "temperature"]
 
 
@@ -73,6 +98,7 @@ class FilmTable(Table):
     falling: EnvelopeTable | None = None
     memoryless: MemorylessTable = MemorylessTable()
     operators: list[OperatorTable] = []
+    mixing: MixingTable | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> FilmTable:
@@ -85,6 +111,8 @@ class FilmTable(Table):
             raise ValueError(f"rising, falling: missing; kind {self.kind!r} needs both envelopes")
         if self.kind == "generalized_pi" and self.memoryless.function != "none":
             raise ValueError("memoryless.function: expected 'none' (offset alone) for kind 'generalized_pi'")
+        if self.mixing is not None and self.output != FALLING_RESISTANCE:
+            raise ValueError(f"mixing: has no meaning for output {self.output!r}; expected {FALLING_RESISTANCE!r}")
         self.model()
         return self
 
@@ -151,23 +179,27 @@ class ModelTable(Table):
 @dataclass(frozen=True)
 class Model:
     """What a model file holds: a film, a plate, or both, and effects beyond the base model. drive: what the film's
-    temperature is predicted from, where the file says so."""
+    temperature is predicted from, where the file says so. mixing: how the film's phases add up, None: in their
+    logarithms."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: tuple[dict[str, float | str], ...] = ()
     drive: Drive | None = None
+    mixing: PowerMean | None = None
 
     def switched(self) -> tuple[Switched, ...]:
-        """The effects with their values. Raises Faults where one is not in the catalogue."""
+        """The mixing of the film's phases, and the effects with their values. Raises Faults where one is not in the
+        catalogue."""
+        mixing = () if self.mixing is None else (self.mixing.reading(),)
         if not self.effects:
-            return ()
+            return mixing
         from rig.files.effect_tables import switched_effects
 
         found, lines = switched_effects(self.effects, "effects")
         if lines:
             raise Faults(lines)
-        return found
+        return (*mixing, *found)
 
 
 def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) -> Model:
@@ -185,6 +217,7 @@ def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) 
         table.plate.model() if table.plate else None,
         tuple(table.effects),
         table.drive,
+        table.film.mixing.mixing() if table.film and table.film.mixing else None,
     )
 
 
@@ -243,6 +276,9 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
         table["drive"] = model.drive
     if model.film is not None:
         table["film"] = _film(model.film)
+    if model.film is not None and model.mixing is not None:
+        names = ("exponent", "tilt", "low_dec", "high_dec")
+        table["film"]["mixing"] = {name: float(getattr(model.mixing, name)) for name in names}
     if model.plate is not None:
         table["plate"] = plate_table(model.plate)
     if model.effects:

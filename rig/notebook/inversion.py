@@ -39,4 +39,4 @@ def invert(
         raise fault("invert", "target", "expected numbers") from None
     if wanted.ndim != 1:
         raise fault("invert", "target", f"{wanted.ndim} dimensions; expected one")
-    return inverted(known.film, wanted, "target", limits_degC, initial)
+    return inverted(known.film, wanted, "target", limits_degC, initial, known.mixing)

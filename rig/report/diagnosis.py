@@ -70,6 +70,8 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         found.append((arrow, f"error of {what} on held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
     if diagnosis.film is not None:
         found.append((f"D(T): {diagnosis.film['memoryless']}", f"film of {diagnosis.film['operators']} operators"))
+        if mixing := diagnosis.film.get("mixing"):
+            found.append((f"{mixing['exponent']['value']:.2g}", "exponent of the phases' mixing; 0: logarithms add"))
     return found
 
 

@@ -179,6 +179,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.film is not None:
         film = diagnosis.film
         out.append(f"film: D(T) of the form {film['memoryless']}, {film['operators']} operators with weight")
+        out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
     out += [f"not named: {text}" for text in not_named(diagnosis)]
     known = [f"{name} ({allowed})" for name, allowed, _ in limit_rows(diagnosis) if not allowed.endswith("any")]
     out += [f"not seen, and at 95 % no larger than: {'; '.join(known)}"] if known else []
@@ -186,6 +187,18 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
     out += [f"next: {text}" for text in diagnosis.next_experiment]
     return out
+
+
+def mixing_in_words(diagnosis: Diagnosis) -> str:
+    """How the film's phases add up where it is not in their logarithms; empty where it is."""
+    found = (diagnosis.film or {}).get("mixing")
+    if not found:
+        return ""
+    values = ", ".join(f"{name} {rough(each['value'])}" for name, each in found.items())
+    return (
+        f"its phases mix about as a power mean of resistances ({values}; exponent -1: domains in parallel, "
+        "0: logarithms add, 1: in series); model files leave out that the step between the phases changes"
+    )
 
 
 def _when(from_s: float | None, to_s: float | None) -> str:

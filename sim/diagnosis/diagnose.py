@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,7 @@ from sim.diagnosis.report.confounders import confounders_of
 from sim.diagnosis.report.detectability import hidden_by_the_film
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
+from sim.diagnosis.report.phase_mixing import phase_mixing
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import decided_elsewhere, out_of_time, unlogged_currents, warnings_of
@@ -195,14 +197,16 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         gains = {c: gain(smooth[c], shown[c], held_out.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
     unexplained = _unexplained(chain, judged, held_out, channels)
-    film, sparse = None, None
+    sparse = chain.facts.sparse if chain.facts is not None else None
+    film: dict[str, Any] | None = None
     if chain.facts is not None:
-        sparse = chain.facts.sparse
         film = {
             "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
             "operators": int(chain.facts.basis.fractions.size),
             "of_the_class": bool(chain.preisach_evidence(names) < ABSORBS),
         }
+        if mixing := phase_mixing(chain, names):
+            film["mixing"] = {name: {"value": value, "ci95": None} for name, value in mixing.items()}
     next_experiment = next_experiments(
         chain.effects,
         [f.name for f in findings],

@@ -29,6 +29,7 @@ from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
+from sim.model.film_mixing import PowerMean
 
 FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # simplest first
 NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
@@ -44,12 +45,14 @@ TURNS = 2  # of a problem that is linear only about a solution
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
     """film, plate: None where the record has none; effects: tables as in a model file; rmse: of the film's model on
-    held-out rows, driven as in the diagnosis, in decades or in the unit of the film's output."""
+    held-out rows, driven as in the diagnosis, in decades or in the unit of the film's output; mixing: of the film's
+    phases, None: in their logarithms."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: list[dict[str, float | str]]
     rmse: float | None
+    mixing: PowerMean | None = None
 
 
 def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> ExtendedModel:
@@ -68,7 +71,7 @@ def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> 
         solution, error = film_of(refit, chain.curve)
         quantity = chain.record.quantity
         film = quantity.film(solution.model(last.parameters.start.initial))
-        return ExtendedModel(film, plate, effects, quantity.size * error)
+        return ExtendedModel(film, plate, effects, quantity.size * error, refit.mixing)
 
 
 def _sizes(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
@@ -192,7 +195,7 @@ def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held:
     """The best dictionary of operators by held-out rows, few preferred; the plain fit if none is better."""
     used = np.zeros(refit.channel.record.rows, dtype=np.bool_)
     used[fitted] = True
-    path = thinned_path(refit.nodes, refit.target, used, refit.fit.parameters.start)
+    path = thinned_path(refit.nodes, refit.own, used, refit.fit.parameters.start)
     half_width = half_loop_width(path)
     best, least, few = plain, error, _thinned(fitted, 2 * SEARCH_ROWS)
     for centres, steepness, by_output in RESOLUTIONS:

@@ -169,3 +169,57 @@ def test_order_violation_warns(peltier: Peltier, tmp_path: Path) -> None:
     status, _, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv")
     assert status == 0
     assert "violate" in err
+
+
+MIXING = "[film.mixing]\nexponent = -0.7\nlow_dec = -5.5\nhigh_dec = -2.5\n"
+
+
+def mixed(y: float) -> float:
+    """-log10 of the power mean of both ends, in the shares that a film that adds logarithms would have at y."""
+    share = (y + 5.5) / 3.0
+    return -math.log10(((1.0 - share) * 10.0 ** (-0.7 * 5.5) + share * 10.0 ** (-0.7 * 2.5)) ** (1.0 / -0.7))
+
+
+def test_a_film_that_mixes_otherwise_is_predicted_and_inverted(peltier: Peltier, tmp_path: Path) -> None:
+    model = tmp_path / "model.toml"
+    model.write_text(MODEL.replace("[plate]", MIXING + "[plate]"))
+    temperatures = [50.0, 62.0, 66.5, 61.0, 57.0, 64.0, 80.0, 30.0]
+    plays, before, expected = cooled(50.0), 50.0, []
+    for v in temperatures:
+        plays, before = moved(v, before, plays), v
+        expected.append(10.0 ** -mixed(output(v, plays)))
+    lines = [f"{k},{v!r},{r!r}" for k, (v, r) in enumerate(zip(temperatures, expected, strict=True))]
+    (tmp_path / "record.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + "\n".join(lines) + "\n")
+    words = ("--drive", "temperature", "--json", tmp_path / "predicted.json", "--out", tmp_path / "predicted.csv")
+    status, _, err = peltier("predict", model, tmp_path / "record.csv", *words)
+    assert status == 0, err
+    assert json.loads((tmp_path / "predicted.json").read_text())["rmse_dec"] < 1e-9
+    wanted = "".join(f"{k},{r!r}\n" for k, r in enumerate([*expected[1:5], 1e-2]))
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n" + wanted)
+    status, _, err = peltier("invert", model, tmp_path / "target.csv", "--out", tmp_path / "inverted.csv")
+    assert status == 0, err
+    *found, beyond = rows(tmp_path / "inverted.csv")
+    assert [float(row["resistance_ohm"]) for row in found] == pytest.approx(expected[1:5], rel=3e-9)
+    assert beyond["reachable"] == "0"
+    plays, before = cooled(float(found[0]["temperature_degC"])), float(found[0]["temperature_degC"])
+    for row, ohm in zip(found, expected[1:5], strict=True):
+        v = float(row["temperature_degC"])
+        plays, before = moved(v, before, plays), v
+        assert 10.0 ** -mixed(output(v, plays)) == pytest.approx(ohm, rel=3e-9)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        ("exponent = 0.5\nlow_dec = -3.0\nhigh_dec = -5.5", "low_dec: -3.0: expected less than high_dec, -5.5"),
+        ("exponent = 0.0\ntilt = 2.0\nlow_dec = -5.5\nhigh_dec = -3.0", "more metal would be more resistance"),
+        ("exponent = 0.5\nlow_dec = -5.5", "film.mixing.high_dec: missing"),
+    ],
+)
+def test_a_mixing_that_cannot_be_is_told(peltier: Peltier, tmp_path: Path, wrong: str, told: str) -> None:
+    (tmp_path / "model.toml").write_text(MODEL.replace("[plate]", f"[film.mixing]\n{wrong}\n[plate]"))
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n")
+    status, _, err = peltier("invert", tmp_path / "model.toml", tmp_path / "target.csv")
+    assert status != 0
+    assert told in err
+    assert len(err.strip().splitlines()) == 1

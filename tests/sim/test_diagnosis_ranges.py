@@ -25,7 +25,7 @@ def test_the_noise_at_a_threshold_is_no_error_of_a_range(seed: int, share_below:
     del columns["current_A"]
     record = read_columns(columns, held_out=False)
     search = with_film(Chain(record, catalogue()), frozenset()).last(frozenset())
-    channel, clean = search.channel, search.fit(frozenset())
+    channel, clean = search.channel, search.ended(search.fit(frozenset()))
     for size in (-1.0, 2.0):  # times the noise
         error = 10.0 ** (size * channel.noise.level) - 1.0
         begin = channel.extended(clean.parameters, [switched(catalogue()["meter_range_error"], [THRESHOLD_OHM, error])])

@@ -17,6 +17,7 @@ AROUND = 7  # readings of which the middle one is judged
 NEARBY = 21  # readings by whose deviations the noise is taken: seven outliers among them do not show in the median
 BESIDE = 11  # the same of what neighbours are off one another: two outliers change the deviations of five or six
 FAR = 8.0  # robust standard deviations, besides twice what the medians around differ by
+FLANK = 0.25  # of what both neighbours differ by: half a row's step, which no temperature is known better than
 FEWEST = 30
 
 
@@ -35,4 +36,5 @@ def outlying_rows(readings: Array, shown: Array, used: Mask, least: Array | floa
     noise = np.maximum(1.4826 * np.maximum(around, np.median(away)), np.broadcast_to(least, readings.shape)[rows])
     chord = median_filter(np.abs(y - 0.5 * (np.roll(y, 1) + np.roll(y, -1))), BESIDE, mode="nearest")
     apart = maximum_filter1d(chord, BESIDE, mode="nearest")  # how far neighbours are off one another about here
-    return np.asarray(rows[away > FAR * noise + 2.0 * (reach + apart)], dtype=np.int64)
+    flank = FLANK * np.abs(np.roll(y, 1) - np.roll(y, -1))
+    return np.asarray(rows[away > FAR * noise + 2.0 * (reach + apart) + flank], dtype=np.int64)

@@ -33,6 +33,7 @@ from sim.diagnosis.fit.unknowns import (
 )
 from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns, operator_signal
+from sim.model.film_mixing import PowerMean
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterCurrent, MeterPower
@@ -96,19 +97,23 @@ class FilmEquations:
             power = MeterPower(meter, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
+    def power_mean(self, p: FilmParameters, x: Array) -> PowerMean:
+        """How the film's phases add up."""
+        return self.basis.mixing.mean(*(_exponents(x) if p.is_mixed else (0.0, 0.0)))
+
     def read_links(self, p: FilmParameters, x: Array, links: Links) -> Links:
         """The effects with the mixing of the film's phases before those of the ohmmeter."""
         if not p.is_mixed:
             return links
-        return replace(links, ohmmeter=(self.basis.mixing.reading(*_exponents(x)), *links.ohmmeter))
+        return replace(links, ohmmeter=(self.power_mean(p, x).reading(), *links.ohmmeter))
 
     def mixed(self, p: FilmParameters, x: Array, unmixed: Array) -> Array:
         """The film's own output of what its operators add up to."""
-        return self.basis.mixing.mixed(*_exponents(x), unmixed) if p.is_mixed else unmixed
+        return self.power_mean(p, x).mixed(unmixed)
 
     def unmixed(self, p: FilmParameters, x: Array, own: Array) -> Array:
         """What the operators have to add up to for an output of the film."""
-        return self.basis.mixing.unmixed(*_exponents(x), own) if p.is_mixed else own
+        return self.power_mean(p, x).unmixed(own)
 
     def step(self, p: FilmParameters, x: Array, film_degC: Array) -> Array | None:
         """What the operators are multiplied by at temperatures of the film; None: by 1."""

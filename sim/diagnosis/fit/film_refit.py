@@ -2,7 +2,8 @@
 
 While it searches, the diagnosis gives D any smooth shape and the film any weights. Here the same temperatures of the
 film and the same effects are kept, and what lies between the film's output y and the ohmmeter is taken at its
-derivative, so that the weights are again a linear problem with p >= 0:
+derivative, so that the weights are again a linear problem with p >= 0. How the phases mix (`PowerMean`) stands between
+y and the ohmmeter; that the step between them changes with temperature is left out: a model file has no place for it.
 
     shown(y) ~ shown(y0) + L[d shown / d y (y - y0)],   L the ohmmeter's and the creep's filters
 """
@@ -82,18 +83,24 @@ def radii_of(shape: Array) -> Array:
 
 class FilmRefit:
     """Solutions on the film's temperature and with the effects of one fit of the last links. target: what columns are
-    to add up to, (rows,); free: the constant, and what filters were behind by at the first row, (rows, 1 + filters)."""
+    to add up to, (rows,); own: what the fit's film has in the rows; free: the constant, and what filters were behind by
+    at the first row, (rows, 1 + filters); mixing: of the film's phases, None: in their logarithms."""
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit, signal: Array | None = None) -> None:
         """signal: the film's output at the nodes, about which the derivative is taken; None: that of the fit."""
         self.channel, self.fit = channel, fit
-        self.links, found = channel.nodes(fit.parameters, fit.parameters.x)
+        p = fit.parameters
+        links, found = channel.nodes(p, p.x)
+        mean = channel.power_mean(p, p.x)
+        self.mixing = mean if p.is_mixed and mean.rises and not channel.record.quantity.rises else None
+        self.links = links if self.mixing is None else channel.read_links(p, p.x, links)
+        self.own = fit.film_output if self.mixing is None else self.mixing.unmixed(fit.film_output)
         self.nodes = nodes = found.everywhere()
         time = nodes.time_s
         self.every = replace(nodes, taken=np.arange(time.size))
         if signal is None:
             order = np.argsort(nodes.taken, kind="stable")
-            signal = np.interp(np.arange(time.size), nodes.taken[order], fit.film_output[order])
+            signal = np.interp(np.arange(time.size), nodes.taken[order], self.own[order])
         self._ohmmeter = Ohmmeter(self.links, nodes, signal)
         shown = shown_in_rows(self.links, nodes, signal)
         self.target = channel.output - (shown - self.through(signal[:, None])[:, 0])

@@ -33,6 +33,7 @@ MIXED_BELOW = 1.5  # mean square residual over noise above which an effect that 
 RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
+FEW_READINGS = 500  # with which a fit costs little, and on its way tells other readings the worse the fewer there are
 COMPARED_BELOW = 1.5  # mean square residual over noise below which log-likelihoods of some units matter
 PAIR_SIZES = 7  # of each of two effects: 49 pairs
 TWO_AT_ONCE = 8.0  # log-likelihood from which two effects at once are tried
@@ -240,6 +241,8 @@ class ResistanceSearch:
         """The fit, or a better one with relays."""
         if self.channel.relays:
             wider = self.channel.descend(fit.parameters.with_relays(fit.parameters.prior.first_relay_dec), RELAY_STEPS)
+            if self.channel.rows.size < FEW_READINGS:
+                wider = self._followed(wider)
             if wider.score > fit.score:
                 return self._mixed(replace(wider, plain=fit.parameters))
         return fit
@@ -271,12 +274,16 @@ class ResistanceSearch:
         """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,
         and what is left on the way (up to 15 of log-likelihood) would be any other fit's evidence."""
         close = fit.parameters.has_relays and self.channel.mean_square(fit) < COMPARED_BELOW
-        for _ in range(RELAY_ROUNDS if close else 0):
+        return self.keep(self._followed(fit) if close else fit)
+
+    def _followed(self, fit: ResistanceFit) -> ResistanceFit:
+        """A fit with relays, as far as it goes on gaining."""
+        for _ in range(RELAY_ROUNDS):
             again = replace(self.channel.descend(fit.parameters, RELAY_STEPS), plain=fit.plain)
             if again.score < fit.score + SETTLED:
                 break
             fit = again
-        return self.keep(fit)
+        return fit
 
     def relayed(self, names: frozenset[str]) -> ResistanceFit:
         """The best fit with exactly these effects, relays tried though little is left."""
