@@ -28,17 +28,17 @@ from compensator.identification.triangle import triangle
 WIDTHS: Final = np.array(  # of the loop's half-width, closest about it, where a steep transition has all its relays
     [0.0, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95, 1.05, 1.15, 1.3, 1.5, 1.8, 2.1, 2.6, 3.2]
 )
-WIDER: Final = 1.15  # a film's relays than those that most of a record's change, seen in minor loops, is of
 RESOLUTIONS: Final = (
-    (8, 1.0, 0.8),
-    (12, 0.8, 0.8),
-    (12, 1.2, 0.8),
-    (16, 0.8, 0.8),
-    (16, 1.2, 0.8),
-    (24, 0.8, 0.8),
-    (24, 1.0, 0.5),
-    (24, 1.2, 0.8),
-)  # centres, slope times spacing, share of centres placed by the output's change rather than evenly
+    (8, 1.0, 0.8, False),
+    (12, 0.8, 0.8, False),
+    (16, 0.8, 0.8, False),
+    (24, 0.8, 0.8, False),
+    (24, 1.2, 0.8, False),
+    (8, 1.0, 0.8, True),
+    (12, 0.8, 0.8, True),
+    (16, 0.8, 0.8, True),
+    (24, 0.8, 0.8, True),
+)  # centres, slope times spacing, share of centres placed by the output's change rather than evenly, whether moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +71,15 @@ def half_loop_width(path: Path) -> float:
     return min(max(half, 0.01 * span), 0.2 * span) if math.isfinite(half) else 0.05 * span
 
 
-def dictionary(path: Path, centres: int, steepness: float, by_output: float, half_width: float) -> Dictionary:
-    """Centres x half-widths, placed for the record at hand: a centre lies half a width below what is seen while
-    heating, and above what is seen while cooling."""
-    v, half_width = path.inputs[path.rows], WIDER * half_width
+def dictionary(
+    path: Path, centres: int, steepness: float, by_output: float, moved: bool, half_width: float
+) -> Dictionary:
+    """Centres x half-widths, placed for the record at hand. moved: half a width below what is seen while heating, and
+    above what is seen while cooling, where relays of that width have their centres; else where the output changes,
+    which serves a film of many widths."""
+    v = path.inputs[path.rows]
     edges = np.linspace(np.min(v), np.max(v), 101)
-    density = slope_density(path, edges, half_width)
+    density = slope_density(path, edges, half_width if moved else 0.0)
     cumulative = np.concatenate(([0.0], np.cumsum(density) / np.sum(density)))
     place = by_output * cumulative + (1.0 - by_output) * np.linspace(0.0, 1.0, edges.size)
     centre = np.interp((np.arange(centres) + 0.5) / centres, place, edges)

@@ -151,8 +151,8 @@ def choose_mixed(
     best: MixedSolution | None = None
     least = to_beat
     candidates = []
-    for centres, steepness, by_output in RESOLUTIONS:
-        trial = solve_mixed(path, dictionary(path, centres, steepness, by_output, half_width), form, shape)
+    for resolution in RESOLUTIONS:
+        trial = solve_mixed(path, dictionary(path, *resolution, half_width), form, shape)
         error = rms(held.output - trial.at(held))
         candidates.append(Candidate("mixed_envelopes", form.name, trial.weights.size, math.sqrt(trial.square), error))
         if most is not None and trial.weights.size > most:

@@ -198,8 +198,8 @@ def _mixed(refit: FilmRefit, plain: Refit, error: float, fitted: Integers, held:
     path = thinned_path(refit.nodes, refit.own, used, refit.fit.parameters.start)
     half_width = half_loop_width(path)
     best, least, few = plain, error, _thinned(fitted, 2 * SEARCH_ROWS)
-    for centres, steepness, by_output in RESOLUTIONS:
-        trial = dictionary(path, centres, steepness, by_output, half_width)
+    for resolution in RESOLUTIONS:
+        trial = dictionary(path, *resolution, half_width)
         operators = refit.relays(trial)
         fit = refit.solve(few, plain.form, plain.theta[ENVELOPES:], operators, trial)
         value = rms(refit.residual(held, fit, operators))

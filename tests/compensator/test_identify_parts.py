@@ -163,7 +163,7 @@ def test_a_steep_wide_loop_has_its_operators_where_its_relays_switch() -> None:
         paths.append(build_path([prepare(FilmRecord(np.arange(v.size, dtype=float), v, y))], [Start()]))
     fitted, other = paths
     assert half_loop_width(fitted) == pytest.approx(6.0, abs=0.3)
-    operators = dictionary(fitted, 16, 0.8, 0.8, half_loop_width(fitted))
+    operators = dictionary(fitted, 16, 0.8, 0.8, True, half_loop_width(fitted))
     solution = solve_mixed(fitted, operators, Form("linear", True, 30.0, 90.0), np.empty(0))
     assert rms(other.output - solution.at(other)) < 0.01
 
@@ -172,7 +172,7 @@ def test_a_dictionary_model_reproduces_its_fit() -> None:
     v = decaying_profile(1200)
     record = prepare(FilmRecord(np.arange(1200.0), v, relay_film(v)))
     path = build_path([record], [Start()])
-    operators = dictionary(path, 12, 1.0, 0.8, half_loop_width(path))
+    operators = dictionary(path, 12, 1.0, 0.8, False, half_loop_width(path))
     assert half_loop_width(path) == pytest.approx(2.8, abs=0.6)
     solution = solve_mixed(path, operators, Form("linear", True, 30.0, 90.0), np.empty(0))
     model = solution.model("minus_log10_ohm", "cooled")
