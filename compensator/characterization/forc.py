@@ -78,7 +78,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
     curves = families[sense]
     if _inside(curves, v) < FEWEST_CURVES:
         text = f"the record holds {_inside(curves, v)} first-order reversal curves; expected at least {FEWEST_CURVES}: "
-        text += "from the cold end to ever other temperatures in the transition, and back each time"
+        text += "from the cold end to many temperatures in the transition, and back each time"
         return _nothing(sense, np.array([curve[0] for curve in curves]), text)
     falls = float(np.corrcoef(curves[0][1], curves[0][2])[0, 1]) < 0.0
     return _diagram(sense, curves, v, -0.5 if (sense == "cooling") == falls else 0.5)

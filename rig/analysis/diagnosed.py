@@ -54,6 +54,11 @@ def diagnosed(
         for one in (*together, *holdout)
         for name in missing_inputs(one, inputs)
     ]
+    lines += [
+        f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
+        for one in together
+        if not one.has("current_A") and any(other.has("current_A") for other in together)
+    ]
     if lines:
         raise Faults(lines)
     try:

@@ -23,6 +23,22 @@ USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
 
 
+def check_within_limits(target: Target, configuration: Configuration, where: str) -> None:
+    """Refuse a wanted temperature or current at which the interlock would switch off. Raises Faults: the first."""
+    limits = configuration.limits
+    if target.quantity == "temperature":
+        (low, high), unit, name = limits.temperature_degC, "degC", "temperature_degC"
+    elif target.quantity == "current":
+        low, high, unit, name = -limits.current_A, limits.current_A, "A", "current_A"
+    else:
+        return
+    beyond = np.flatnonzero((target.values < low) | (target.values > high))
+    if beyond.size:
+        value, at_s = float(target.values[beyond[0]]), float(target.times_s[beyond[0]])
+        text = f"{value:g} {unit} is outside limits.{name}; expected {low:g} to {high:g} {unit}"
+        raise fault(where, f"at {at_s:g} s", text)
+
+
 def check_plate(
     plate: PlateModel, temperatures_degC: list[float], configuration: Configuration, where: str, what: str
 ) -> None:

@@ -10,7 +10,14 @@ from rig.control.law_units import in_law_units, law_units
 from rig.core.faults import fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import own_target
-from rig.experiment.feasible import check_cooling, check_plate, check_target, memory_warning, order_warning
+from rig.experiment.feasible import (
+    check_cooling,
+    check_plate,
+    check_target,
+    check_within_limits,
+    memory_warning,
+    order_warning,
+)
 from rig.experiment.repeated import LEARNED, read_correction
 from rig.files.configuration import Configuration, ConfigurationFile
 from rig.files.film_output import FALLING_RESISTANCE, in_decades, other_sense
@@ -53,6 +60,7 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
     target = target_of(file)
     for line in target.said:
         say(line)
+    check_within_limits(target, file.content, f"{file.path}: experiment.target")
     model = None
     if e.model is not None:
         needs = ("film", "plate") if e.kind in TRACKING else ("plate",)
@@ -82,12 +90,12 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
         return
     if c.experiment.kind in TRACKING:
         assert model.film is not None
-        _check_output(model, c.experiment.model, quantity_of(c))
+        _check_output(model, c.experiment.model or file.path, quantity_of(c))
         units = law_units(model.film, c.limits.temperature_degC)
         film = in_law_units(model.film, units)
         for warning in (
-            order_warning(film, c.experiment.model),
-            memory_warning(film, hot, c.experiment.model, units),
+            order_warning(film, c.experiment.model or str(file.path)),
+            memory_warning(film, hot, c.experiment.model or str(file.path), units),
         ):
             if warning is not None:
                 say(warning)

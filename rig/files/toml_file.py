@@ -118,6 +118,8 @@ def _keys(schema: type[BaseModel], place: list[str]) -> list[str]:
     """The keys that a table of the schema knows."""
     model: Any = schema
     for part in place:
+        if part.isdigit():  # which one of a list of tables
+            continue
         field = getattr(model, "model_fields", {}).get(part)
         if field is None:
             return []

@@ -241,3 +241,49 @@ def test_a_target_of_years_is_refused(peltier: Peltier, tmp_path: Path) -> None:
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert status == 2
     assert "time_s: from 0 to 1e+09: expected a profile of three years at most" in err
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "told"),
+    [
+        (
+            "temperature_profile",
+            ["start 30 degC", "ramp to 99 degC at 2 K/s"],
+            "at 34.5 s: 99 degC is outside limits.temperature_degC; expected 10 to 95 degC",
+        ),
+        (
+            "current_profile",
+            ["start 0 A", "hold 2 s", "step to 9 A"],
+            "at 2 s: 9 A is outside limits.current_A; expected -4 to 4 A",
+        ),
+    ],
+)
+def test_a_target_beyond_the_limits_is_refused_before_anything_is_on(
+    peltier: Peltier, tmp_path: Path, kind: str, target: list[str], told: str
+) -> None:
+    path = write_bench(tmp_path, target=str(target).replace("'", '"'))
+    path.write_text(path.read_text().replace('kind = "track_resistance"', f'kind = "{kind}"'))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert (status, told in err) == (2, True), err
+    assert not (tmp_path / "run").exists()
+    assert not (tmp_path / "run.part").exists()
+
+
+def test_a_misspelt_key_of_an_operator_is_told_with_what_was_meant(peltier: Peltier, tmp_path: Path) -> None:
+    envelope = '{function = "tanh", a = 0.2, b = -12.0}'
+    operator = f"[[film.operators]]\nradius = 0.0\nwieght = 1.0\nrising = {envelope}\nfalling = {envelope}\n"
+    (tmp_path / "model.toml").write_text(f'[film]\nkind = "mixed_envelopes"\n{operator}')
+    (tmp_path / "target.csv").write_text("time_s,target_ohm\n0,20000\n")
+    status, _, err = peltier("invert", tmp_path / "model.toml", tmp_path / "target.csv")
+    assert status == 2
+    assert "film.operators.0.wieght: unknown key; did you mean 'weight'?" in err
+
+
+def test_of_joint_records_the_one_without_a_current_is_named(peltier: Peltier, tmp_path: Path) -> None:
+    rows = "".join(f"{k},{25.0 + 0.1 * k},{5e4 * 10.0 ** (-0.03 * k)},0.5\n" for k in range(60))
+    (tmp_path / "with.csv").write_text("time_s,temperature_degC,resistance_ohm,current_A\n" + rows)
+    without = "".join(f"{line.rsplit(',', 1)[0]}\n" for line in rows.splitlines())
+    (tmp_path / "without.csv").write_text("time_s,temperature_degC,resistance_ohm\n" + without)
+    status, _, err = peltier("diagnose", tmp_path / "with.csv", tmp_path / "without.csv", "--joint")
+    assert status == 2
+    assert "without.csv: current_A: missing; expected it in all records of a rig or in none" in err
