@@ -79,6 +79,7 @@ def test_out_of_time_is_said_and_the_best_so_far_reported(lagging: Case) -> None
     assert all(np.isfinite(c.rmse_extended) for c in found.channels.values() if c is not None)
 
 
+@pytest.mark.long
 def test_enough_time_changes_nothing(lagging: Case) -> None:
     clock = ticking(1.0)
     with_time = diagnose(lagging.columns, budget_s=1e6, clock=lambda: next(clock)).document()

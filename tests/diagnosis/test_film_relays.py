@@ -133,7 +133,7 @@ def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> No
     assert fit.score > without.score + 20.0
 
 
-@pytest.mark.other_processor
+@pytest.mark.long
 def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> None:
     """Readings in steps of 0.18 K leave the plate's path some millikelvin off, and the film sees them."""
     blind = case("three", 10803)

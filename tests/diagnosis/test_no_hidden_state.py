@@ -19,7 +19,7 @@ FILES = sorted(Path(*diagnosis.__path__).rglob("*.py"))
 
 
 def test_a_search_leaves_what_it_was_given() -> None:
-    record = read_columns(case("one", 3, effect="meter_lag", rows=1500).columns)
+    record = read_columns(case("one", 3, effect="meter_lag", rows=1000).columns)
     first = temperature_search(record, catalogue())
     given = Chain(first.channel.record, catalogue(), first, as_read=record)
     said: list[str] = []

@@ -32,7 +32,6 @@ def test_one_hidden_effect(effect: str, seed: int) -> None:
     assert "outliers" not in {warning["code"] for warning in document["warnings"]}  # of a base that lacks the effect
 
 
-@pytest.mark.other_processor
 def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
     blind = case("smallest", 1602, effect="radiative_loss", factor=1.5)
     document = diagnose(blind.columns).document()
@@ -47,12 +46,12 @@ def test_a_base_without_d_lacks_it() -> None:
 
 
 def test_a_record_without_current_and_one_without_resistance() -> None:
-    blind = case("one", 1, effect="creep", rows=2000)
+    blind = case("one", 1, effect="creep", rows=1200)
     film = {k: v for k, v in blind.columns.items() if k != "current_A"}
     document = diagnose(film).document()
     assert document["channels"]["temperature_K"] is None
     assert names(document) == {"creep"}
-    blind = case("one", 1, effect="sensor_lag", rows=2000)
+    blind = case("one", 1, effect="sensor_lag", rows=1200)
     plate = {k: v for k, v in blind.columns.items() if k != "resistance_ohm"}
     document = diagnose(plate).document()
     assert document["channels"]["resistance_dec"] is None

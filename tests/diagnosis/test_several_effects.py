@@ -13,7 +13,7 @@ from tests.diagnosis.said import covered, names
 
 
 def test_two_hidden_effects() -> None:
-    blind = case("two", 1, effects=("sensor_lag", "film_lag"), rows=2000)
+    blind = case("two", 1, effects=("sensor_lag", "film_lag"), rows=1200)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden)
     covered(document, blind)
@@ -36,6 +36,7 @@ def test_two_resistances_that_bend_the_reading_against_each_other() -> None:
     covered(document, blind)
 
 
+@pytest.mark.long
 def test_a_thermometer_slower_than_the_plate_is_not_taken_for_the_plate() -> None:
     """Plate of 14 s, thermometer of 27.5 s: in each other's place they explain all but what is not linear."""
     blind = case("three", 8007)
