@@ -19,7 +19,7 @@ import numpy as np
 from compensator.hysteresis.film import Envelope, FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.identification.memoryless_forms import Form
-from compensator.identification.multistart import medians_of_change, slope_density
+from compensator.identification.multistart import half_width_of_change, slope_density
 from compensator.identification.nnls import solve_triangle
 from compensator.identification.operator_outputs import Integers, operator_outputs
 from compensator.identification.rows import Path
@@ -66,8 +66,7 @@ def half_loop_width(path: Path) -> float:
     """Half the distance (K) between the temperatures at which half of the change is seen while heating and while
     cooling. A relay switches at its own two temperatures in minor loops too; a mean of the branches would not."""
     span = float(np.ptp(path.inputs[path.rows]))
-    heating, cooling = medians_of_change(path)
-    half = 0.5 * (heating - cooling)
+    half = half_width_of_change(path)
     return min(max(half, 0.01 * span), 0.2 * span) if math.isfinite(half) else 0.05 * span
 
 

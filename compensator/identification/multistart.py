@@ -53,17 +53,17 @@ def quartiles_of_change(path: Path) -> tuple[float, float, float]:
     that a record goes through: a slow slope of the rest of the range moves them little. What is seen while heating
     counts half the loop's width lower, while cooling higher: where the relays' middles are."""
     v = path.inputs[path.rows]
-    heating, cooling = medians_of_change(path)
-    half_width_K = max(0.5 * (heating - cooling), 0.0) if math.isfinite(heating - cooling) else 0.0
+    half_width_K = half_width_of_change(path)
+    half_width_K = max(half_width_K, 0.0) if math.isfinite(half_width_K) else 0.0
     middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
     middle = middle - np.sign(dv) * half_width_K
     low, half, high = _quantiles(middle, np.maximum(np.sign(dv) * dy, 0.0), np.array([0.25, 0.5, 0.75]))
     return float(low), float(half), float(high)
 
 
-def medians_of_change(path: Path) -> tuple[float, float]:
-    """The temperatures (degC) below which half of the output's change is seen while heating and while cooling; nan
-    where a record never goes that way."""
+def half_width_of_change(path: Path) -> float:
+    """Half the distance (K) between the temperatures below which half of the output's change is seen while heating and
+    while cooling; nan where a record never goes one of the ways."""
     v = path.inputs[path.rows]
     middle, dv, dy = _coarse_steps(path, float(np.ptp(v)) / CHANGE_STEPS)
     found = []
@@ -71,7 +71,7 @@ def medians_of_change(path: Path) -> tuple[float, float]:
         own = np.sign(dv) == side
         changed = np.maximum(side * dy[own], 0.0)
         found.append(float(_quantiles(middle[own], changed, np.array([0.5]))[0]) if np.any(changed) else math.nan)
-    return found[0], found[1]
+    return 0.5 * (found[0] - found[1])
 
 
 def _quantiles(v: Array, weights: Array, shares: Array) -> Array:

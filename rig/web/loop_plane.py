@@ -58,9 +58,9 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
     from rig.files.model_file import read_model
 
     try:
-        film = read_model(Path(model)).film
-        falls = film is not None and film.output == "minus_log10_ohm"
-        return _Followed(film, since_s, limits_degC) if falls else None
+        known = read_model(Path(model))
+        falls = known.film is not None and known.film.output == "minus_log10_ohm"
+        return _Followed(known, since_s, limits_degC) if falls else None
     except (Faults, OSError, ValueError):
         return None
 
@@ -68,20 +68,25 @@ def _followed(model: str | None, since_s: float | None, limits_degC: list[float]
 class _Followed:
     """A film model, its major loop as curves, and its memory as far as the history was followed."""
 
-    def __init__(self, film: Any, since_s: float | None, limits_degC: list[float]) -> None:
+    def __init__(self, known: Any, since_s: float | None, limits_degC: list[float]) -> None:
         import numpy as np
 
         low, high = limits_degC
-        self._model, self._limits = film, (low, high)
+        film = known.film
+        self._model, self._mixing, self._limits = film, known.mixing, (low, high)
         self._at_s, self._memory, self._turn_degC, self._branch = since_s, None, 0.0, "falling"
         up = np.linspace(low, high, CURVE_POINTS)
         rising, _ = film.simulate(up, film.initial_memory(low, "heated"))
         falling, _ = film.simulate(up[::-1], film.initial_memory(high, "cooled"))
         self.curves = {
             "temperature_degC": up.tolist(),
-            "rising_ohm": (10.0**-rising).tolist(),
-            "falling_ohm": (10.0 ** -falling[::-1]).tolist(),
+            "rising_ohm": (10.0 ** -self._mixed(rising)).tolist(),
+            "falling_ohm": (10.0 ** -self._mixed(falling[::-1])).tolist(),
         }
+
+    def _mixed(self, outputs: Any) -> Any:
+        """The film's outputs of what its operators add up to."""
+        return outputs if self._mixing is None else self._mixing.mixed(outputs)
 
     def memory(self, history: Path) -> dict[str, Any] | None:
         """Where the film stands now; None where that is not known."""
@@ -104,7 +109,9 @@ class _Followed:
         if self._memory is None:
             return None
         interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
-        reachable = sorted(ohm(output) for output in interval) if interval is not None else None
+        reachable = None
+        if interval is not None:
+            reachable = sorted(ohm(output) for output in self._mixed(np.array(interval)).tolist())
         return {"temperature_degC": self._memory.input_degC, "branch": self._branch, "reachable_ohm": reachable}
 
     def _look_where_it_goes(self, degC: float) -> None:

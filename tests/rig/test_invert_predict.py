@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.web import loop_plane
 from tests.rig.small import MODEL
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -206,6 +207,19 @@ def test_a_film_that_mixes_otherwise_is_predicted_and_inverted(peltier: Peltier,
         v = float(row["temperature_degC"])
         plays, before = moved(v, before, plays), v
         assert 10.0 ** -mixed(output(v, plays)) == pytest.approx(ohm, rel=3e-9)
+
+
+def test_the_benchs_page_draws_the_loop_of_a_film_that_mixes_otherwise(tmp_path: Path) -> None:
+    curves = []
+    for name, text in (("plain", MODEL), ("mixed", MODEL.replace("[plate]", MIXING + "[plate]"))):
+        (tmp_path / name).write_text(text)
+        followed = loop_plane._followed(str(tmp_path / name), None, [30.0, 75.0])
+        assert followed is not None
+        curves.append(followed.curves)
+    plain, drawn = curves
+    for branch in ("rising_ohm", "falling_ohm"):
+        expected = [10.0 ** -mixed(-math.log10(ohm)) for ohm in plain[branch]]
+        assert drawn[branch] == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -91,8 +91,9 @@ class FilmRefit:
         self.channel, self.fit = channel, fit
         p = fit.parameters
         links, found = channel.nodes(p, p.x)
-        mean = channel.power_mean(p, p.x)
-        self.mixing = mean if p.is_mixed and mean.rises and not channel.record.quantity.rises else None
+        mean, quantity = channel.power_mean(p, p.x), channel.record.quantity
+        falls = quantity.is_resistance and not quantity.rises  # a model file has a mixing of no other output
+        self.mixing = mean if p.is_mixed and mean.rises and falls else None
         self.links = links if self.mixing is None else channel.read_links(p, p.x, links)
         self.own = fit.film_output if self.mixing is None else self.mixing.unmixed(fit.film_output)
         self.nodes = nodes = found.everywhere()
