@@ -42,6 +42,8 @@ from compensator.identification.rows import FEWEST, gap_threshold
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
 
+NORMAL_95: Final = 1.96  # standard deviations to either side hold 95 % of a normal distribution
+
 NAMES: Final = {
     "peltier": (
         "seebeck_over_capacity_per_A_s",
@@ -261,7 +263,9 @@ def plate_notes(
         if not math.isfinite(error) or error > (100.0 if name == "ambient_degC" else 3.0 * abs(value)):
             notes.append(f"{name} is not determined by this record: the value is that of a usual plate.")
         elif name == "ambient_degC" and error > 3.0:
-            notes.append(f"ambient_degC is known to {error:.1f} K only; a rest at zero current would fix it.")
+            known = f"+- {NORMAL_95 * error:.1f} K (95 %)"
+            notes.append(f"ambient_degC is known to {known} only; a rest at zero current would fix it.")
         elif name != "ambient_degC" and error > 0.3 * abs(value):
-            notes.append(f"{name} is known to {100.0 * error / max(abs(value), 1e-300):.0f} % only.")
+            share = 100.0 * NORMAL_95 * error / max(abs(value), 1e-300)
+            notes.append(f"{name} is known to +- {share:.0f} % (95 %) only.")
     return tuple(notes)

@@ -25,7 +25,7 @@ from rig.command.record_arguments import (
     add_record_arguments,
     read_records,
     writable_file,
-    writable_parent,
+    writable_folder,
 )
 from rig.command.say import Voice
 from rig.core.faults import Faults, fault
@@ -82,7 +82,7 @@ def main(options: argparse.Namespace) -> int:
             raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a model for each")
         writable_file(options.out)
     if options.report is not None:
-        writable_parent(options.report)
+        writable_folder(options.report)
     voice = Voice(options.json)
     if options.effect_file:
         from rig.files.effect_tables import add_effect_files
@@ -110,9 +110,10 @@ def main(options: argparse.Namespace) -> int:
     records = read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     if several:
-        voice.report(_several(records, asked, holdout, options, voice))
-    else:
-        voice.report(_single(records, asked, holdout, options, voice))
+        documents, refused = _several(records, asked, holdout, options, voice)
+        voice.report(documents)
+        return 2 if refused else 0
+    voice.report(_single(records, asked, holdout, options, voice))
     return 0
 
 
@@ -165,8 +166,9 @@ def _single(
 
 def _several(
     records: list[Record], asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
-) -> list[dict[str, Any]]:
-    """Each by itself, side by side; the documents in the order of the records. Raises Faults where there is none."""
+) -> tuple[list[dict[str, Any]], bool]:
+    """Each by itself, side by side: the documents in the order of the records, and whether one has none, which was
+    told. Raises Faults where none has."""
     from rig.command.many_progress import ManyProgress
     from rig.report.diagnosed_record import diagnoses
     from rig.report.many_records import each_record
@@ -190,4 +192,4 @@ def _several(
         raise Faults(faults)
     if options.report is not None:
         voice.say(f"report: {options.report / 'report.html'}")
-    return documents
+    return documents, bool(faults)

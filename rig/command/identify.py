@@ -18,7 +18,7 @@ from rig.command.record_arguments import (
     add_record_arguments,
     read_records,
     writable_file,
-    writable_parent,
+    writable_folder,
 )
 from rig.command.say import Voice
 from rig.core.faults import Faults, fault
@@ -69,13 +69,14 @@ def main(options: argparse.Namespace) -> int:
             raise fault("--out", str(options.out), "expected --report DIR beside --each: it has a model of each record")
         writable_file(options.out)
     if options.report is not None:
-        writable_parent(options.report)
+        writable_folder(options.report)
     voice = Voice(options.json)
     asked = AskedFit(**{field.name: getattr(options, field.name) for field in fields(AskedFit)})
     records = read_records(options.records, options)
     if options.each:
-        voice.report(_each(records, asked, options, voice))
-        return 0
+        results, refused = _each(records, asked, options, voice)
+        voice.report(results)
+        return 2 if refused else 0
     folder = options.report
     if folder is not None:
         folder.mkdir(exist_ok=True)
@@ -89,8 +90,11 @@ def main(options: argparse.Namespace) -> int:
     return 0
 
 
-def _each(records: list[Record], asked: AskedFit, options: argparse.Namespace, voice: Voice) -> list[dict[str, Any]]:
-    """Each by itself, side by side; the results in the order of the records. Raises Faults where there is none."""
+def _each(
+    records: list[Record], asked: AskedFit, options: argparse.Namespace, voice: Voice
+) -> tuple[list[dict[str, Any]], bool]:
+    """Each by itself, side by side: the results in the order of the records, and whether one has none, which was told.
+    Raises Faults where none has."""
     from rig.command.many_progress import ManyProgress
     from rig.report.identified_records import identifications
     from rig.report.many_records import each_record
@@ -112,4 +116,4 @@ def _each(records: list[Record], asked: AskedFit, options: argparse.Namespace, v
         raise Faults(faults)
     if options.report is not None:
         voice.say(f"report: {options.report / 'report.html'}")
-    return results
+    return results, bool(faults)

@@ -6,7 +6,7 @@ import argparse
 from importlib import resources
 from pathlib import Path
 
-from rig.core.faults import Faults
+from rig.core.faults import Faults, fault
 from rig.files.written import write_text
 
 
@@ -25,7 +25,12 @@ def main(options: argparse.Namespace) -> int:
     ]
     if there:
         raise Faults(there)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise fault(folder, "", "is a file; expected a folder") from None
+    except OSError as error:
+        raise fault(folder, "", f"no folder can be made here: {error.strerror}") from None
     for item in templates:
         write_text(folder / item.name, item.read_text(encoding="utf-8"))
         print(folder / item.name)

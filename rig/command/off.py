@@ -21,6 +21,7 @@ from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
 
 if TYPE_CHECKING:
+    from rig.core.errors import PortHeld
     from rig.drivers.controller import TemperatureController
     from rig.guard.takeover import Held
 
@@ -132,7 +133,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
             return open_controller(held.driver, held.port, RealClock(), **held.options), "", doubted
         except PortHeld as error:
             if not (ended(error.pid) or doubted):
-                raise
+                raise _still_held(error) from None
             doubted, problem = True, str(error)
         except ValueError as error:
             raise fault("bench.controller.options", "", str(error)) from None
@@ -140,3 +141,14 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
             problem = str(error)
         time.sleep(0.02)
     return None, problem, doubted
+
+
+def _still_held(error: PortHeld) -> PortHeld:
+    """The same with what is known of the output then, and what to do."""
+    end = "end it" if error.pid is None else f"`kill {error.pid}`, or Ctrl-C where it runs,"
+    error.add_note(
+        "nothing was sent, and the output may be on: "
+        f"{end} ends a `peltier run` or `calibrate` with its output off; of another program switch the controller off "
+        "by hand"
+    )
+    return error

@@ -19,7 +19,7 @@ from rig.command.record_arguments import (
     add_record_arguments,
     read_records,
     writable_file,
-    writable_parent,
+    writable_folder,
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
@@ -63,7 +63,7 @@ def main(options: argparse.Namespace) -> int:
             raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a page for each")
         writable_file(options.out)
     if options.report is not None:
-        writable_parent(options.report)
+        writable_folder(options.report)
     voice = Voice(options.json)
     if options.effect_file:
         from rig.files.effect_tables import add_effect_files
@@ -76,21 +76,23 @@ def main(options: argparse.Namespace) -> int:
     warning = order_warning(model.film, options.model) if model.film is not None else None
     if warning is not None:
         print(warning, file=sys.stderr)
-    results = []
+    results, compared = [], True
     for path, record in zip(options.records, records, strict=True):
         folder = options.report
         if several:
             voice.say(f"{record.source}:")
             folder = options.report / path.stem if options.report is not None else None
-        results.append(_predicted(model, record, folder, options, voice))
+        result, errors = _predicted(model, record, folder, options, voice)
+        results.append(result)
+        compared = compared and errors > 0
     voice.report(results if several else results[0])
-    return 0
+    return 0 if compared or options.out is not None else 2
 
 
 def _predicted(
     model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
-) -> dict[str, Any]:
-    """One record beside the model: lines, files, and the JSON."""
+) -> tuple[dict[str, Any], int]:
+    """One record beside the model: lines, files, and the JSON; and how many channels were compared."""
     from rig.analysis.predicted import predicted
     from rig.analysis.prediction_error import errors_of, fitted_values, left_out, predicted_columns
 
@@ -113,7 +115,8 @@ def _predicted(
         numbers = f"RMSE {error.rmse:.4f} {error.unit}, largest {error.max_abs:.4f} {error.unit}"
         voice.say(f"{error.what}: {numbers}, {error.rows} rows")
     if not errors:
-        voice.say(f"{record.source}: nothing to compare: neither readings of the film nor temperature with current")
+        needed = "expected readings of the film, or temperature with current and a model with a [plate]"
+        print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
     if options.out is not None:
         write_columns(options.out, {**record.columns, **record.text_columns, **predicted_columns(found, model)})
         voice.say(f"predictions: {options.out}")
@@ -123,7 +126,7 @@ def _predicted(
         folder.mkdir(parents=True, exist_ok=True)
         write_prediction_report(folder, result, record["time_s"], record["temperature_degC"], errors)
         voice.say(f"report: {folder / 'report.html'}")
-    return result
+    return result, len(errors)
 
 
 def _short(value: Any) -> str:

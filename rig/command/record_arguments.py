@@ -110,3 +110,10 @@ def writable_file(path: Path) -> None:
     writable_parent(path)
     if path.is_dir():
         raise fault(path, "", "is a folder; expected a file")
+
+
+def writable_folder(path: Path) -> None:
+    """The same for a folder, in whose place there may be one already."""
+    writable_parent(path)
+    if path.exists() and not path.is_dir():
+        raise fault(path, "", "is a file; expected a folder")

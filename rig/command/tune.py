@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.command.record_arguments import add_json_argument, writable_parent
+from rig.command.record_arguments import add_json_argument, writable_folder
 from rig.command.say import Voice
 from rig.core.faults import fault
 
@@ -39,10 +39,11 @@ def main(options: argparse.Namespace) -> int:
     from rig.experiment.tracking import law_and_design, timing_of
     from rig.experiment.tuning import film_cycles, law_table, own_table, tuned_law
     from rig.files.configuration import read_configuration
+    from rig.files.film_output import column_of, in_decades, unit_of
     from rig.files.model_file import read_model
 
     if options.report is not None:
-        writable_parent(options.report)
+        writable_folder(options.report)
     voice = Voice(options.json)
     file = read_configuration(options.config)
     configuration = file.content
@@ -62,10 +63,12 @@ def main(options: argparse.Namespace) -> int:
     _, by_output = law_and_design("pid", configuration, model.film, model.plate)
     cycles = film_cycles(model.film, by_output, *configuration.limits.temperature_degC)
     if name == "full":
-        _say_gains(voice, "full: PID on temperature, output in K/s", design)
+        _say_gains(voice, "full: PID on temperature, output in K/s", design, ("1/s", "1/s^2"))
     _say_margins(voice, found, law)
     unit = "A" if model.plate.kind == "peltier" else "of full drive"
-    _say_gains(voice, f"pid: PID on log R alone, output in {unit}", by_output)
+    output = model.film.output
+    what, per = "log R" if in_decades(output) else column_of(output), unit_of(output)
+    _say_gains(voice, f"pid: PID on {what} alone, output in {unit}", by_output, (f"{unit}/{per}", f"{unit}/({per} s)"))
     voice.say(f"  swings by the film's hysteresis: {_cycles(cycles, 'K')}")
     _say_own(voice, own, configuration.bench.controller.driver)
     result = {
@@ -87,10 +90,12 @@ def main(options: argparse.Namespace) -> int:
     return 1 if found.refused else 0
 
 
-def _say_gains(voice: Voice, title: str, design: Design) -> None:
+def _say_gains(voice: Voice, title: str, design: Design, units: tuple[str, str]) -> None:
+    """units: of Kp and Ki."""
     gains, margins = design.gains, design.margins
     voice.say(f"{title}, period {design.period_s:g} s, dead time {design.dead_time_s:g} s")
-    voice.say(f"  Kp {gains.kp:.5g}   Ki {gains.ki:.5g}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
+    k_p, k_i = f"Kp {gains.kp:.5g} {units[0]}", f"Ki {gains.ki:.5g} {units[1]}"
+    voice.say(f"  {k_p}   {k_i}   tracking time {gains.tracking_time_s:.3g} s   b {gains.b:g}")
     voice.say(
         f"  this loop alone: gain margin {margins.gain_margin:.2f}   phase margin {margins.phase_margin_deg:.1f} deg   "
         f"Ms {margins.ms:.3f}   crossover {margins.crossover_rad_per_s:.3g} rad/s"

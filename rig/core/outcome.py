@@ -1,6 +1,7 @@
 """How an experiment can end, and the exit status that says so.
 
 Outcome (Exception)
++-- Unsuitable       1    the film is not one that the experiment can go on with
 +-- Tripped          10   an interlock tripped
 +-- NotConfirmedOff  11   the output is not confirmed off; outranks all others
 +-- Stopped          128 + n   stopped by signal n
@@ -15,6 +16,17 @@ class Outcome(Exception):
     """An end that is neither success nor a program's fault."""
 
     exit_status = 1
+
+
+class Unsuitable(Outcome):
+    """What was measured is nothing that the experiment can go on with; nothing is wrong with the bench.
+
+    cause: a word for it, as a trip has one.
+    """
+
+    def __init__(self, cause: str, text: str) -> None:
+        super().__init__(text)
+        self.cause = cause
 
 
 class Tripped(Outcome):

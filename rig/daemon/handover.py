@@ -123,8 +123,21 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
         print(f"output off, {off_in_words(state)}\nreport: {job['folder']}/report.html", file=stream, flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
-        print(f"peltier {verb}: {job['reason']}{place}", file=sys.stderr)
+        print(f"peltier {verb}: {job['reason']}; {_output_now(client)}{place}", file=sys.stderr)
     return int(job["exit_status"])
+
+
+def _output_now(client: Client) -> str:
+    """What the daemon says of the output when a job has ended otherwise than well."""
+    try:
+        state = client.ask("state").get("state", {})
+    except NoDaemon as error:
+        return f"OUTPUT NOT CONFIRMED OFF: {error}"
+    if not state.get("output_confirmed"):
+        return "OUTPUT NOT CONFIRMED OFF: see `peltier status`"
+    if state.get("output") != "off":
+        return f"the output is {state.get('output')}, for what the bench does now: see `peltier status`"
+    return f"output off, {off_in_words(state)}"
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from rig.bench.serial_numbers import strangers
 from rig.control.loop import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
-from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
+from rig.core.outcome import NotConfirmedOff, Stopped, Tripped, Unsuitable
 from rig.core.reading import Quality
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import Desk, model_of
@@ -88,6 +88,8 @@ class JobRun(Watcher):
             return _End("stopped", str(stopped), stopped.exit_status)
         except Stopped as stopped:
             return _End("stopped", f"the daemon was {stopped}", stopped.exit_status)
+        except Unsuitable as unsuitable:
+            return _End("failed", str(unsuitable), unsuitable.exit_status)
         except Tripped as tripped:
             return _End("tripped", str(tripped), tripped.exit_status, tripped.cause)
         except NotConfirmedOff as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.core.outcome import Tripped
+from rig.core.outcome import Unsuitable
 from rig.files.run_folder import RunFolder
 
 MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
@@ -16,7 +16,7 @@ def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, floa
     """Where the heating and the cooling branch of the major loop part: by more than 4 % of their largest distance.
 
     In degC. lag_s: of the thermometer behind the plate; a plain mean over some rows does here, where a current flows
-    and nothing may be waited for. Raises Tripped where the film shows no loop in the range.
+    and nothing may be waited for. Raises Unsuitable where the film shows no loop in the range.
     """
     major = folder.column("phase") == "major"
     temperature = folder.column("temperature_degC")[major]
@@ -39,7 +39,7 @@ def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, floa
             f"heating and cooling differ by less than {LEAST_LOOP_DEC:g} decades anywhere between {grid[0]:.1f} and "
             f"{grid[-1]:.1f} degC: is the film connected, and does calibration.temperature_degC span its transition?"
         )
-        raise Tripped("no_transition", text, float(folder.column("time_s")[-1]))
+        raise Unsuitable("no_transition", text)
     inside = grid[distance > 0.04 * float(np.max(distance))]
     return float(inside[0]), float(inside[-1])
 

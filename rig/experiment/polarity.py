@@ -218,6 +218,13 @@ def _known(loop: Loop, model: KnownPlate | None, first: int, limit_A: float) -> 
             known = replace(model, lag_s=seen.lag_s, delay_s=seen.delay_s)
         if known is not None:
             loop.know_plate(known)
-            text = f"{known.plate}, lag {known.lag_s:g} s, delay {known.delay_s:g} s"
-            folder.event(loop.elapsed_s(), "first_plate", text, behind_s=known.behind_s)
+            folder.event(loop.elapsed_s(), "first_plate", _in_words(known), behind_s=known.behind_s)
     return known
+
+
+def _in_words(known: KnownPlate) -> str:
+    plate, loss_per_s = known.plate, known.plate.conductance_over_capacity_per_s
+    drive = "full drive" if plate.kind == "heater" else "1 A"
+    rate = plate.rate_K_per_s(plate.ambient_degC, 1.0)
+    constant = f"time constant {1.0 / loss_per_s:.3g} s" if loss_per_s > 0.0 else "no loss to the room"
+    return f"{drive} heats by {rate:.3g} K/s, {constant}, lag {known.lag_s:g} s, delay {known.delay_s:g} s"

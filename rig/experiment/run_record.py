@@ -7,7 +7,7 @@ that is full, or gone, stops none of this: what cannot be written is said.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from rig.files.run_folder import RunFolder, plain_json
 from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
 from rig.safety.signals import SignalStop
+from rig.safety.switching_off import off_confirmed
 
 REASONS: dict[type, str] = {Stopped: "signal", Faults: "bad_input", NotConfirmedOff: "not_confirmed_off"}
 FEWEST_ROWS = 2  # for a report
@@ -53,8 +54,12 @@ def recorded(
     on_tick: Callable[[Tick], None] | None = None,
     make_folder: Callable[[Path, dict[str, Any], str, list[str]], RunFolder] = RunFolder,
     report: Report = no_report,
+    say: Callable[[str], None] | None = None,
 ) -> Iterator[tuple[Loop, RunFolder]]:
-    """A run folder and a loop; at the end the output is off, and the reason is written down."""
+    """A run folder and a loop; at the end the output is off, and the reason is written down.
+
+    say: tells whoever has ended the run early that the output is off, before the temperature is watched for seconds.
+    """
     start: dict[str, Any] = {
         "what": what,
         "configuration": str(file.path),
@@ -76,12 +81,13 @@ def recorded(
     except BaseException as error:
         if isinstance(error, Tripped):
             loop.tripped = error
+        ended_s = loop.elapsed_s()
         try:
             if not isinstance(error, NotConfirmedOff):
-                _look_after_off(bench, loop, output, error)
+                _look_after_off(bench, loop, output, error, say)
         except NotConfirmedOff as withdrawn:
             error = withdrawn
-        for step in (folder.flush, partial(_write_reason, folder, loop, output, error), folder.abandon):
+        for step in (folder.flush, partial(_write_reason, folder, loop, output, error, ended_s), folder.abandon):
             try:
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
@@ -91,7 +97,13 @@ def recorded(
         raise error
 
 
-def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseException | None = None) -> None:
+def _look_after_off(
+    bench: Bench,
+    loop: Loop,
+    output: OutputOff,
+    error: BaseException | None = None,
+    say: Callable[[str], None] | None = None,
+) -> None:
     """Withdraw a confirmation that the temperature contradicts. Raises NotConfirmedOff.
 
     Where somebody goes on reading when this run has ended, that is for them.
@@ -101,6 +113,10 @@ def _look_after_off(bench: Bench, loop: Loop, output: OutputOff, error: BaseExce
     courses, controller, clock = loop.after_off(), bench.controller, bench.clock
     if courses is None:
         return
+    if say is not None and error is not None:
+        watched = f"for up to {courses.lasts_s:.0f} s the temperature is watched, whether it agrees"
+        with suppress(OSError):  # nobody reads any more: the rows are still to be written
+            say(f"{off_confirmed(controller)}; {watched}")
     dead_man_s = float(getattr(controller, "dead_man_s", 0.0)) if controller.has_dead_man else 0.0
     look = looked_at(courses, controller, clock, clock.now_s(), dead_man_s)
     if look.agrees is False:
@@ -130,9 +146,10 @@ def _ending(loop: Loop, output: OutputOff) -> dict[str, Any]:
     }
 
 
-def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException) -> None:
+def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseException, ended_s: float) -> None:
+    """ended_s: when the output was off, of the run's time."""
     reason = getattr(error, "cause", None) or REASONS.get(type(error), type(error).__name__)
-    folder.event(loop.elapsed_s(), "stop", str(error), cause=reason)
+    folder.event(ended_s, "stop", str(error), cause=reason)
     if loop.tripped is not None:
         folder.keep("trip.json", trip_text(loop, loop.tripped))
     folder.stop(reason, text=str(error), **_ending(loop, output))

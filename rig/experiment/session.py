@@ -77,7 +77,8 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
     """A run folder and a loop on the session's bench; see `rig.experiment.run_record`."""
     make = session.make_folder or RunFolder
     bench, file, signals = session.bench, session.file, session.signals
-    return recorded(bench, file, signals, path, what, session.progress, session.on_tick, make, session.report)
+    watching = (session.progress, session.on_tick)
+    return recorded(bench, file, signals, path, what, *watching, make, session.report, session.say)
 
 
 def calibrate(session: Session, path: Path) -> Calibration:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
+import traceback
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -45,9 +47,25 @@ def add_effect_files(paths: Iterable[Path]) -> None:
             text = str(error)
             lines.append(text if text.startswith(str(path)) else f"{path}: {text}")
         except Exception as error:  # whatever a user's file does when it is imported
-            lines.append(f"{path}: {type(error).__name__}: {error}")
+            lines.append(_import_fault(path, error))
     if lines:
         raise Faults(lines)
+
+
+def _import_fault(path: Path, error: Exception) -> str:
+    """One line for what a user's file raised: where in it, and what. Of a compiler's error the reason alone, which
+    stands in several lines between what the compiler was doing, with a terminal's colours."""
+    plain = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
+    reasons = [line for line in plain if line and not line.startswith(("Failed in", "During:"))] or [""]
+    here = path.resolve()
+    frames = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == here]
+    compiled = getattr(error, "loc", None)  # of a compiler's error: a line inside the function that it compiled
+    if compiled is not None and Path(str(compiled.filename)).resolve() == here:
+        frames.append(compiled.line)
+    number = frames[-1] if frames else None
+    where = f"{path}: line {number}" if number is not None else f"{path}"
+    kind = "" if re.match(r"\w+Error: ", reasons[0]) else f"{type(error).__name__}: "
+    return f"{where}: {kind}{reasons[0]}"
 
 
 def assumed_effects(texts: Iterable[str]) -> dict[str, dict[str, float]]:

@@ -17,7 +17,7 @@ from rig.report.diagnosis_words import (
     listed,
     not_named,
     number,
-    parameter,
+    parameters,
     sentence,
 )
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
@@ -82,7 +82,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "confounded with"]
     rows = []
     for f in diagnosis.findings:
-        values = ";\n".join(parameter(name, value, ci) for name, (value, ci) in f.parameters.items())
+        values = parameters(f).replace(", ", ";\n")
         gains = [
             f"{channels_of(diagnosis)[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
             for key, g in f.gain.items()

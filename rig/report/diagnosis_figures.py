@@ -85,7 +85,7 @@ def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
 
 
 def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """Residuals against time, temperature, rate and current, a figure for each channel."""
+    """Residuals against time, temperature, rate and what drove, a figure for each channel."""
     names = diagnosis.judged.fitted
     before, after = residuals(diagnosis, diagnosis.chain.assumed), residuals(diagnosis, names)
     return [_residual(folder, diagnosis, key, before[key], after[key]) for key in after]
@@ -102,7 +102,8 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
     rate = np.gradient(smooth, record.time_s)
     found = [("time / s", record.time_s), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
     if record.current_A is not None:
-        found.append(("current / A", record.current_A))
+        heater = diagnosis.plate is not None and diagnosis.plate.kind == "heater"
+        found.append(("drive / of full drive" if heater else "current / A", record.current_A))
     elif record.test_current_A is not None:
         found.append(("test current / A", record.test_current_A))
     return found
@@ -117,21 +118,28 @@ def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after
     good = np.flatnonzero(np.isfinite(before) & np.isfinite(after))
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
     same = diagnosis.judged.fitted == diagnosis.chain.assumed
+    sets = [(before, BASE, 2.2, "base model")] + ([] if same else [(after, EXTENDED, 1.6, "extended")])
+    limit = 1.3 * scale * spread
+    beyond = 0
     for axis, (label, x) in zip(axes.flat, against, strict=False):
-        axis.plot(x[index], scale * before[index], ".", color=BASE, markersize=2.2, rasterized=True, label="base model")
-        if not same:
-            axis.plot(
-                x[index], scale * after[index], ".", color=EXTENDED, markersize=1.6, rasterized=True, label="extended"
-            )
+        for left, colour, size, name in sets:
+            axis.plot(x[index], scale * left[index], ".", color=colour, markersize=size, rasterized=True, label=name)
+            far = good[np.abs(scale * left[good]) > limit]
+            beyond = max(beyond, far.size)
+            for sign, mark in ((1.0, "^"), (-1.0, "v")):
+                there = far[sign * left[far] > 0.0]
+                axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
         axis.set_xlabel(label)
-        axis.set_ylim(-1.3 * scale * spread, 1.3 * scale * spread)
+        axis.set_ylim(-limit, limit)
     for axis in list(axes.flat)[len(against) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:
         axis.set_ylabel(f"measured - model / {prefix}{unit}")
     axes[0, 0].legend(loc="upper right", markerscale=4, fontsize=9, ncols=2)
-    caption = f"What is left in {what}: against time, temperature, rate and current. Grey: base model"
+    *others, last = [label.split(" / ")[0] for label, _ in against]
+    caption = f"What is left in {what}: against {', '.join(others)} and {last}. Grey: base model"
     caption += "." if same else "; red: with the effects named."
+    caption += " Triangles at the edge: readings beyond it." if beyond else ""
     return figure(saved(fig, folder, f"residual_{key}"), caption)
 
 

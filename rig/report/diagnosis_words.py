@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
+NOT_FIXED = "not fixed by this record"
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
 UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 
@@ -43,17 +44,23 @@ def rough(value: float) -> str:
 
 
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
-    """tau_s 2.27 (2.25 to 2.29)."""
+    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix."""
     if interval is None:
-        return f"{name} {number(value)}"
+        return f"{name} {number(value)} ({NOT_FIXED})"
     low, high = interval
     value_text, *ends = (number(each, high - low) for each in (value, low, high))
     return f"{name} {value_text} ({ends[0]} to {ends[1]})"
 
 
 def parameters(finding: Finding) -> str:
-    """All parameters of an effect with their 95 % intervals."""
-    return ", ".join(parameter(name, value, ci) for name, (value, ci) in finding.parameters.items())
+    """All parameters of an effect with their 95 % intervals; of one that has a choice of values the value alone."""
+    from sim.effects.catalogue import catalogue
+
+    chosen = {p.name for p in catalogue()[finding.name].parameters if p.choices}
+    return ", ".join(
+        f"{name} {number(value)}" if name in chosen else parameter(name, value, ci)
+        for name, (value, ci) in finding.parameters.items()
+    )
 
 
 def named(finding: Finding) -> str:
@@ -153,9 +160,14 @@ def plate_lines(diagnosis: Diagnosis) -> list[str]:
 def assumed_lines(diagnosis: Diagnosis) -> list[str]:
     """The effects that were assumed, with their parameters."""
     return [
-        f"{effect}: {', '.join(parameter(name, value, ci) for name, (value, ci) in own.items())}"
+        f"{effect}: {', '.join(_assumed(name, value, ci) for name, (value, ci) in own.items())}"
         for effect, own in diagnosis.assumed.items()
     ]
+
+
+def _assumed(name: str, value: float, interval: tuple[float, float] | None) -> str:
+    """One that was given has no interval."""
+    return f"{name} {number(value)}" if interval is None else parameter(name, value, interval)
 
 
 def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:

@@ -200,7 +200,7 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     assert not output_is_on(here)
     status, text = ended(process)
     assert status == 1
-    assert "stopped by peltier stop" in text
+    assert "stopped by peltier stop; output off, confirmed by the controller" in text
     assert peltier("reset", "--reason", "")[0] == 2
     assert peltier("reset", "--reason", "a test")[0] == 0
     status, _, err = peltier("reset", "--reason", "a test")

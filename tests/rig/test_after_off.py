@@ -54,6 +54,27 @@ def test_a_run_that_ends_with_a_current_on(
         assert "NOT CONFIRMED" not in err
 
 
+def test_who_ends_a_run_early_is_told_at_once_that_the_output_is_off(peltier: Peltier, tmp_path: Path) -> None:
+    """Before the temperature is watched, which takes seconds; and the record says when it went off, not when that was
+    over."""
+    path = write_bench(tmp_path, target='["start 1.5 A", "hold 60 s"]', limits="[10, 45]")
+    text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')
+    path.write_text(
+        text.replace("first_degC = 60.0", "first_degC = 25.0").replace('model = "model.toml"\ntarget', "target")
+    )
+    status, out, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 10, err
+    told = [line for line in out.splitlines() if "output off, confirmed" in line]
+    assert len(told) == 1, out
+    assert "the temperature is watched, whether it agrees" in told[0]
+    events = [json.loads(line) for line in (tmp_path / "run.part" / "events.jsonl").read_text().splitlines()]
+    rows = (tmp_path / "run.part" / "record.csv").read_text().splitlines()
+    assert events[-1]["event"] == "stop"
+    assert events[-1]["time_s"] < float(rows[-1].split(",")[0]) + 0.5
+    first_plate = next(event["text"] for event in events if event["event"] == "first_plate")
+    assert first_plate.startswith("1 A heats by ")
+
+
 def watched(current_A: float, behind_s: float = 0.0) -> PlateWatch:
     """A watch after a minute of a current. behind_s: by which currents may show late."""
     watch, degC = PlateWatch(4.0, 95.0, 20.0), 40.0

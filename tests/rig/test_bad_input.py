@@ -287,3 +287,13 @@ def test_of_joint_records_the_one_without_a_current_is_named(peltier: Peltier, t
     status, _, err = peltier("diagnose", tmp_path / "with.csv", tmp_path / "without.csv", "--joint")
     assert status == 2
     assert "without.csv: current_A: missing; expected it in all records of a rig or in none" in err
+
+
+@pytest.mark.parametrize("words", [("init",), ("identify", "r", "--report"), ("diagnose", "r", "--report")])
+def test_a_file_where_a_folder_shall_be_is_told_before_any_work(
+    peltier: Peltier, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "taken").write_text("")
+    status, out, err = peltier(*words, tmp_path / "taken")
+    assert (status, out) == (2, "")
+    assert err == f"{tmp_path / 'taken'}: is a file; expected a folder\n"

@@ -125,6 +125,10 @@ def test_one_writer_and_signals_across_the_guard(runs: KilledRuns) -> None:
     assert f"process {pid}" in second.stderr
     assert "peltier guard" not in second.stderr  # the output is the first one's business
     assert runs.witness.on
+    off = subprocess.run([sys.executable, "-m", "rig", "off", str(runs.path)], capture_output=True, text=True)
+    assert off.returncode == 75
+    assert f"the output may be on: `kill {pid}`" in off.stderr
+    assert runs.witness.on
     process.terminate()
     _, err = process.communicate(timeout=60.0)
     assert process.returncode == 128 + signal.SIGTERM

@@ -237,3 +237,15 @@ def test_a_mixing_that_cannot_be_is_told(peltier: Peltier, tmp_path: Path, wrong
     assert status != 0
     assert told in err
     assert len(err.strip().splitlines()) == 1
+
+
+def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: Path) -> None:
+    """Without a file to write it is of no use, and that is a fault of the data; with one it is what was asked for."""
+    (tmp_path / "model.toml").write_text(MODEL)
+    (tmp_path / "r.csv").write_text("time_s,temperature_degC\n" + "".join(f"{k},{30 + 0.5 * k}\n" for k in range(60)))
+    words = ("predict", tmp_path / "model.toml", tmp_path / "r.csv")
+    status, _, err = peltier(*words)
+    assert status == 2
+    assert "r.csv: nothing to compare; expected readings of the film" in err
+    assert peltier(*words, "--out", tmp_path / "p.csv")[0] == 0
+    assert "predicted_ohm" in (tmp_path / "p.csv").read_text()

@@ -64,6 +64,12 @@ def test_from_the_configuration(bench: Path, peltier: Peltier) -> None:
         ("EFFECT = 3\n", "EFFECT: missing"),
         ("def f(:\n", "line 1"),
         ("import nothing_of_this_name\n", "ModuleNotFoundError"),
+        ("\nx = 1 / 0\n", "line 2: ZeroDivisionError"),
+        (
+            "from sim.effects.heat_term import heat_term\n\n\n@heat_term\n"
+            "def rate(a, tau_s, s, r, g, ambient, time, plate, own, current):\n    return b * plate\n",
+            "line 6: NameError: name 'b' is not defined\n",
+        ),
         (None, "no such file"),
     ],
 )

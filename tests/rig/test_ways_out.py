@@ -322,6 +322,17 @@ def test_a_film_that_the_hot_end_does_not_saturate_is_told(peltier: Peltier, tmp
     assert "still depend" not in peltier("run", write_bench(tmp_path), "--out", tmp_path / "second")[1]
 
 
+def test_a_calibration_below_the_transition_has_failed_and_not_tripped(peltier: Peltier, tmp_path: Path) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text() + "\n[calibration]\ntemperature_degC = [16, 28]\n")
+    status, _, err = peltier("calibrate", path, "--out", tmp_path / "run")
+    assert status == 1, err
+    assert "does calibration.temperature_degC span its transition?" in err
+    assert "output off, confirmed" in err
+    assert not (tmp_path / "run.part" / "trip.json").exists()
+    assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "no_transition"
+
+
 def test_more_cooling_current_than_cools_is_refused(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, target='["start 0 A", "hold 2 s", "step to -9 A", "hold 2 s"]')
     text = path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"')

@@ -35,9 +35,10 @@ def warnings_of(chain: Chain, hidden: Mapping[str, tuple[str, float]]) -> list[W
     """All that apply. hidden: as `hidden_by_the_film` has it."""
     record, found = chain.record, []
     found += saturated_sink(chain)
-    gaps, anew = record.after_gaps.size, record.first_rows.size - 1
+    own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
+    gaps, anew = own.size, np.setdiff1d(record.first_rows[1:], record.joined).size
     if gaps:
-        longest = float(np.max(np.diff(record.time_s)[record.after_gaps - 1]))
+        longest = float(np.max(np.diff(record.time_s)[own - 1]))
         found.append(
             Warning(
                 "gaps",
