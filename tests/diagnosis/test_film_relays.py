@@ -192,3 +192,17 @@ def test_a_film_whose_logarithms_add_needs_no_mixing() -> None:
     fit = chain_of(replace(film, table=table)).last(frozenset()).fit(frozenset())
     assert fit.parameters.has_relays
     assert not fit.parameters.is_mixed
+
+
+def test_a_trial_of_a_mixing_that_tears_the_output_has_a_cost(chain: Chain) -> None:
+    """At the ends of what mixing may be slopes are so large that products of columns round by more than the prior: a
+    descent that tries such a step goes back, and does not end."""
+    channel, (_, fit) = chain.film_channel(frozenset()), chain.fits(frozenset())
+    assert fit is not None
+    least = channel.point(fit.parameters, fit.parameters.x, fit.coefficients).cost
+    p = replace(channel.extended(fit.parameters.with_relays(1.0), []), mixes=True)
+    p.x[ENVELOPES:SHAPE] = (0.8, -1.5, 2.0)
+    point = channel.point(p, p.x)
+    for _ in range(3):
+        point = channel.point(p, p.x, point.coefficients)
+        assert point.cost > 1e3 * least
