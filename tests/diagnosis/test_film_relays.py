@@ -18,6 +18,7 @@ from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.resistance_search import RELAY_STEPS, WHOLE_STEPS
 from sim.diagnosis.search.temperature_search import held_effect
+from sim.diagnosis.search.views import View
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, switched
 from tests.diagnosis.cases import case
@@ -206,3 +207,14 @@ def test_a_trial_of_a_mixing_that_tears_the_output_has_a_cost(chain: Chain) -> N
     for _ in range(3):
         point = channel.point(p, p.x, point.coefficients)
         assert point.cost > 1e3 * least
+
+
+def test_what_an_effect_changes_begins_at_nothing(chain: Chain) -> None:
+    """Beside a range's error, where a fit takes the ranges from the readings and a prediction from what it shows: what
+    the two differ by is no effect's. A tenth of a lag changes a tenth of what the lag does."""
+    channel, (_, fit) = chain.film_channel(frozenset()), chain.fits(frozenset())
+    assert fit is not None
+    far = switched(catalogue()["meter_range_error"], {"threshold_ohm": 1e4, "error": 0.1})  # no range has this error
+    view, lag = View(channel, channel.descend(channel.extended(fit.parameters, [far]), 0)), catalogue()["film_lag"]
+    more, less = (float(np.linalg.norm(view.left_of(switched(lag, {"tau_s": tau_s})))) for tau_s in (1e-2, 1e-3))
+    assert less == pytest.approx(0.1 * more, rel=0.1)

@@ -140,7 +140,8 @@ def _allowed(at: Callable[[float], Array], residual: Array, size: Parameter, fro
     strength = math.sqrt(size.smallest * size.largest)
     strength = 1.0 / strength if from_below else strength
     for _ in range(ROUNDS):
-        wanted = _linear_limit(at(strength), residual, strength)
+        change = at(strength)
+        wanted = _linear_limit(change, residual, strength)
         if abs(wanted / strength - 1.0) < SAME:
             return strength
         if wanted > strength:
@@ -150,7 +151,7 @@ def _allowed(at: Callable[[float], Array], residual: Array, size: Parameter, fro
         else:
             excluded = min(excluded, strength)
             if strength <= low:
-                return low
+                return low if np.all(np.isfinite(change)) else None
         if excluded < (1.0 + SAME) * allowed:  # what a command's dead band changes jumps
             return excluded
         strength = min(max(wanted, strength / LONGEST_STEP, low), strength * LONGEST_STEP, high)

@@ -63,6 +63,8 @@ class View:
         self._point = channel.point(p, p.x, fit.coefficients)
         rows = channel.rows
         self.residual = channel.over(channel.output[rows] - self._point.shown[rows])
+        # what changes is counted from what is computed the same way: a point chooses the meter's ranges by itself
+        self._base = channel.predict_from(p, fit, near=self._point.problem.relays)[0]
         outer = self._point.off(channel.over(fit.jacobian[rows]))
         norms = np.linalg.norm(outer, axis=0)
         self._q = (
@@ -82,7 +84,7 @@ class View:
         others = [e for e in fit.effects if e.name != effect.name]
         trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
         shown = channel.predict_from(trial, fit, near=near)[0]
-        return self._left(channel.over(shown[rows] - self._point.shown[rows]))
+        return self._left(channel.over((shown - self._base)[rows]))
 
     def gain_of_mixing(self) -> float:
         """The log-likelihood that the fit may gain where the phases of its film mix otherwise (score test)."""
