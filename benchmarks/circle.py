@@ -10,7 +10,7 @@ error of the film itself is reported as a ratio to the same rig's without the ef
     true        with the same model and the effect as it is; the film and plate are those of a rig without it
     diagnosed   with --diagnosed (or --only-diagnosed): calibrate, run, `diagnose` that run, its model in
                 experiment.model, run again, as `improve` does: with what is named, or, where nothing is, with what was
-                found and predicts unseen rows better ("tried")
+                found and predicts unseen rows better ("tried"); where nothing was, with the calibration's again
 
 `--effects wrong --only-diagnosed` is a plate that is a fifth off in all and a thermometer that is 2 s late, calibrated
 as they are: with the model of another rig `run` refuses to go on, rightly (docs/decisions.md, 57).
@@ -154,6 +154,8 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     document = json.loads((report / "diagnosis.json").read_text())
     named = [str(effect["name"]) for effect in document["effects"]]
     tried = [] if named else [str(name) for best in document["candidates"][:1] for name in best["names"]]
+    if not named and not tried:  # `improve` then leaves the model as it is
+        return named, tried, "cal/MODEL.toml"
     return named, tried, f"{report.name}/{CANDIDATE if tried else MODEL}"
 
 
