@@ -116,12 +116,18 @@ class ResistanceSearch:
             found = max((found, replace(wider, plain=found.plain)), key=lambda f: f.score)
         return self.keep(found)
 
-    def instead(self, fit: ResistanceFit, name: str, other: str) -> ResistanceFit:
+    def instead(self, fit: ResistanceFit, name: str, other: str, anew: bool = False) -> ResistanceFit:
         """Another effect in the place of one of a fit's, from the film as it is there: begun without either of them, it
-        may end in other envelopes."""
-        plain = fit.plain or fit.parameters
-        rest = [e for e in plain.effects if e.name != name]
-        return self.channel.descend(self.starts(plain, rest, other)[0], WHOLE_STEPS)
+        may end in other envelopes. anew: from envelopes searched for beside each size, kept: where much is left, those
+        of the fit were bent to what the wrong effect does, and no descent leads from there to a lag of seconds."""
+        bare = (fit.plain or fit.parameters).with_relays(0.0)
+        rest = [e for e in bare.effects if e.name != name]
+        if not anew:
+            return self.channel.descend(self.starts(bare, rest, other)[0], WHOLE_STEPS)
+        begun = [self.channel.extended(bare, [*rest, e]) for e in starts_of(self.effects[other], self.channel, FINER)]
+        found = [self._reshaped(self.channel.descend(p, 0)) for p in begun]
+        best = max(found, key=lambda f: f.score if np.isfinite(f.score) else -np.inf)
+        return self.widened(replace(best, plain=best.parameters))
 
     def keep(self, fit: ResistanceFit) -> ResistanceFit:
         """Remember a fit, if it is the best with its effects."""

@@ -27,6 +27,7 @@ ROUGH = 1.5  # mean square residual over noise from which every candidate is tri
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
+MUCH_LEFT = 5.0  # mean square residual over noise beside a lag from which the lag may be another
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
@@ -190,9 +191,10 @@ def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[st
     for name in sorted((names & TIMING) - search.assumed):
         best = search.fit(names)
         others = sorted((TIMING & search.effects.keys()) - names)
-        if not others or search.channel.mean_square(best) > FAR_FROM_NOISE:
+        if not others:
             return names
-        found = [search.instead(best, name, other) for other in search.budget.in_time(others)]
+        anew = search.channel.mean_square(best) > MUCH_LEFT
+        found = [search.instead(best, name, other, anew) for other in search.budget.in_time(others)]
         sound = [f for f in found if has_meaning(search, f)]
         better = max(sound, key=lambda f: f.score, default=best)
         if better.score > best.score + 1.0:
