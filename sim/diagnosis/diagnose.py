@@ -33,10 +33,16 @@ from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.phase_mixing import phase_mixing
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
-from sim.diagnosis.report.warnings import decided_elsewhere, out_of_time, unlogged_currents, warnings_of
+from sim.diagnosis.report.warnings import (
+    decided_elsewhere,
+    out_of_time,
+    unlogged_currents,
+    warnings_of,
+)
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
-from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds, temperature_search
+from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
+from sim.diagnosis.search.either_kind import search_of_either_kind
 from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS, select
 from sim.diagnosis.validate.adequacy import describe
@@ -124,7 +130,7 @@ def _chain(
     known, assumed = _assumed(known, assume, record)
     first, as_read = None, record
     if record.current_A is not None:
-        first = temperature_search(record, known, kinds, assumed, budget)
+        first = search_of_either_kind(record, known, kinds, assumed, budget)
         record = first.channel.record
         as_read = replace(as_read, early=record.early)
     elif record.output is None:
@@ -228,7 +234,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         channels,
         unexplained,
         film,
-        [*warnings_of(chain, hidden), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
+        [*warnings_of(chain, names, hidden), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
         next_experiment,
         record,
         chain,

@@ -14,6 +14,8 @@ from sim.diagnosis.fit.film_point import Point
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
 from sim.diagnosis.report.detectability import hidden_by_the_film
+from sim.diagnosis.report.upper_limits import upper_limits
+from sim.diagnosis.report.warnings import film_is_not_described
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.resistance_search import RELAY_STEPS, WHOLE_STEPS
@@ -218,3 +220,15 @@ def test_what_an_effect_changes_begins_at_nothing(chain: Chain) -> None:
     view, lag = View(channel, channel.descend(channel.extended(fit.parameters, [far]), 0)), catalogue()["film_lag"]
     more, less = (float(np.linalg.norm(view.left_of(switched(lag, {"tau_s": tau_s})))) for tau_s in (1e-2, 1e-3))
     assert less == pytest.approx(0.1 * more, rel=0.1)
+
+
+def test_no_limit_is_given_beside_a_film_that_is_not_described(chain: Chain, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is left of such a film is no noise, and excludes nothing. Here the bound is drawn below the noise itself."""
+    assert not film_is_not_described(chain, frozenset())
+    monkeypatch.setattr("sim.diagnosis.report.upper_limits.TOO_MUCH_LEFT", 0.1)
+    limits = {limit.name: limit.limit for limit in upper_limits(chain, frozenset(), {})}
+    assert limits["film_lag"] is None
+    assert limits["series_resistance"] is None
+    assert limits["sensor_lag"] is not None
+    (warning,) = film_is_not_described(chain, frozenset())
+    assert "interval" not in warning.text  # nothing is named

@@ -19,7 +19,8 @@ intervals are (`compensator.identification.covariance`).
 
 What plate and film do instead is linear in delta. Where another film does most of what an effect does at the terminals
 (`sim.diagnosis.report.detectability`), it does more than that: there a limit is no smaller than the size that would
-have shown, and none is given where no usual size would have.
+have shown, and none is given where no usual size would have. Nor is one given of what acts on the film or at the
+ohmmeter where the film is not described: beside one that switches in steps a lag of 4 s was hidden, and 2.6 s excluded.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ LARGER: Final = 10.0  # times larger than the largest size met: the end of the f
 ROUNDS: Final = 20
 SAME: Final = 0.03  # relative change of the strength from which another round is not needed: far below its own meaning
 LONGEST_STEP: Final = 10.0  # factor of one round: what is linear about one strength says little of another
+TOO_MUCH_LEFT: Final = 5.0  # mean square residual over noise of a film that is not described: what is left is no noise
 Left = Callable[[Switched], Array]
 
 
@@ -75,7 +77,11 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
         for name, effect in chain.first.effects.items():
             if name not in names:
                 found.append(_limit(effect, first.left_of, first.residual, ()))
-    if b is not None:
+    if film_not_described(chain, names):
+        found += [
+            _none(effect) for name, effect in chain.last(chain.split(names)[0]).effects.items() if name not in names
+        ]
+    elif b is not None:
         channel, search = chain.film_channel(names), chain.last(chain.split(names)[0])
         last = View(channel, b)
         for name, effect in search.effects.items():
@@ -84,6 +90,19 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
                 limit = _limit(effect, last.left_of, last.residual, tuple(thresholds))
                 found.append(_beside_the_film(limit, hidden.get(name)))
     return found
+
+
+def film_not_described(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether so much is left of the film's readings, with these effects, that it is no noise."""
+    b = chain.fits(names)[1]
+    return b is not None and 2.0 * b.minus_log > TOO_MUCH_LEFT * chain.film_channel(names).rows.size
+
+
+def _none(effect: Effect) -> UpperLimit:
+    """That no limit is given."""
+    place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
+    size = effect.parameters[place]
+    return UpperLimit(effect.name, size.name, None, effect.inverse and place == 0, (size.smallest, size.largest))
 
 
 def _beside_the_film(limit: UpperLimit, hidden: tuple[str, float] | None) -> UpperLimit:
@@ -100,9 +119,9 @@ def _beside_the_film(limit: UpperLimit, hidden: tuple[str, float] | None) -> Upp
 
 def _limit(effect: Effect, left_of: Left, residual: Array, thresholds: tuple[float, ...]) -> UpperLimit:
     """The largest over what the effect has besides its size, and over both signs."""
+    none = _none(effect)
     place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
-    size = effect.parameters[place]
-    from_below = effect.inverse and place == 0
+    size, from_below = effect.parameters[place], none.from_below
     found: list[float | None] = []
     for others in _others(effect, place, thresholds):
         for sign in (1.0, -1.0) if size.signed else (1.0,):
@@ -112,11 +131,10 @@ def _limit(effect: Effect, left_of: Left, residual: Array, thresholds: tuple[flo
                 return left_of(switched(effect, [*others[:place], value, *others[place:]]))
 
             found.append(_allowed(at, residual, size, from_below))
-    limit = None
-    if found and None not in found:
-        strength = max(value for value in found if value is not None)
-        limit = 1.0 / strength if from_below else strength
-    return UpperLimit(effect.name, size.name, limit, from_below, (size.smallest, size.largest))
+    if not found or None in found:
+        return none
+    strength = max(value for value in found if value is not None)
+    return replace(none, limit=1.0 / strength if from_below else strength)
 
 
 def _others(effect: Effect, place: int, thresholds: tuple[float, ...]) -> Iterator[tuple[float, ...]]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from sim.diagnosis.data.record import OUTLYING, Record
+from sim.diagnosis.report.upper_limits import film_not_described
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
 
@@ -31,8 +32,8 @@ class Warning:
         return {"code": self.code, "from_s": self.from_s, "to_s": self.to_s, "text": self.text}
 
 
-def warnings_of(chain: Chain, hidden: Mapping[str, tuple[str, float]]) -> list[Warning]:
-    """All that apply. hidden: as `hidden_by_the_film` has it."""
+def warnings_of(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]]) -> list[Warning]:
+    """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it."""
     record, found = chain.record, []
     found += saturated_sink(chain)
     own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
@@ -65,7 +66,18 @@ def warnings_of(chain: Chain, hidden: Mapping[str, tuple[str, float]]) -> list[W
                 f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"
             )
         found.append(Warning("absorbed_by_the_film", text))
-    return found
+    return found + film_is_not_described(chain, names)
+
+
+def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
+    """Of a film of which far more is left than its noise."""
+    if not film_not_described(chain, names):
+        return []
+    text = "far more is left than the noise: the film is none that is known here (one that switches in visible steps, "
+    text += "for example). No limits are given for what acts on the film and at the ohmmeter"
+    if chain.split(names)[1]:
+        text += ", and what is named there may be off by more than its interval"
+    return [Warning("film_not_described", text)]
 
 
 def out_of_time(doing: str, seconds: float) -> Warning:
