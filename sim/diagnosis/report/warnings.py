@@ -70,11 +70,13 @@ def warnings_of(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[
 
 
 def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
-    """Of a film of which far more is left than its noise."""
+    """Of readings of the film of which far more is left than their noise."""
     if not film_not_described(chain, names):
         return []
-    text = "far more is left than the noise: the film is none that is known here (one that switches in visible steps, "
-    text += "for example). No limits are given for what acts on the film and at the ohmmeter"
+    text = (
+        "far more is left than the noise, by a cause that is not in the catalogue or a film of another kind (one that "
+    )
+    text += "switches in visible steps, for example): no limits are given for what acts on the film and at the ohmmeter"
     if chain.split(names)[1]:
         text += ", and what is named there may be off by more than its interval"
     return [Warning("film_not_described", text)]
