@@ -38,11 +38,10 @@ from compensator.identification.heat_balance import (
     Trial,
     rough_balances,
 )
+from compensator.identification.prediction_bands import NORMAL_95
 from compensator.identification.rows import FEWEST, gap_threshold
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
-
-NORMAL_95: Final = 1.96  # standard deviations to either side hold 95 % of a normal distribution
 
 NAMES: Final = {
     "peltier": (

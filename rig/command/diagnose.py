@@ -17,7 +17,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice
+from rig.command.many_arguments import add_engine_arguments
 from rig.command.record_arguments import (
     add_effect_file_argument,
     add_json_argument,
@@ -33,7 +33,6 @@ from rig.files.record_file import Record
 
 if TYPE_CHECKING:
     from rig.report.diagnosed_record import Asked
-    from rig.report.told import Told
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,9 +109,10 @@ def main(options: argparse.Namespace) -> int:
     records = read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     if several:
-        documents, refused = _several(records, asked, holdout, options, voice)
-        voice.report(documents)
-        return 2 if refused else 0
+        from rig.command.each_told import each_told
+        from rig.report.diagnosed_record import diagnoses
+
+        return each_told(records, diagnoses(asked, holdout), options, voice)
     voice.report(_single(records, asked, holdout, options, voice))
     return 0
 
@@ -162,34 +162,3 @@ def _single(
     if folder is not None:
         voice.say(f"report: {folder / 'report.html'}")
     return found.document
-
-
-def _several(
-    records: list[Record], asked: Asked, holdout: list[Record], options: argparse.Namespace, voice: Voice
-) -> tuple[list[dict[str, Any]], bool]:
-    """Each by itself, side by side: the documents in the order of the records, and whether one has none, which was
-    told. Raises Faults where none has."""
-    from rig.command.many_progress import ManyProgress
-    from rig.report.diagnosed_record import diagnoses
-    from rig.report.many_records import each_record
-
-    with ManyProgress() as progress:
-
-        def tell(done: int, of: int, record: Record, found: Told) -> None:
-            for line in found.faults:
-                progress.say(line)
-            if found.lines:
-                progress.clear()
-                voice.say(f"{record.source}:")
-            for line in found.lines:
-                voice.say(line)
-            progress.show(done, of)
-
-        documents, faults = each_record(
-            records, diagnoses(asked, holdout), options.report, engine_choice(options), tell
-        )
-    if not documents:
-        raise Faults(faults)
-    if options.report is not None:
-        voice.say(f"report: {options.report / 'report.html'}")
-    return documents, bool(faults)

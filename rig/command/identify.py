@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rig.command.many_arguments import add_engine_arguments, engine_choice
+from rig.command.many_arguments import add_engine_arguments
 from rig.command.record_arguments import (
     add_json_argument,
     add_output_argument,
@@ -21,12 +21,10 @@ from rig.command.record_arguments import (
     writable_folder,
 )
 from rig.command.say import Voice
-from rig.core.faults import Faults, fault
+from rig.core.faults import fault
 
 if TYPE_CHECKING:
-    from rig.analysis.identified import AskedFit
-    from rig.files.record_file import Record
-    from rig.report.told import Told
+    pass
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,9 +72,10 @@ def main(options: argparse.Namespace) -> int:
     asked = AskedFit(**{field.name: getattr(options, field.name) for field in fields(AskedFit)})
     records = read_records(options.records, options)
     if options.each:
-        results, refused = _each(records, asked, options, voice)
-        voice.report(results)
-        return 2 if refused else 0
+        from rig.command.each_told import each_told
+        from rig.report.identified_records import identifications
+
+        return each_told(records, identifications(asked), options, voice)
     folder = options.report
     if folder is not None:
         folder.mkdir(exist_ok=True)
@@ -88,32 +87,3 @@ def main(options: argparse.Namespace) -> int:
         voice.say(f"report: {folder / 'report.html'}")
     voice.report(result)
     return 0
-
-
-def _each(
-    records: list[Record], asked: AskedFit, options: argparse.Namespace, voice: Voice
-) -> tuple[list[dict[str, Any]], bool]:
-    """Each by itself, side by side: the results in the order of the records, and whether one has none, which was told.
-    Raises Faults where none has."""
-    from rig.command.many_progress import ManyProgress
-    from rig.report.identified_records import identifications
-    from rig.report.many_records import each_record
-
-    with ManyProgress() as progress:
-
-        def tell(done: int, of: int, record: Record, found: Told) -> None:
-            for line in found.faults:
-                progress.say(line)
-            if found.lines:
-                progress.clear()
-                voice.say(f"{record.source}:")
-            for line in found.lines:
-                voice.say(line)
-            progress.show(done, of)
-
-        results, faults = each_record(records, identifications(asked), options.report, engine_choice(options), tell)
-    if not results:
-        raise Faults(faults)
-    if options.report is not None:
-        voice.say(f"report: {options.report / 'report.html'}")
-    return results, bool(faults)

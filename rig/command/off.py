@@ -145,7 +145,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
 
 def _still_held(error: PortHeld) -> PortHeld:
     """The same with what is known of the output then, and what to do."""
-    end = "end it" if error.pid is None else f"`kill {error.pid}`, or Ctrl-C where it runs,"
+    end = "stopping that process" if error.pid is None else f"`kill {error.pid}`, or Ctrl-C where it runs,"
     error.add_note(
         "nothing was sent, and the output may be on: "
         f"{end} ends a `peltier run` or `calibrate` with its output off; of another program switch the controller off "

@@ -82,7 +82,7 @@ def _effects(diagnosis: Diagnosis) -> str:
     head = ["effect", "parameters (95 % interval)", "evidence", "false alarms", "error without it", "confounded with"]
     rows = []
     for f in diagnosis.findings:
-        values = parameters(f).replace(", ", ";\n")
+        values = parameters(f, ";\n")
         gains = [
             f"{channels_of(diagnosis)[key][0]} \N{MULTIPLICATION SIGN} {g.rmse_before / max(g.rmse_after, 1e-300):.3g}"
             for key, g in f.gain.items()

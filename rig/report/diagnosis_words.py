@@ -52,12 +52,12 @@ def parameter(name: str, value: float, interval: tuple[float, float] | None) -> 
     return f"{name} {value_text} ({ends[0]} to {ends[1]})"
 
 
-def parameters(finding: Finding) -> str:
+def parameters(finding: Finding, between: str = ", ") -> str:
     """All parameters of an effect with their 95 % intervals; of one that has a choice of values the value alone."""
     from sim.effects.catalogue import catalogue
 
     chosen = {p.name for p in catalogue()[finding.name].parameters if p.choices}
-    return ", ".join(
+    return between.join(
         f"{name} {number(value)}" if name in chosen else parameter(name, value, ci)
         for name, (value, ci) in finding.parameters.items()
     )

@@ -98,9 +98,14 @@ def film_not_described(chain: Chain, names: frozenset[str]) -> bool:
     return b is not None and 2.0 * b.minus_log > TOO_MUCH_LEFT * chain.film_channel(names).rows.size
 
 
+def _place_of_size(effect: Effect) -> int:
+    """Which of its parameters is the size: the first that is no choice."""
+    return next(k for k, p in enumerate(effect.parameters) if not p.choices)
+
+
 def _none(effect: Effect) -> UpperLimit:
     """That no limit is given."""
-    place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
+    place = _place_of_size(effect)
     size = effect.parameters[place]
     return UpperLimit(effect.name, size.name, None, effect.inverse and place == 0, (size.smallest, size.largest))
 
@@ -119,8 +124,7 @@ def _beside_the_film(limit: UpperLimit, hidden: tuple[str, float] | None) -> Upp
 
 def _limit(effect: Effect, left_of: Left, residual: Array, thresholds: tuple[float, ...]) -> UpperLimit:
     """The largest over what the effect has besides its size, and over both signs."""
-    none = _none(effect)
-    place = next(k for k, p in enumerate(effect.parameters) if not p.choices)
+    none, place = _none(effect), _place_of_size(effect)
     size, from_below = effect.parameters[place], none.from_below
     found: list[float | None] = []
     for others in _others(effect, place, thresholds):

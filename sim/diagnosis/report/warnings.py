@@ -75,8 +75,8 @@ def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
         return []
     text = (
         "far more is left than the noise, by a cause that is not in the catalogue or a film of another kind (one that "
+        "switches in visible steps, for example): no limits are given for what acts on the film and at the ohmmeter"
     )
-    text += "switches in visible steps, for example): no limits are given for what acts on the film and at the ohmmeter"
     if chain.split(names)[1]:
         text += ", and what is named there may be off by more than its interval"
     return [Warning("film_not_described", text)]
