@@ -116,28 +116,45 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+    return _told_of_the_end(verb, client, job, json_target)
+
+
+def _told_of_the_end(verb: str, client: Client, job: dict[str, Any], json_target: str | None) -> int:
+    """The job's exit status, or that of an output that nobody confirms to be off, which outranks it."""
+    said, confirmed = _output_now(client)
     if job["exit_status"] == 0:
-        followed = client.ask("follow", id=job["id"])
-        report(json_target, followed.get("result") or {})
-        state = client.ask("state").get("state", {})
-        print(f"output off, {off_in_words(state)}\nreport: {job['folder']}/report.html", file=stream, flush=True)
+        report(json_target, _result(client, job["id"]))
+    if job["exit_status"] == 0 and confirmed:
+        print(f"{said}\nreport: {job['folder']}/report.html", file=teller(json_target), flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
-        print(f"peltier {verb}: {job['reason']}; {_output_now(client)}{place}", file=sys.stderr)
-    return int(job["exit_status"])
+        print(f"peltier {verb}: {job['reason'] or 'the job is done'}; {said}{place}", file=sys.stderr)
+    return int(job["exit_status"]) if confirmed else NotConfirmedOff.exit_status
 
 
-def _output_now(client: Client) -> str:
-    """What the daemon says of the output when a job has ended otherwise than well."""
+def _result(client: Client, number: str) -> dict[str, Any]:
+    """What the job found; nothing where the daemon has gone since: its folder has it."""
+    try:
+        return client.ask("follow", id=number).get("result") or {}
+    except NoDaemon:
+        return {}
+
+
+def _output_now(client: Client) -> tuple[str, bool]:
+    """What the daemon says of the output when a job has ended, and whether it can answer for it.
+
+    The output of a job that has begun since is that job's affair: this one's end was confirmed, or its own status
+    says that it was not.
+    """
     try:
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
-        return f"OUTPUT NOT CONFIRMED OFF: {error}"
-    if not state.get("output_confirmed"):
-        return "OUTPUT NOT CONFIRMED OFF: see `peltier status`"
+        return f"OUTPUT NOT CONFIRMED OFF: {error}", False
+    if state.get("job") is None and not state.get("output_confirmed"):
+        return "OUTPUT NOT CONFIRMED OFF: see `peltier status`", False
     if state.get("output") != "off":
-        return f"the output is {state.get('output')}, for what the bench does now: see `peltier status`"
-    return f"output off, {off_in_words(state)}"
+        return f"the output is {state.get('output')}, for what the bench does now: see `peltier status`", True
+    return f"output off, {off_in_words(state)}", True
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
