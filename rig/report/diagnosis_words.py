@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
+MORE = 1.1  # times the noise, from which what no model tells is said beside it
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 NOT_FIXED = "not fixed by this record"
@@ -90,15 +91,15 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
         if text is not None:
             lines.append(f"{what}: {text}")
         elif channel is not None and _off_elsewhere(channel):
-            times = channel.rmse_extended / channel.noise
+            times = channel.rmse_extended / channel.expected
             why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
             lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: {why}")
     return lines
 
 
 def _off_elsewhere(channel: Channel) -> bool:
-    """Whether the fit is worse than the noise on held-out rows."""
-    return channel.rmse_extended > NOISY * channel.noise
+    """Whether the fit is worse on held-out rows than the noise and what no model tells."""
+    return channel.rmse_extended > NOISY * channel.expected
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -125,9 +126,12 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 def gain_line(what: str, unit: str, channel: Channel) -> str:
     """Held-out error before and after beside the noise."""
+    besides = ""
+    if channel.expected > MORE * channel.noise:
+        besides = f", {number(channel.expected)} {unit} with what no model tells"
     return (
         f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "
-        f"noise {number(channel.noise)} {unit} ({channel.samples_holdout} held-out rows)"
+        f"noise {number(channel.noise)} {unit}{besides} ({channel.samples_holdout} held-out rows)"
     )
 
 

@@ -94,10 +94,11 @@ def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Ad
         found.append(None)
     if record.output is not None:
         z, rows = resistance_residual(chain, names)
-        temperature = chain.film_channel(names).path.at(record.time_s[rows])
-        state = {"resistance": chain.fits(names)[1].shown[rows]}  # type: ignore[union-attr]
-        if record.test_current_A is not None:
-            state["test current"] = record.test_current_A[rows]
+        state = {} if record.test_current_A is None else {"test current": record.test_current_A[rows]}
+        temperature = None
+        if chain.facts is None or chain.facts.domains is None:  # else what is left hangs on where they switch
+            temperature = chain.film_channel(names).path.at(record.time_s[rows])
+            state["resistance"] = chain.fits(names)[1].shown[rows]  # type: ignore[union-attr]
         found.append(adequacy(z, record.time_s[rows], temperature, state))
     else:
         found.append(None)
@@ -325,8 +326,8 @@ def _held_out_square(chain: Chain, names: frozenset[str], last: bool) -> float |
     else:
         assert chain.first is not None
         noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
-        walk = chain.first.channel.noise.walk  # a simulation does not know where the plate wandered
-        sigma = np.hypot(noise * np.sqrt(chain.first.channel.misfit), 0.0 if walk is None else walk.deviation_K[rows])
+        walk = chain.first.channel.noise.wandering  # a simulation does not know where the plate wandered
+        sigma = np.hypot(noise * np.sqrt(chain.first.channel.misfit), 0.0 if walk is None else walk.deviation[rows])
     return float(np.mean((residual / sigma) ** 2))
 
 
