@@ -18,9 +18,10 @@ from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains
 from sim.diagnosis.search.stepwise import Progress
 
-WORTH: Final = 50.0  # log-likelihood that three numbers of the noise bring where a film has domains: chance brings 10
+WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
 DEVIATIONS: Final = 4.0  # of chance, that what is left of one pass and of another are alike: one record in 30,000
-SHARE: Final = 0.3  # their correlation: 0.46 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
+SHARE: Final = 0.3  # their correlation: 0.28 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
+CERTAIN: Final = 10.0  # deviations from which a smaller correlation does: small domains beside much noise
 ROUNDS: Final = 3  # of domains and effects: each makes the other clearer
 
 
@@ -61,4 +62,4 @@ def _repeated(chain: Chain, names: frozenset[str]) -> Repeated:
 
 
 def _come_again(found: Repeated) -> bool:
-    return found.deviations > DEVIATIONS and found.share > SHARE
+    return found.deviations > (DEVIATIONS if found.share > SHARE else CERTAIN)
