@@ -33,6 +33,7 @@ FIRST_STEPS: Final = (math.log(1e-4), math.log(1e-2))  # where the search begins
 BEGIN: Final = 0.3  # of what is left that is the ohmmeter's, to begin with
 Bounds = list[tuple[float, float]]
 END: Final[Any] = {"xatol": 0.01, "fatol": 0.1, "maxiter": 400}  # a hundredth of each; a tenth of log-likelihood
+SOME: Final = 1e-12  # of a noise, where nothing is left at all
 GROUPS: Final = 30  # of readings alike, for another record's
 
 
@@ -62,15 +63,20 @@ def domain_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: floa
     value, log, own = max(((*left.likeliest(shape, least_dec), shape) for shape in shapes), key=lambda one: one[0])
     size, step_dec, reach_K = (float(v) for v in np.exp(log))
     wandering = left.wandering(step_dec, reach_K)
-    order = np.argsort(channel.output[channel.rows])
-    groups = np.array_split(order, min(GROUPS, order.size))
+    groups = np.array_split(np.argsort(left.readings), min(GROUPS, left.readings.size))
+    deviation = wandering.deviation[left.rows]
     wanders = (
-        np.array([float(np.mean(channel.output[channel.rows][g])) for g in groups]),
-        np.array([root_mean_square(wandering.deviation[channel.rows][g]) for g in groups]),
+        np.array([float(np.mean(left.readings[g])) for g in groups]),
+        np.array([root_mean_square(deviation[g]) for g in groups]),
     )
     deviations = size * own.deviations
     noise = replace(own, deviations=deviations, level=size * own.level, wandering=wandering, wanders=wanders)
     return DomainNoise(step_dec, reach_K, noise, value - left.alone(own))
+
+
+def relays_apart_K(channel: ResistanceChannel) -> float:
+    """The least distance of the relays' centres."""
+    return float(np.min(np.diff(np.unique(channel.basis.plane.centre_degC))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +95,7 @@ class _Left:
     @classmethod
     def of(cls, channel: ResistanceChannel, fit: ResistanceFit) -> _Left:
         _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
-        centres = np.unique(channel.basis.plane.centre_degC)
-        spacing_K = float(np.min(np.diff(centres)))
+        spacing_K = relays_apart_K(channel)
         return cls(
             _since_before(nodes.film_degC[nodes.taken]),
             _since_before(fit.film_output),
@@ -109,21 +114,23 @@ class _Left:
     def alone(self, shape: NoiseModel) -> float:
         """Log-likelihood with an ohmmeter's noise of this shape alone, at its best size."""
         at = shape.at(self.readings)
-        size = root_mean_square(self.residual / at)
+        size = root_mean_square(self.residual / at) + SOME
         return -0.5 * self.residual.size - math.fsum(np.log(size * at))
 
     def likeliest(self, shape: NoiseModel, least_dec: float) -> tuple[float, Array]:
         """The largest log-likelihood with domains, and the logarithms of the noise's size, of s and of r."""
         at = shape.at(self.readings)
-        rms = root_mean_square(self.residual / at)
+        smallest = least_dec / shape.level
+        rms = max(root_mean_square(self.residual / at), smallest)
         least, most = (math.log(reach_K) for reach_K in self.reaches_K)
-        bounds: Bounds = [(math.log(least_dec / shape.level), math.log(2.0 * rms)), STEPS, (least, most)]
+        bounds: Bounds = [(math.log(smallest), math.log(2.0 * rms)), STEPS, (least, most)]
 
         def minus(log: Any) -> float:
             size, step_dec, reach_K = (float(v) for v in np.exp(log))
             return -self.wandering(step_dec, reach_K).whitening(self.rows, size * at).log_likelihood(self.residual)
 
-        first: list[Any] = [np.array([math.log(BEGIN * rms), step, 0.5 * (least + most)]) for step in FIRST_STEPS]
+        size, reach = math.log(max(BEGIN * rms, smallest)), 0.5 * (least + most)
+        first: list[Any] = [np.array([size, step, reach]) for step in FIRST_STEPS]
         ends = [minimize(minus, x, method="Nelder-Mead", bounds=bounds, options=END) for x in first]
         best = min(ends, key=lambda end: float(end.fun))
         return -float(best.fun), np.asarray(best.x)

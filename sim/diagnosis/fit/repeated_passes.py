@@ -16,12 +16,12 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.fit.domain_noise import DomainNoise
+from sim.diagnosis.fit.domain_noise import DomainNoise, relays_apart_K
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 
 TURN_K: Final = 0.5  # back, from which a film has turned round: more than a thermometer's noise, less than a loop
-PLACE: Final = 0.5  # of the distance over which a deviation is forgotten: how far places are apart
+PLACE: Final = 0.5  # how far places are apart: of the distance over which a deviation is forgotten, or of the relays'
 FEWEST_ROWS: Final = 5  # of a pass
 
 
@@ -42,10 +42,15 @@ def repeated(channel: ResistanceChannel, fit: ResistanceFit, domains: DomainNois
     d = noise.wandering.smoothed(residual, rows, noise.at(channel.output[rows]))
     _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
     film_degC = nodes.film_degC[nodes.taken]
-    places = np.arange(float(np.min(film_degC)), float(np.max(film_degC)), PLACE * domains.reach_K)
+    return agreement(film_degC, d, PLACE * min(domains.reach_K, relays_apart_K(channel)))
+
+
+def agreement(film_degC: Array, left: Array, apart_K: float) -> Repeated:
+    """Of what is left, at places so far apart. film_degC, left: (rows,)."""
+    places = np.arange(float(np.min(film_degC)), float(np.max(film_degC)), apart_K)
     products = total = squares = 0.0
     for rising in (True, False):
-        steps = [_steps(film_degC[part], d[part], places) for part in _passes(film_degC, rising)]
+        steps = [_steps(film_degC[part], left[part], places) for part in passes(film_degC, rising)]
         for one, two in itertools.combinations(steps, 2):
             both = np.isfinite(one) & np.isfinite(two)
             product = one[both] * two[both]
@@ -57,15 +62,15 @@ def repeated(channel: ResistanceChannel, fit: ResistanceFit, domains: DomainNois
     return Repeated(products / math.sqrt(squares), products / total)
 
 
-def _steps(film_degC: Array, d: Array, places_degC: Array) -> Array:
-    """From place to place, nan beyond the pass. film_degC, d: of one pass, (rows,)."""
+def _steps(film_degC: Array, left: Array, places_degC: Array) -> Array:
+    """From place to place, nan beyond the pass. film_degC, left: of one pass, (rows,)."""
     if film_degC[-1] < film_degC[0]:
-        film_degC, d = film_degC[::-1], d[::-1]
+        film_degC, left = film_degC[::-1], left[::-1]
     along = np.maximum.accumulate(film_degC)
-    return np.diff(np.interp(places_degC, along, d, left=np.nan, right=np.nan))
+    return np.diff(np.interp(places_degC, along, left, left=np.nan, right=np.nan))
 
 
-def _passes(film_degC: Array, rising: bool) -> list[slice]:
+def passes(film_degC: Array, rising: bool) -> list[slice]:
     """The rows of each way from one turn to the next in one direction."""
     turns, farthest, up = [0], 0, bool(film_degC[min(FEWEST_ROWS, film_degC.size - 1)] > film_degC[0])
     ways = []

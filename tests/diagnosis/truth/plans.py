@@ -141,7 +141,12 @@ def further_film(rng: Random, seed: int, film: str | None = None, effect: str | 
 
 
 def domains(
-    rng: Random, seed: int, effect: str | None = None, fault: str | None = None, count: int | None = None
+    rng: Random,
+    seed: int,
+    effect: str | None = None,
+    fault: str | None = None,
+    count: int | None = None,
+    rows: int | None = None,
 ) -> Case:
     """A film of some hundred or thousand domains that switch one by one; every other with an effect. Its size is drawn
     beside a smooth film of the same density. fault: in place of an effect, one that has no name; count: of domains."""
@@ -151,9 +156,9 @@ def domains(
         bench, value, _ = with_fault(rng, fault, "preisach")
         bench = replace(bench, rig=replace(bench.rig, outside={fault: value}))
     elif effect is None and seed % 2 == 0:
-        bench = draw_bench(rng, "preisach")
+        bench = draw_bench(rng, "preisach", rows=rows)
     else:
-        bench, hidden, _ = with_effects(rng, (effect or str(rng.choice(BESIDE_DOMAINS)),), "preisach")
+        bench, hidden, _ = with_effects(rng, (effect or str(rng.choice(BESIDE_DOMAINS)),), "preisach", rows)
     film = in_domains(rng, bench.rig.film, count)
     bench = replace(bench, rig=replace(bench.rig, film=film))
     expectation = "unexplained" if fault is not None else "exactly" if hidden else "clean"
