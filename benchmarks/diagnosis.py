@@ -40,6 +40,7 @@ COUNTS = {  # cases at 20 seeds
     "other_film": 100,
     "other_film_effect": 100,
     "further_film": 80,
+    "domains": 160,
     "outside": 120,
     "indistinguishable": 60,
     "disturbed": 100,
@@ -179,6 +180,10 @@ def table(rows: list[Row]) -> None:
     further, hidden = of["further_film"], [row for row in of["further_film"] if row["hidden"]]
     rate("film of a further kind: no innocent instrument blamed", further, lambda r: not r["instruments_blamed"], "")
     rate("film of a further kind: the effect found", hidden, lambda r: r["found"], "")
+    of_domains = [row for row in of["domains"] if row["hidden"]]
+    rate("film that switches in steps: the effect, and nothing else", of_domains, lambda r: r["exactly"], "")
+    bare = [row for row in of["domains"] if not row["hidden"]]
+    rate("film that switches in steps, no effect: clean", bare, lambda r: r["clean"], "")
     rate("outside the catalogue: unexplained, and no name", of["outside"], lambda r: r["ok"], "95 %")
     for fault in sorted({row["details"]["fault"] for row in of["outside"]}):
         rate(f"    {fault}", [r for r in of["outside"] if r["details"]["fault"] == fault], lambda r: r["ok"], "")

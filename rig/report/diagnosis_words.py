@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
+MORE = 1.1  # times the noise, from which what no model tells is said beside it
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 NOT_FIXED = "not fixed by this record"
@@ -89,16 +90,22 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
         text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
         if text is not None:
             lines.append(f"{what}: {text}")
-        elif channel is not None and _off_elsewhere(channel):
-            times = channel.rmse_extended / channel.noise
+        elif channel is not None and _off_elsewhere(diagnosis, channel):
+            times = channel.rmse_extended / _foreseen(diagnosis, channel)
             why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
             lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: {why}")
     return lines
 
 
-def _off_elsewhere(channel: Channel) -> bool:
-    """Whether the fit is worse than the noise on held-out rows."""
-    return channel.rmse_extended > NOISY * channel.noise
+def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
+    """Whether the fit is worse on held-out rows than is to be foreseen."""
+    return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)
+
+
+def _foreseen(diagnosis: Diagnosis, channel: Channel) -> float:
+    """The noise and what no model tells of the film; where currents were not logged, the noise alone, so that this is
+    said."""
+    return channel.noise if diagnosis.record.early > 0.0 else channel.expected
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -108,7 +115,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     names = [named(f) for f in diagnosis.findings]
     rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
     nothing = "nothing is left beyond the noise"
-    if any(_off_elsewhere(channel) for *_, channel in judged_channels(diagnosis)):
+    if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):
         nothing += " in the fitted rows; held-out rows are off by more, as said below"
     if diagnosis.verdict == "clean":
         return f"Clean: no effect is seen, and {nothing}."
@@ -125,9 +132,12 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 def gain_line(what: str, unit: str, channel: Channel) -> str:
     """Held-out error before and after beside the noise."""
+    besides = ""
+    if channel.expected > MORE * channel.noise:
+        besides = f", {number(channel.expected)} {unit} with what no model tells"
     return (
         f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "
-        f"noise {number(channel.noise)} {unit} ({channel.samples_holdout} held-out rows)"
+        f"noise {number(channel.noise)} {unit}{besides} ({channel.samples_holdout} held-out rows)"
     )
 
 

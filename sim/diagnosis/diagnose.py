@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.in_its_unit import in_its_unit
+from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
 from sim.diagnosis.judge.turns_between import TURNS, only_turns
@@ -28,9 +28,9 @@ from sim.diagnosis.judge.verdict import (
 from sim.diagnosis.report.candidates import candidates_of
 from sim.diagnosis.report.confounders import confounders_of
 from sim.diagnosis.report.detectability import hidden_by_the_film
+from sim.diagnosis.report.film_kind import film_kind
 from sim.diagnosis.report.intervals import intervals, vague_effects
 from sim.diagnosis.report.next_experiment import next_experiments
-from sim.diagnosis.report.phase_mixing import phase_mixing
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import (
@@ -40,11 +40,12 @@ from sim.diagnosis.report.warnings import (
     warnings_of,
 )
 from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
+from sim.diagnosis.search.both_ends import select
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
 from sim.diagnosis.search.either_kind import search_of_either_kind
 from sim.diagnosis.search.learned import with_film
-from sim.diagnosis.search.stepwise import ABSORBS, select
+from sim.diagnosis.search.stepwise import ABSORBS
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import gain, rmse
 from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
@@ -100,7 +101,7 @@ def diagnose(
         chain, names = select(replace(chain, false_alarm=chosen_false_alarm), say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
-        judged = judge(chain, names)
+        chain, judged = beside_domains(chain, names, judge(chain, names), say)
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
@@ -192,7 +193,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     lattice = _lattice(chain)
     held_out = replace(held_out, on_lattice=lattice is not None)
     noise = held_out.noise(names)
-    channels = _channels(held_out, names, noise)
+    channels = _channels(held_out, names, noise, held_out.noise(names, with_path=True))
     say("candidates")
     candidates = candidates_of(chain, judged, held_out.left, held_out.parts, held_out.rows, noise)
     say("intervals")
@@ -204,15 +205,6 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
     unexplained = _unexplained(chain, judged, held_out, channels)
     sparse = chain.facts.sparse if chain.facts is not None else None
-    film: dict[str, Any] | None = None
-    if chain.facts is not None:
-        film = {
-            "memoryless": "none" if chain.facts.basis.curve is None else "smooth",
-            "operators": int(chain.facts.basis.fractions.size),
-            "of_the_class": bool(chain.preisach_evidence(names) < ABSORBS),
-        }
-        if mixing := phase_mixing(chain, names):
-            film["mixing"] = {name: {"value": value, "ci95": None} for name, value in mixing.items()}
     next_experiment = next_experiments(
         chain.effects,
         [f.name for f in findings],
@@ -233,7 +225,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         findings,
         channels,
         unexplained,
-        film,
+        film_kind(chain, names),
         [*warnings_of(chain, names, hidden), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
         next_experiment,
         record,
@@ -257,14 +249,17 @@ def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
     return [room, *(room + fit.parameters.rooms_K).tolist()]
 
 
-def _channels(held_out: HeldOutRows, names: frozenset[str], noise: dict[str, float]) -> dict[str, Channel | None]:
+def _channels(
+    held_out: HeldOutRows, names: frozenset[str], noise: dict[str, float], expected: dict[str, float]
+) -> dict[str, Channel | None]:
     """Of the base model, which has the effects assumed and stays as if no reading were rounded, and of the extended
     one."""
     channels: dict[str, Channel | None] = {"temperature_K": None, "resistance_dec": None}
     bare = held_out.residuals(held_out.chain.assumed)
     for name, residual in held_out.left(names).items():
         counted = held_out.rows & np.isfinite(residual)
-        channels[name] = Channel(noise[name], rmse(bare[name][counted]), rmse(residual[counted]), int(np.sum(counted)))
+        before, after = rmse(bare[name][counted]), rmse(residual[counted])
+        channels[name] = Channel(noise[name], before, after, int(np.sum(counted)), expected[name])
     return channels
 
 
@@ -299,11 +294,11 @@ def _unexplained(
             unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
     if all(channel is None or unexplained[name] is not None for name, channel in channels.items()):
         return unexplained
-    everywhere, noise = held_out.rmse_everywhere(names), held_out.noise(names, with_path=True)
+    everywhere = held_out.rmse_everywhere(names)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue
-        times = everywhere[name] / noise[name]
+        times = everywhere[name] / found.expected
         if times > UNSEEN:
             unexplained[name] = f"held-out rows are predicted {times:.2g} times worse than the noise"
     return unexplained

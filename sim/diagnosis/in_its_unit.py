@@ -37,8 +37,8 @@ def in_its_unit(found: Diagnosis) -> Diagnosis:
     candidates = [renamed(c) for c in found.candidates]
     channels, own = dict(found.channels), found.channels["resistance_dec"]
     if own is not None:
-        noise, before, after = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended))
-        own = Channel(noise, before, after, own.samples_holdout)
+        noise, before, after, expected = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended, own.expected))
+        own = Channel(noise, before, after, own.samples_holdout, expected)
     channels |= {"resistance_dec": None, key: own}
     unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
     findings = [replace(f, gain=gains(f)) for f in found.findings]

@@ -34,12 +34,15 @@ class Finding:
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel: its noise, the held-out RMSE of the base and of the extended model, and how many rows were held."""
+    """One channel: its instrument's noise, the held-out RMSE of the base and of the extended model, how many rows were
+    held; expected: RMSE with the true effects, the noise and what no model tells (a walk of the plate between the rows,
+    a film's steps)."""
 
     noise: float
     rmse_base: float
     rmse_extended: float
     samples_holdout: int
+    expected: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ KINDS = (
     "other_film",
     "other_film_effect",
     "further_film",
+    "domains",
     "outside",
     "indistinguishable",
     "disturbed",

@@ -10,8 +10,8 @@ import pytest
 
 from sim import diagnosis
 from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.search.both_ends import select
 from sim.diagnosis.search.chain import Chain, temperature_search
-from sim.diagnosis.search.stepwise import select
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 

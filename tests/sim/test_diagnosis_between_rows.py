@@ -15,7 +15,7 @@ from rig.files.record_file import Record
 from rig.report.diagnosis_words import left_over
 from sim.diagnosis.data.between_rows import MOST, acted_before
 from sim.diagnosis.data.record import read_columns
-from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
+from sim.diagnosis.data.wandering import Wandering, WanderingWhitening
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel
 from sim.diagnosis.judge import turns_between
@@ -117,16 +117,16 @@ def test_a_plate_that_wanders_is_whitened() -> None:
     for k in range(1, size):
         d[k] = keep[k] * d[k - 1] + np.sqrt(added[k]) * rng.standard_normal()
     readings = d + 0.02 * rng.standard_normal(size)
-    z = UnloggedWhitening(keep, added, 0.02).over(readings)
+    z = WanderingWhitening(keep, added, np.full(size, 0.02)).over(readings)
     assert np.mean(z * z) == pytest.approx(1.0, abs=0.05)
     assert abs(float(np.mean(z[1:] * z[:-1]))) < 0.03
     rows = np.flatnonzero(rng.random(size) < 0.7)
-    walk = UnloggedWalk(keep, added)
-    some = UnloggedWhitening(*walk.between(rows), 0.02).over(readings[rows])
+    walk = Wandering(keep, added)
+    some = walk.whitening(rows, np.full(rows.size, 0.02)).over(readings[rows])
     assert np.mean(some * some) == pytest.approx(1.0, abs=0.05)
-    smoothed = walk.smoothed(readings[rows], rows, 0.02)
+    smoothed = walk.smoothed(readings[rows], rows, np.full(rows.size, 0.02))
     assert np.std(smoothed[rows] - d[rows]) < 0.02 < np.std(d)
-    assert np.std(d) == pytest.approx(float(np.sqrt(np.mean(walk.deviation_K**2))), rel=0.2)
+    assert np.std(d) == pytest.approx(float(np.sqrt(np.mean(walk.deviation**2))), rel=0.2)
 
 
 @pytest.mark.parametrize("clean", [True, False])

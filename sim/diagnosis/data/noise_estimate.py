@@ -18,8 +18,9 @@ from scipy.special import gammaln
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.likelihood import quick_noise
-from sim.diagnosis.data.noise_model import NoiseModel, Rows, root_mean_square
+from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
 from sim.diagnosis.data.noise_steps import stairs
+from sim.diagnosis.data.wandering import Rows
 
 SURE = 12.0  # log-likelihood: one record in some ten thousand by chance, with what was chosen (ranges, degrees)
 FEWEST = 100  # readings from which more than one number can be told

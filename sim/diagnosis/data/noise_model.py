@@ -21,9 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.unlogged_walk import UnloggedWalk, UnloggedWhitening
-
-Rows = NDArray[np.int64]
+from sim.diagnosis.data.wandering import Rows, Wandering
 
 
 class Whitens(Protocol):
@@ -38,7 +36,9 @@ class NoiseModel:
     neighbouring rows, of that part of the variance (`shared`: which share) that goes on from row to row, as rounding
     does not; weights: of each row of the record in the likelihood, (rows,), None: 1, and the degrees of the Student's t
     that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root mean square
-    of the noise over the record's readings; walk: where the plate may have gone that no row tells, beside white noise.
+    of the noise over the record's readings; wandering: what goes on from row to row beside
+    white noise, and no model tells: where the plate may have gone, how the film's domains stand. wanders: readings,
+    rising, and the deviation of it at these, for rows of another record; None: nothing, or none is asked for.
     """
 
     level: float
@@ -49,7 +49,8 @@ class NoiseModel:
     weights: Array | None = None
     degrees: float = math.inf
     floor: Array | None = None
-    walk: UnloggedWalk | None = None
+    wandering: Wandering | None = None
+    wanders: tuple[Array, Array] | None = None
 
     @classmethod
     def white(cls, deviation: float) -> NoiseModel:
@@ -59,7 +60,7 @@ class NoiseModel:
     @property
     def plain(self) -> bool:
         """Whether it is white and the same everywhere."""
-        return not self.edges.size and self.correlation == 0.0 and self.weights is None and self.walk is None
+        return not self.edges.size and self.correlation == 0.0 and self.weights is None and self.wandering is None
 
     def at(self, readings: Array, rows: Rows | None = None) -> Array:
         """The standard deviation at these readings. rows: the record's that they are in, None: they are another's."""
@@ -67,15 +68,22 @@ class NoiseModel:
         return own if self.floor is None or rows is None else np.hypot(own, self.floor[rows])
 
     def rms(self, readings: Array, rows: Rows | None = None) -> float:
-        """Root mean square of the noise at these readings, tails and all."""
+        """Root mean square of the instrument's noise at these readings, tails and all."""
         if self.plain:
             return self.level
-        return root_mean_square(self.marginal(readings, rows))
+        return root_mean_square(self.with_tails(readings, rows))
 
-    def marginal(self, readings: Array, rows: Rows | None = None) -> Array:
+    def with_tails(self, readings: Array, rows: Rows | None = None) -> Array:
         """The standard deviation at these readings, tails and all."""
         tails = 1.0 if math.isinf(self.degrees) else self.degrees / (self.degrees - 2.0)
         return math.sqrt(tails) * self.at(readings, rows)
+
+    def marginal(self, readings: Array, rows: Rows | None = None) -> Array:
+        """The same with what wanders, as long as no reading tells of it."""
+        own = self.with_tails(readings, rows)
+        if self.wandering is not None and rows is not None:
+            return np.hypot(own, self.wandering.deviation[rows])
+        return own if self.wanders is None else np.hypot(own, np.interp(readings, *self.wanders))
 
     def with_floor(self, floor: Array) -> NoiseModel:
         """The same where each row is uncertain by so much besides, (rows of the record,)."""
@@ -93,8 +101,8 @@ class NoiseModel:
         (rows,)."""
         if self.plain:
             return Whitening(1.0 / np.full(rows.size, self.level))
-        if self.walk is not None:
-            return UnloggedWhitening(*self.walk.between(rows), self.level)
+        if self.wandering is not None:
+            return self.wandering.whitening(rows, self.at(readings, rows))
         scale = 1.0 / self.at(readings, rows)
         root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
         if self.correlation == 0.0:

@@ -11,7 +11,8 @@ from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
 from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.unlogged_walk import UnloggedWalk
+from sim.diagnosis.data.unlogged_walk import noise_beside, unlogged_walk
+from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -27,8 +28,8 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     step, residual = record.step_K, record.temperature_degC - fit.shown_degC
     if record.early > 0.0 and record.current_A is not None:
         walk = _unlogged(channel, fit)
-        sigma_K = max(walk.noise_K(residual[rows], rows), step / math.sqrt(12.0), least_K)
-        return replace(NoiseModel.white(sigma_K), walk=walk)
+        sigma_K = max(noise_beside(walk, residual[rows], rows), step / math.sqrt(12.0), least_K)
+        return replace(NoiseModel.white(sigma_K), wandering=walk)
     if step <= DITHERED * quick_noise(residual[rows]):
         used, readings = record.temperature_used, record.temperature_degC
         model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
@@ -38,13 +39,13 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     return NoiseModel.white(max(sigma_K, least_K))
 
 
-def _unlogged(channel: TemperatureChannel, fit: TemperatureFit) -> UnloggedWalk:
+def _unlogged(channel: TemperatureChannel, fit: TemperatureFit) -> Wandering:
     """For currents that changed between the rows."""
     record = channel.record
     assert record.current_A is not None
     s, r, g, q, _ = (float(v) for v in fit.parameters.plate())
     per_A = s * (fit.path.at(record.time_s) + KELVIN) + r * np.abs(record.current_A) + q
-    return UnloggedWalk.of(record.time_s, record.current_A, record.early, record.first_rows, per_A, g)
+    return unlogged_walk(record.time_s, record.current_A, record.early, record.first_rows, per_A, g)
 
 
 def ohmmeter_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float) -> NoiseModel:

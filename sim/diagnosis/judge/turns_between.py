@@ -36,9 +36,9 @@ def only_turns(chain: Chain, names: frozenset[str], unexplained: Mapping[str, st
 def _most(chain: Chain, names: frozenset[str]) -> float:
     """Mean square over the noise's; 0 where every current is logged."""
     fit, first = chain.fits(names)[1], chain.first
-    if fit is None or first is None or first.channel.noise.walk is None or chain.facts is None:
+    if fit is None or first is None or first.channel.noise.wandering is None or chain.facts is None:
         return 0.0
-    gone_K = root_mean_square(np.sqrt(first.channel.noise.walk.added))
+    gone_K = root_mean_square(np.sqrt(first.channel.noise.wandering.added))
     channel = chain.film_channel(names)
     over_noise = steepness(channel, fit)[channel.rows] / chain.facts.noise.marginal(channel.output[channel.rows])
     return TWICE * (gone_K * root_mean_square(over_noise)) ** 2

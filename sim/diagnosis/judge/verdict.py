@@ -13,18 +13,16 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Rows
-from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
+from sim.diagnosis.judge.held_out_evidence import held_out_evidence, held_out_square
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity, no_other_sharpness_is_better
 from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
-from sim.diagnosis.search.resistance_search import RELAY_STEPS
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
-from sim.diagnosis.validate.deciding_rows import deciding_rows, over_noise
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.effects.effect import Switched
 
@@ -94,10 +92,11 @@ def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Ad
         found.append(None)
     if record.output is not None:
         z, rows = resistance_residual(chain, names)
-        temperature = chain.film_channel(names).path.at(record.time_s[rows])
-        state = {"resistance": chain.fits(names)[1].shown[rows]}  # type: ignore[union-attr]
-        if record.test_current_A is not None:
-            state["test current"] = record.test_current_A[rows]
+        state = {} if record.test_current_A is None else {"test current": record.test_current_A[rows]}
+        temperature = None
+        if chain.facts is None or chain.facts.domains is None:  # else what is left hangs on where they switch
+            temperature = chain.film_channel(names).path.at(record.time_s[rows])
+            state["resistance"] = chain.fits(names)[1].shown[rows]  # type: ignore[union-attr]
         found.append(adequacy(z, record.time_s[rows], temperature, state))
     else:
         found.append(None)
@@ -235,7 +234,7 @@ def _film_is_explained(chain: Chain, names: frozenset[str], left: Adequacy | Non
     `UNDERSTOOD`."""
     if is_prandtl_ishlinskii(chain, names):
         return True
-    unseen = _held_out_square(chain, names, True)
+    unseen = held_out_square(chain, names, True)
     return (unseen is None or unseen < UNDERSTOOD) and (left is None or left.clean)
 
 
@@ -254,80 +253,12 @@ def _seen_beside_preisach_film(chain: Chain, names: frozenset[str], name: str) -
     return no_other_sharpness_is_better(chain.last(chain.split(names)[0]), b, without, name)
 
 
-@dataclass(frozen=True)
-class HeldOutEvidence:
-    """gain: of the log-likelihood of rows that no fit has seen; changed: what the effects change there, sum of squares
-    over the noise's."""
-
-    gain: float
-    changed: float
-
-
-def held_out_evidence(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> HeldOutEvidence | None:
-    """What unseen rows say of the effects that `rest` lacks; None without such rows. Relays tell them better than play
-    operators alone wherever a film is not quite of its class: where the fit without the effects has relays, so has the
-    one with them here."""
-    found = []
-    for last in (False, True):
-        a = _held_out_residual(chain, rest, last)
-        if a is None:
-            continue
-        b = _held_out_residual(chain, names, last, _with_relays_of(chain, names, rest) if last else None)
-        if b is not None:
-            a, b = over_noise(chain, a, last), over_noise(chain, b, last)
-            changed = a - b
-            found.append((float(a @ a - b @ b), float(changed @ changed)))
-    return HeldOutEvidence(0.5 * sum(g for g, _ in found), sum(c for _, c in found)) if found else None
-
-
-def _with_relays_of(chain: Chain, names: frozenset[str], rest: frozenset[str]) -> ResistanceFit | None:
-    """The last channel's fit with as wide a prior of relays as the one without the effects has."""
-    fit, without = chain.fits(names)[1], chain.fits(rest)[1]
-    if fit is None or without is None or fit.parameters.has_relays or not without.parameters.has_relays:
-        return fit
-    wide = fit.parameters.with_relays(without.parameters.prior.relay_dec)
-    return chain.film_channel(names).descend(wide, RELAY_STEPS, settle=False)
-
-
-def _held_out_residual(
-    chain: Chain, names: frozenset[str], last: bool, other: ResistanceFit | None = None
-) -> Array | None:
-    """One channel's residual in the rows that no fit has seen, K or decades; None without such rows. other: fit of the
-    last channel than the one with these effects."""
-    record, (a, b) = chain.record, chain.fits(names)
-    b = other if other is not None else b
-    residual, rows = np.empty(0), deciding_rows(chain, last)
-    if last and b is not None and record.output is not None:
-        residual = record.output[rows] - b.shown[rows]
-    elif not last and a is not None:
-        residual = record.temperature_degC[rows] - a.shown_degC[rows]
-    return residual if residual.size else None
-
-
 def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: bool) -> bool:
     """Whether unseen rows are told to about their noise, or most of what they lack is what the effect gives."""
-    after, before = (_held_out_square(chain, group, last) for group in (names, rest))
+    after, before = (held_out_square(chain, group, last) for group in (names, rest))
     if after is None or before is None or after < UNSEEN * UNSEEN:
         return True
     return after - 1.0 <= MOST_LEFT * (before - 1.0)
-
-
-def _held_out_square(chain: Chain, names: frozenset[str], last: bool) -> float | None:
-    """Mean square of one channel's residual over its noise in the rows that no fit has seen; None without such rows."""
-    residual = _held_out_residual(chain, names, last)
-    if residual is None:
-        return None
-    rows = deciding_rows(chain, last)
-    if last:
-        assert chain.facts is not None
-        assert chain.record.output is not None
-        sigma = chain.facts.noise.marginal(chain.record.output[rows], rows)
-    else:
-        assert chain.first is not None
-        noise = np.hypot(chain.first.channel.sigma_K, chain.first.channel.step_K / np.sqrt(12.0))
-        walk = chain.first.channel.noise.walk  # a simulation does not know where the plate wandered
-        sigma = np.hypot(noise * np.sqrt(chain.first.channel.misfit), 0.0 if walk is None else walk.deviation_K[rows])
-    return float(np.mean((residual / sigma) ** 2))
 
 
 def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:

@@ -1,7 +1,8 @@
 """Intervals of the effects' parameters: the curvature at the fit, every other unknown free.
 
 The residual of a fit that leaves nothing is white, so that the curvature is enough; where it is not, the covariance
-is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identification.covariance`).
+is widened by how far apart the sums over blocks of rows are (block sandwich, `compensator.identification.covariance`);
+beside a film that switches in steps, over blocks of the loop, too.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
+from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.film_basis import SHAPE
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.judge.verdict import resistance_residual, temperature_residual
@@ -85,8 +89,21 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
         last = chain.film_channel(names)
         point = last.point(b.parameters, b.parameters.x, b.coefficients)
         j = point.off(last.over(b.jacobian[rows]))
-        out |= _by_name(list(b.effects), _deviations(j, z)[SHAPE:])
+        deviations = _deviations(j, z)
+        if chain.facts is not None and chain.facts.domains is not None:
+            order = _along_the_loop(last, b)
+            deviations = np.maximum(deviations, _deviations(j[order], z[order]))
+        out |= _by_name(list(b.effects), deviations[SHAPE:])
     return out | _profiles(chain, names)
+
+
+def _along_the_loop(channel: ResistanceChannel, fit: ResistanceFit) -> Rows:
+    """The fitted rows in order of direction and temperature: what domains do at one temperature comes again in each
+    pass, so that rows of many passes are worth those of one."""
+    _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
+    film_degC = nodes.film_degC[nodes.taken]
+    rising = np.gradient(film_degC) > 0.0
+    return np.lexsort((film_degC[channel.rows], rising[channel.rows]))
 
 
 def vague_effects(chain: Chain, names: frozenset[str]) -> list[str]:

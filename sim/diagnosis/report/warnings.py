@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, Record
 from sim.diagnosis.report.upper_limits import film_not_described
 from sim.diagnosis.search.chain import Chain
@@ -66,7 +67,21 @@ def warnings_of(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[
                 f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"
             )
         found.append(Warning("absorbed_by_the_film", text))
-    return found + film_is_not_described(chain, names)
+    return found + film_in_steps(chain) + film_is_not_described(chain, names)
+
+
+def film_in_steps(chain: Chain) -> list[Warning]:
+    """Of a film whose domains switch visibly."""
+    facts = chain.facts
+    if facts is None or facts.domains is None or facts.noise.wandering is None:
+        return []
+    own, quantity = root_mean_square(facts.noise.wandering.deviation), chain.record.quantity
+    step, lacks = (f"{value * quantity.size:.1g} {quantity.unit}" for value in (facts.domains.step_dec, own))
+    text = (
+        f"the film switches in visible steps, of about {step}, at the same temperatures each time. What a smooth film "
+        f"lacks there, {lacks} (RMS), counts as its own beside the ohmmeter's noise: a prediction is off by that much"
+    )
+    return [Warning("film_in_steps", text)]
 
 
 def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:

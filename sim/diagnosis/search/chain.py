@@ -151,11 +151,13 @@ class Chain:
             return measured_path(self.record)
         channel, fit = self.first.channel, self.first.fit(upstream)
         rows, residual = channel.rows, channel.residual(fit) * channel.sigma_K
-        if channel.sigma_K >= channel.step_K or channel.noise.walk is not None:
+        if channel.sigma_K >= channel.step_K or channel.noise.wandering is not None:
             rows = np.flatnonzero(channel.record.temperature_used)
             residual = (channel.record.temperature_degC - fit.shown_degC)[rows]
-        if (walk := channel.noise.walk) is not None:
-            return moved_path(channel.record, fit.path, walk.smoothed(residual, rows, channel.sigma_K))
+        if (walk := channel.noise.wandering) is not None:
+            return moved_path(
+                channel.record, fit.path, walk.smoothed(residual, rows, np.full(rows.size, channel.sigma_K))
+            )
         return corrected_path(channel.record, fit, residual, rows, channel.noise.correlation)
 
     @property

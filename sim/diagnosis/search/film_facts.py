@@ -14,6 +14,7 @@ from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise
+from sim.diagnosis.fit.domain_noise import DomainNoise
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_memory import remembered
 from sim.diagnosis.fit.film_prior import PriorWidths
@@ -40,8 +41,8 @@ def least_noise(noise: NoiseModel, output: Array) -> Array | float:
 @dataclass(frozen=True, eq=False)
 class FilmFacts:
     """What does not change between fits of the last links: basis, first shape, memory at the first row, noise, how
-    large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, and rows
-    whose readings are outliers."""
+    large the film's coefficients may be, whether its rows are too far apart for effects to be told from it, rows
+    whose readings are outliers, and the domains that switch visibly, None: no such film."""
 
     basis: FilmBasis
     shape: Array
@@ -50,6 +51,7 @@ class FilmFacts:
     prior: PriorWidths
     sparse: SparseLoop | None
     outliers: Rows
+    domains: DomainNoise | None = None
 
 
 def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True, path_K: float = 0.0) -> FilmFacts:

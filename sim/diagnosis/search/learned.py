@@ -13,11 +13,14 @@ import numpy as np
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.segments import off_after_missing_rows
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
+from sim.diagnosis.fit.domain_noise import domain_noise
 from sim.diagnosis.fit.film_memory import remembered
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel
 from sim.diagnosis.search.chain import LEAST_NOISE_K, Chain, Found
-from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, film_facts, least_noise
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, FilmFacts, film_facts, least_noise
 
+DOMAIN_TURNS = 5  # of a fit and the domains that it shows: each settles the other, and in the fifth little changes
+SAME_DOMAINS = 0.15  # relative difference of two estimates of their noise that is none
 SAME_NOISE = 0.06  # relative difference of two estimates of a noise that is none
 NEAR_STEPS = 10  # of a fit that only the weights of its rows have changed for
 
@@ -73,3 +76,33 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
     search = chain.last(upstream)
     search.keep(search.whole(replace(b.plain or b.parameters, start=start)))
     return chain, not same
+
+
+def with_domains(chain: Chain, names: frozenset[str]) -> Chain:
+    """With domains that switch visibly, as what is left beside these effects shows them, fitted with these effects; no
+    reading is an outlier there for what they do."""
+    for _ in range(DOMAIN_TURNS):
+        b, facts, before = chain.fits(names)[1], chain.facts, chain.record
+        assert b is not None
+        assert facts is not None
+        assert before.output is not None
+        domains = domain_noise(chain.film_channel(names), b, LEAST_NOISE_DEC)
+        whole = chain.as_read or before
+        outliers = outlying_rows(before.output, b.shown, whole.output_used, least_noise(domains.noise, before.output))
+        record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers)
+        same = facts.domains is not None and domains.alike(facts.domains, SAME_DOMAINS)
+        facts = replace(facts, noise=domains.noise, domains=domains)
+        chain = _refitted(replace(chain, record=record), names, facts)
+        if same:
+            break
+    return chain
+
+
+def _refitted(chain: Chain, names: frozenset[str], facts: FilmFacts) -> Chain:
+    """With other facts of the film, fitted with these effects from where it was."""
+    b = chain.fits(names)[1]
+    assert b is not None
+    chain = replace(chain, facts=facts, found=Found(), together=False)
+    search = chain.last(chain.split(names)[0])
+    search.keep(search.whole(b.plain or b.parameters))
+    return chain

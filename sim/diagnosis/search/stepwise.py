@@ -1,21 +1,17 @@
-"""From all effects to those that the record needs: forward, swapped, backward, over both ends of the chain."""
+"""From all effects to those that one end of the chain needs: forward, swapped, backward."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.budget import SEARCHING
-from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.joint_fit import widened
-from sim.diagnosis.search.learned import first_renoised, last_renoised, with_film
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
-from sim.diagnosis.search.temperature_search import TemperatureSearch, beside_misfit
-from sim.effects.effect import Reading, Switched, jumps
+from sim.diagnosis.search.temperature_search import TemperatureSearch
+from sim.effects.effect import Reading
 
 ENTRY = 6.0  # log-likelihood of the fitted rows from which an effect is followed up
 ABSORBS = 20.0  # the same where the film is of another kind: what its relays lack may look like an effect
@@ -26,13 +22,12 @@ TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
-HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
 MUCH_LEFT = 5.0  # mean square residual over noise beside a lag from which the lag may be another
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
 LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
-NEAR = 40.0  # sets this close in score are looked at on the other channel too
+TIMING = frozenset({"film_lag", "meter_lag", "timestamp_skew"})  # effects that delay what is read of the film
 Progress = Callable[[str], None]
 
 
@@ -223,122 +218,3 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
             return names
         names = frozenset(e.name for e in changed.effects)
     return names
-
-
-def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
-    """The effects that the whole record asks for; and the chain with what was learned and found on the way. The one
-    given stays as it was."""
-    chain, upstream = chain.apart(), frozenset[str]()
-    if chain.first is not None:
-        chain, upstream = _selected_first(chain, chain.first, say)
-    if chain.record.output is None:
-        return chain, upstream
-    chain, downstream = _selected_last(chain, upstream, say)
-    names = upstream | downstream
-    if chain.first is not None:
-        say("both together")
-        names = _joint(chain, names)
-        chain = replace(chain, together=True)
-        names = _of_both_channels(chain, names)
-    return chain, names
-
-
-def _selected_first(chain: Chain, first: TemperatureSearch, say: Progress) -> tuple[Chain, frozenset[str]]:
-    """The effects of the first links, the noise weighed anew once they are known; beside what nothing explains where
-    there is no film to tell more."""
-    say("current to temperature")
-    names = select_first_links(first)
-    learned = first_renoised(chain, names)
-    if learned.first is not None and learned is not chain:
-        chain, first = learned, learned.first
-        names = select_first_links(first, names)
-    beside = beside_misfit(first, names) if chain.record.output is None else None
-    if beside is None:
-        return chain, names
-    say("current to temperature, beside what nothing explains")
-    return replace(chain, first=beside), select_first_links(beside)
-
-
-def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> tuple[Chain, frozenset[str]]:
-    """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
-    is too large would let further effects do what another film does."""
-    chain, names = with_film(chain, upstream), frozenset[str]()
-    if chain.facts is not None and chain.facts.sparse is not None:
-        return chain, chain.last(upstream).assumed  # the film between two rows may do what any effect does
-    for steps in (1, MOST_EFFECTS):
-        before, changed = names, False
-        names = select_last_links(chain.last(upstream), names, steps, say)
-        if 2.0 * chain.last(upstream).fit(names).minus_log < FAR_FROM_NOISE * chain.record.rows:
-            chain, changed = last_renoised(chain, upstream | names)
-        if names == before and not changed:
-            break  # the same search would find the same
-    return chain, select_last_links(chain.last(upstream), names, say=say) if changed else names
-
-
-def worth(chain: Chain, names: frozenset[str]) -> float:
-    """Score less what each effect has to bring."""
-    return chain.score(names) - ENTRY * len(names)
-
-
-def _joint(chain: Chain, names: frozenset[str]) -> frozenset[str]:
-    """What delays temperature and what delays resistance look alike in one channel: try each in place of the other."""
-    first = chain.first
-    assert first is not None
-    for _ in range(3):  # as above; each costs much more
-        upstream, downstream = chain.split(names)
-        moving = [n for n in first.effects if first.effects[n].link != "plate"]
-        timing = sorted((downstream & TIMING) - chain.assumed)
-        base = first.fit(upstream)
-        options = []
-        for n in moving:
-            if n in upstream or not timing or chain.budget.over(SEARCHING):
-                continue
-            if first.score_test(base, n) > HINT and base.minus_log - first.fit(upstream | {n}, base).minus_log > HINT:
-                options.append(upstream | {n})
-        for a in moving:
-            for b in moving:
-                if a in upstream - chain.assumed and b not in upstream:
-                    option = (upstream - {a}) | {b}
-                    if first.fit(option).minus_log - base.minus_log < NEAR:
-                        options.append(option)
-        best, value = names, worth(chain, names)
-        for option in chain.budget.in_time(options):
-            for rest in [downstream, *[downstream - {n} for n in timing]]:
-                trial = option | rest
-                if worth(chain, trial) > value + 0.5:
-                    best, value = trial, worth(chain, trial)
-        if best == names:
-            return names
-        names = best
-    return names
-
-
-def _of_both_channels(chain: Chain, names: frozenset[str]) -> frozenset[str]:
-    """What the thermometer is too dull for: effects of the first links that both channels together ask for."""
-    while len(names - chain.assumed) < MOST_EFFECTS:
-        joint = chain.joint(names)
-        if joint is None or chain.first is None:
-            return names
-        found: dict[str, tuple[float, Switched]] = {}
-        for name, effect in chain.first.effects.items():
-            if name not in names and not jumps(effect):
-                found[name] = joint.score_test(effect)
-        likely = sorted((n for n in found if found[n][0] > ENTRY), key=lambda n: -found[n][0])[:TRIED]
-        best, value = names, chain.score(names) + ENTRY
-        for name in chain.budget.in_time(likely):
-            trial = widened(joint, found[name][1])
-            if trial is None or not has_meaning(chain.first, trial.a):
-                continue
-            chain.keep(names | {name}, trial)
-            if chain.score(names | {name}) > value:
-                best, value = names | {name}, chain.score(names | {name})
-        if best == names:
-            return names
-        added, names = best - names, best
-        for name in sorted(names - added - chain.assumed):  # what stood in for it goes
-            if chain.score(names) - chain.score(names - {name}) < ENTRY:
-                names -= {name}
-    return names
-
-
-TIMING = frozenset({"film_lag", "meter_lag", "timestamp_skew"})

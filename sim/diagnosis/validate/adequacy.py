@@ -59,8 +59,9 @@ def _grouped(name: str, z: Array, group: NDArray[np.int64], spent: float = 0.0) 
     return Question(name, log_p, (q - k) / z.size)
 
 
-def adequacy(z: Array, time_s: Array, temperature_degC: Array, state: dict[str, Array]) -> Adequacy:
-    """z: residuals over noise (rows,). state: other columns by name, grouped by their quantiles.
+def adequacy(z: Array, time_s: Array, temperature_degC: Array | None, state: dict[str, Array]) -> Adequacy:
+    """z: residuals over noise (rows,). temperature_degC: None where what is left may hang on it, as on the domains that
+    switch there. state: other columns by name, grouped by their quantiles.
 
     Under closed-loop control the current of a row answers to the row's own noise: give that of the row before."""
     z = np.clip(z, -6.0, 6.0)  # a reading further off went astray
@@ -73,10 +74,13 @@ def adequacy(z: Array, time_s: Array, temperature_degC: Array, state: dict[str, 
     while n // size >= 6:  # blocks: with fewer, one is the record's whole trend
         questions.append(_grouped(f"blocks of {size} rows", z, (np.arange(n) // size).astype(np.int64)))
         size *= 3  # what shows at one size and not at the next lasts for no longer
-    rising = np.diff(temperature_degC, prepend=temperature_degC[0]) > 0.0  # the next step answers to this noise
-    # 30 bins of temperature: a tenth of a loop's flank each, and enough readings
-    bins = np.clip(np.searchsorted(np.quantile(temperature_degC, np.linspace(0, 1, 31)[1:-1]), temperature_degC), 0, 29)
-    questions.append(_grouped("temperature", z, (2 * bins + rising).astype(np.int64)))
+    if temperature_degC is not None:
+        rising = np.diff(temperature_degC, prepend=temperature_degC[0]) > 0.0  # the next step answers to this noise
+        # 30 bins of temperature: a tenth of a loop's flank each, and enough readings
+        bins = np.clip(
+            np.searchsorted(np.quantile(temperature_degC, np.linspace(0, 1, 31)[1:-1]), temperature_degC), 0, 29
+        )
+        questions.append(_grouped("temperature", z, (2 * bins + rising).astype(np.int64)))
     for name, values in state.items():
         levels = np.unique(values)
         if levels.size <= 12:  # a few commands or ranges, not a continuum

@@ -74,12 +74,15 @@ class HeldOutRows:
         if self._rounds(everywhere):
             variance = self._rounded(everywhere["temperature_K"])[1]
             noise["temperature_K"] = float(np.sqrt(np.nanmean(variance[self.rows])))
-        if with_path and first is not None and (walk := first.channel.noise.walk) is not None:
-            noise["temperature_K"] = float(np.hypot(noise["temperature_K"], root_mean_square(walk.deviation_K)))
+        if with_path and first is not None and (walk := first.channel.noise.wandering) is not None:
+            noise["temperature_K"] = float(np.hypot(noise["temperature_K"], root_mean_square(walk.deviation)))
         if facts is not None:
             output = np.concatenate([_output(record) for record in self._records])
             rows = np.flatnonzero(self.rows & np.isfinite(output))
-            noise["resistance_dec"] = facts.noise.rms(output[rows], rows if with_path and not self.others else None)
+            noise["resistance_dec"] = facts.noise.rms(output[rows])
+            if with_path:
+                known = None if self.others else rows
+                noise["resistance_dec"] = root_mean_square(facts.noise.marginal(output[rows], known))
         return noise
 
     def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:

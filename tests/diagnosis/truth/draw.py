@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from tests.diagnosis.truth.rig import Plate, Rig, Schedule, feedforward, simulat
 Array = NDArray[np.float64]
 Random = np.random.Generator
 ROWS_ELSEWHERE = 3000
+SIZES_DIFFER = 0.5  # standard deviation of the logarithm of a domain's size
+AT_ONCE_K = 1e-6
 BOLTZMANN_EV_PER_K = 8.617e-5
 
 
@@ -99,6 +101,19 @@ def preisach_table(rng: Random, centre: float, decades: float) -> Array:
     table[2] = centre + rng.uniform(-0.4, 0.4) * (widths - median)
     table[3] = rng.uniform(2.2, 5.0) * (1.0 + rng.uniform(-0.05, 0.1) * (widths - median))
     return table
+
+
+def in_domains(rng: Random, film: Film, count: int) -> Film:
+    """So many relays drawn from the density of a Preisach film, each of a size of its own, that switch at once."""
+    smooth = film.table
+    of = rng.choice(film.count, count, p=smooth[1] / np.sum(smooth[1]))
+    sizes = np.exp(SIZES_DIFFER * rng.standard_normal(count))
+    table = np.zeros((4, count))
+    table[0] = np.interp(of + rng.uniform(-0.5, 0.5, count), np.arange(film.count), smooth[0])
+    table[1] = sizes * (np.sum(smooth[1]) / np.sum(sizes))
+    table[2] = smooth[2, of] + smooth[3, of] * rng.standard_normal(count)
+    table[3] = AT_ONCE_K
+    return replace(film, table=table, name="domains")
 
 
 def moving_table(rng: Random, centre: float, decades: float) -> Array:

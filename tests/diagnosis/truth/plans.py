@@ -13,7 +13,7 @@ from tests.diagnosis.truth.combine import TRIES, drawn_names, recorded_current, 
 from tests.diagnosis.truth.controls import CONTROLS
 from tests.diagnosis.truth.designs import DESIGNS, drawn_design
 from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed, uneven
-from tests.diagnosis.truth.draw import Bench, draw_bench
+from tests.diagnosis.truth.draw import Bench, draw_bench, in_domains
 from tests.diagnosis.truth.films import FORMS
 from tests.diagnosis.truth.manner import UNLIKE
 from tests.diagnosis.truth.oracle import Oracle, threshold
@@ -26,6 +26,19 @@ Random = np.random.Generator
 # "smallest" is asked only of effects whose limit is of a size that one meets: at least this share of the least one
 NOT_TRIFLING = 0.25
 FURTHER = ("moving", "medium", "mixed")  # films that relays and a curve alone do not tell to the noise
+DOMAINS = (100, 3000)  # that a film of such a case has, least and most
+BESIDE_DOMAINS = (
+    "actuator_delay",
+    "heat_sink_warmup",
+    "ambient_drift",
+    "sensor_lag",
+    "film_lag",
+    "self_heating",
+    "film_drift",
+    "creep",
+    "meter_lag",
+    "timestamp_skew",
+)
 FEW_TRIES = 12
 LIMITED = (
     "actuator_deadband",
@@ -125,6 +138,31 @@ def further_film(rng: Random, seed: int, film: str | None = None, effect: str | 
     bare = effect is None and seed // len(FURTHER) % 2 == 0
     made = other_film(rng, seed, film) if bare else other_film_effect(rng, seed, film, effect)
     return replace(made, kind="further_film")
+
+
+def domains(
+    rng: Random,
+    seed: int,
+    effect: str | None = None,
+    fault: str | None = None,
+    count: int | None = None,
+    rows: int | None = None,
+) -> Case:
+    """A film of some hundred or thousand domains that switch one by one; every other with an effect. Its size is drawn
+    beside a smooth film of the same density. fault: in place of an effect, one that has no name; count: of domains."""
+    count = count or int(np.exp(rng.uniform(*np.log(DOMAINS))))
+    hidden: Effects = {}
+    if fault is not None:
+        bench, value, _ = with_fault(rng, fault, "preisach")
+        bench = replace(bench, rig=replace(bench.rig, outside={fault: value}))
+    elif effect is None and seed % 2 == 0:
+        bench = draw_bench(rng, "preisach", rows=rows)
+    else:
+        bench, hidden, _ = with_effects(rng, (effect or str(rng.choice(BESIDE_DOMAINS)),), "preisach", rows)
+    film = in_domains(rng, bench.rig.film, count)
+    bench = replace(bench, rig=replace(bench.rig, film=film))
+    expectation = "unexplained" if fault is not None else "exactly" if hidden else "clean"
+    return finished(rng, "domains", seed, bench, hidden, expectation, details={"domains": count})
 
 
 def outside_the_catalogue(rng: Random, seed: int, fault: str | None = None) -> Case:
@@ -253,6 +291,7 @@ PLANS: dict[str, Callable[..., Case]] = {
     "other_film": other_film,
     "other_film_effect": other_film_effect,
     "further_film": further_film,
+    "domains": domains,
     "outside": outside_the_catalogue,
     "indistinguishable": indistinguishable,
     "disturbed": disturbed_record,

@@ -1,0 +1,76 @@
+"""A film that switches in visible steps: what is left beside it is judged with the steps that its domains make.
+
+Beside a smooth density of relays such a film leaves far more than its ohmmeter's noise, and what acts on it is lost, or
+stands in for a step. Where what is left grows with how far the film switches, and comes again each time that it goes
+through the same temperatures, it is the film's own: effects are searched for anew with such domains in the likelihood.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from sim.diagnosis.fit.domain_noise import domain_noise
+from sim.diagnosis.fit.repeated_passes import Repeated, repeated
+from sim.diagnosis.judge.verdict import Verdict, judge
+from sim.diagnosis.search.both_ends import select_anew
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
+from sim.diagnosis.search.learned import with_domains
+from sim.diagnosis.search.stepwise import TIMING, Progress
+
+WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
+DEVIATIONS: Final = 4.0  # of chance, that what is left of one pass and of another are alike: one record in 30,000
+SHARE: Final = 0.3  # their correlation: 0.28 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
+CERTAIN: Final = 10.0  # deviations from which a smaller correlation does: small domains beside much noise
+ROUNDS: Final = 3  # of domains and effects: each makes the other clearer
+
+
+def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Progress) -> tuple[Chain, Verdict]:
+    """The chain with the film's domains and what is said then, or both as they are where the film shows none. names:
+    the effects that the search had found."""
+    facts = chain.facts
+    if judged.resistance is None or facts is None or facts.sparse is not None:
+        return chain, judged
+    if not any(_may_have_domains(chain, each) for each in dict.fromkeys((judged.fitted, names))):
+        return chain, judged
+    say("a film that switches in steps")
+    other = with_domains(chain, names)
+    for _ in range(ROUNDS):
+        before = names
+        other, names = select_anew(other, names, say)
+        names = _best_timed(other, names)
+        if names == before:
+            break
+        other = with_domains(other, names)
+    found = judge(other, names)
+    return (other, found) if _come_again(_repeated(other, found.fitted)) else (chain, judged)
+
+
+def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:
+    """With the best of those effects that delay what is read of the film in the place of one, each followed to the end:
+    beside steps of the film they differ by less than two fits that begin elsewhere."""
+    for name in sorted((names & TIMING) - chain.assumed):
+        others = [names - {name} | {other} for other in sorted(TIMING - names) if other in chain.effects]
+        names = max([names, *chain.budget.in_time(others)], key=chain.score)
+    return names
+
+
+def _may_have_domains(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether what is left grows as the film switches, and comes again."""
+    b = chain.fits(names)[1]
+    assert b is not None
+    channel = chain.film_channel(names)
+    domains = domain_noise(channel, b, LEAST_NOISE_DEC)
+    return domains.gain > WORTH and _come_again(repeated(channel, b, domains))
+
+
+def _repeated(chain: Chain, names: frozenset[str]) -> Repeated:
+    b = chain.fits(names)[1]
+    assert b is not None
+    assert chain.facts is not None
+    assert chain.facts.domains is not None
+    return repeated(chain.film_channel(names), b, chain.facts.domains)
+
+
+def _come_again(found: Repeated) -> bool:
+    return found.deviations > (DEVIATIONS if found.share > SHARE else CERTAIN)
