@@ -118,7 +118,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):
         nothing += " in the fitted rows; held-out rows are off by more, as said below"
     if diagnosis.verdict == "clean":
-        return f"Clean: no effect is seen, and {nothing}."
+        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}."
     if diagnosis.verdict == "explained":
         these = "them" if len(names) > 1 else "it"
         return f"Explained: {listed(names)}; with {these} {nothing}."
@@ -128,6 +128,12 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
+
+
+def _unseen(diagnosis: Diagnosis) -> str:
+    """What may be there all the same, of any size."""
+    names = [limit.name for limit in diagnosis.limits if limit.limit is None]
+    return f"; {listed(names)} would not have shown in this record" if names else ""
 
 
 def gain_line(what: str, unit: str, channel: Channel) -> str:

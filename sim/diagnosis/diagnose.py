@@ -218,6 +218,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         unexplained["resistance_dec"] = TURNS
     verdict = verdict_of(findings, unexplained, sparse is not None or turns)
     hidden = hidden_by_the_film(chain, names)
+    limits = upper_limits(chain, names, hidden)
     if verdict == "too_short" and sparse is not None:
         next_experiment = [f"record {sparse.missing}", *next_experiment]
     return Diagnosis(
@@ -226,14 +227,14 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         channels,
         unexplained,
         film_kind(chain, names),
-        [*warnings_of(chain, names, hidden), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
+        [*warnings_of(chain, names, hidden, limits), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
         next_experiment,
         record,
         chain,
         judged,
         plate_numbers(chain, names),
         candidates,
-        upper_limits(chain, names, hidden),
+        limits,
         {name: values for name, values in intervals(chain, names).items() if name in chain.assumed},
         _rooms_degC(chain, names),
         held_out.halves,

@@ -30,6 +30,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 REACH: Final = (0.1, 3.0)  # of the least distance of the relays' centres: what is longer, relays follow themselves
 STEPS: Final = (math.log(1e-7), 0.0)  # decades, in logarithms: from ten million domains to one for a decade
 FIRST_STEPS: Final = (math.log(1e-4), math.log(1e-2))  # where the search begins
+LOOKED_AT: Final = (3e-5, 3e-4, 3e-3, 3e-2)  # decades: at a third of the best one the likelihood gains most of it
 BEGIN: Final = 0.3  # of what is left that is the ohmmeter's, to begin with
 Bounds = list[tuple[float, float]]
 END: Final[Any] = {"xatol": 0.01, "fatol": 0.1, "maxiter": 400}  # a hundredth of each; a tenth of log-likelihood
@@ -72,6 +73,21 @@ def domain_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: floa
     deviations = size * own.deviations
     noise = replace(own, deviations=deviations, level=size * own.level, wandering=wandering, wanders=wanders)
     return DomainNoise(step_dec, reach_K, noise, value - left.alone(own))
+
+
+def steps_may_show(channel: ResistanceChannel, fit: ResistanceFit, worth: float) -> bool:
+    """Whether steps of some size would raise the likelihood by so much, beside a white noise: a look at a few, since a
+    record nearly always shows none."""
+    left, white = _Left.of(channel, fit), NoiseModel.white(channel.noise.level)
+    alone, reach_K = left.alone(white), math.sqrt(left.reaches_K[0] * left.reaches_K[1])
+    rms = root_mean_square(left.residual) + SOME
+    for step_dec in LOOKED_AT:
+        wandering = left.wandering(step_dec, reach_K)
+        for share in (BEGIN, 1.0):
+            noise = np.full(left.rows.size, share * rms)
+            if wandering.whitening(left.rows, noise).log_likelihood(left.residual) > alone + worth:
+                return True
+    return False
 
 
 def relays_apart_K(channel: ResistanceChannel) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sim.diagnosis.fit.domain_noise import domain_noise
+from sim.diagnosis.fit.domain_noise import domain_noise, steps_may_show
 from sim.diagnosis.fit.repeated_passes import Repeated, repeated
 from sim.diagnosis.judge.verdict import Verdict, judge
 from sim.diagnosis.search.both_ends import select_anew
@@ -60,6 +60,8 @@ def _may_have_domains(chain: Chain, names: frozenset[str]) -> bool:
     b = chain.fits(names)[1]
     assert b is not None
     channel = chain.film_channel(names)
+    if not steps_may_show(channel, b, WORTH):
+        return False
     domains = domain_noise(channel, b, LEAST_NOISE_DEC)
     return domains.gain > WORTH and _come_again(repeated(channel, b, domains))
 

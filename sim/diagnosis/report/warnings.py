@@ -11,12 +11,15 @@ import numpy as np
 
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, Record
-from sim.diagnosis.report.upper_limits import film_not_described
+from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
 
 FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 LARGE = 0.8  # of the largest current
+
+
+Hidden = tuple[str, float]  # its parameter's name and the weakest size that shows
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,10 @@ class Warning:
         return {"code": self.code, "from_s": self.from_s, "to_s": self.to_s, "text": self.text}
 
 
-def warnings_of(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]]) -> list[Warning]:
-    """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it."""
+def warnings_of(
+    chain: Chain, names: frozenset[str], hidden: Mapping[str, Hidden], limits: list[UpperLimit]
+) -> list[Warning]:
+    """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it; limits: of the others."""
     record, found = chain.record, []
     found += saturated_sink(chain)
     own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
@@ -60,14 +65,20 @@ def warnings_of(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[
         found.append(Warning("no_resistance", f"{record.quantity.column}: {text}"))
     elif record.test_current_A is None:
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
-    for name, (parameter, weakest) in hidden.items():
-        text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
-        if np.isfinite(weakest):
-            text = (
-                f"{name}: would have shown from {parameter} = {weakest:.2g} on, the film's own shape absorbs less of it"
-            )
-        found.append(Warning("absorbed_by_the_film", text))
+    if not film_not_described(chain, names):
+        found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     return found + film_in_steps(chain) + film_is_not_described(chain, names)
+
+
+def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Warning:
+    """Of an effect that the film's own shape hides at a usual size: what the record allows of it is one number, here
+    and among the limits."""
+    known = next((limit for limit in limits if (limit.name, limit.parameter) == (name, parameter)), None)
+    text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
+    if known is not None and known.limit is not None:
+        size = f"{parameter} {'above' if known.from_below else 'below'} {known.limit:.2g}"
+        text = f"{name}: would not have shown with {size}: the film's own shape absorbs it"
+    return Warning("absorbed_by_the_film", text)
 
 
 def film_in_steps(chain: Chain) -> list[Warning]:
