@@ -4,11 +4,38 @@ from __future__ import annotations
 
 import pytest
 
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.fit.domain_noise import steps_may_show
+from sim.diagnosis.judge.verdict import adequacies
+from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.learned import with_domains, with_film
+from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 from tests.diagnosis.said import covered, names
 
 
+def test_steps_are_told_from_the_ohmmeters_noise() -> None:
+    blind = case("domains", 4)
+    record = read_columns(blind.columns, held_out=True)
+    first = temperature_search(record, catalogue())
+    nothing = frozenset[str]()
+    smooth = with_film(Chain(first.channel.record, catalogue(), first), nothing)
+    channel, fit = smooth.film_channel(nothing), smooth.fits(nothing)[1]
+    assert fit is not None
+    assert steps_may_show(channel, fit, 20.0)
+    chain = with_domains(smooth, nothing)
+    facts, left = chain.facts, adequacies(chain, nothing)[1]
+    assert facts is not None
+    assert facts.domains is not None
+    assert left is not None
+    assert left.clean
+    assert facts.noise.level == pytest.approx(blind.noise["resistance_dec"], rel=0.1)
+    assert blind.details["domains"] == 1235  # each of about 0.0025 decades, of which relays follow a part
+    assert 0.0005 < facts.domains.step_dec < 0.005
+
+
+@pytest.mark.long
 def test_a_lag_beside_steps_is_found() -> None:
     blind = case("domains", 1, count=600, rows=2000, effect="film_lag")
     found = diagnose(blind.columns)

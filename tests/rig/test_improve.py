@@ -62,6 +62,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_circle_gains(folder: Path) -> None:
     said = json.loads((folder / "said.json").read_text())
     assert said["format"] == "peltier-improvement/1"
@@ -86,6 +87,7 @@ def test_a_film_that_lags_is_followed_better(tmp_path: Path) -> None:
     assert "decades in the place of" in (tmp_path / "better" / "report.html").read_text()
 
 
+@pytest.mark.long
 def test_what_ran_is_kept(folder: Path) -> None:
     better = folder / "better"
     assert [dict(e)["name"] for e in read_model(better / "diagnosis" / "model.toml").effects] == ["actuator_delay"]

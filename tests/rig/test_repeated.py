@@ -95,6 +95,7 @@ def test_a_law_that_knows_what_its_model_lacks_goes_as_if_the_film_were_its_mode
         assert mine.target_ohm == pytest.approx(10.0 ** -float(wanted.at(0.1 * k + read.after_s)))
 
 
+@pytest.mark.long
 def test_a_law_without_a_film_and_a_meter_with_an_effect_learn_what_was_missed(
     tmp_path: Path, peltier: Peltier
 ) -> None:
