@@ -90,7 +90,8 @@ def film_in_steps(chain: Chain) -> list[Warning]:
     step, lacks = (f"{value * quantity.size:.1g} {quantity.unit}" for value in (facts.domains.step_dec, own))
     text = (
         f"the film switches in visible steps, of about {step}, at the same temperatures each time. What a smooth film "
-        f"lacks there, {lacks} (RMS), counts as its own beside the ohmmeter's noise: a prediction is off by that much"
+        f"lacks there, {lacks} (RMS), counts as its own beside the ohmmeter's noise: a prediction is off by that much, "
+        "and the size of a lag may be off by up to three times what its interval says"
     )
     return [Warning("film_in_steps", text)]
 
