@@ -3,6 +3,8 @@
 Beside a smooth density of relays such a film leaves far more than its ohmmeter's noise, and what acts on it is lost, or
 stands in for a step. Where what is left grows with how far the film switches, and comes again each time that it goes
 through the same temperatures, it is the film's own: effects are searched for anew with such domains in the likelihood.
+What is said then counts where it leaves nothing: domains of which more is known than their statistics (fifty, each of
+which can be seen) are no walk, and cost names that were found without them.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
             break
         other = with_domains(other, names)
     found = judge(other, names)
-    return (other, found) if _come_again(_repeated(other, found.fitted)) else (chain, judged)
+    if found.resistance is None or not found.resistance.clean or not _come_again(_repeated(other, found.fitted)):
+        return chain, judged
+    return other, found
 
 
 def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:

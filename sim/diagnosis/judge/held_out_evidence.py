@@ -98,6 +98,9 @@ def held_out_square(chain: Chain, names: frozenset[str], last: bool) -> float | 
     if residual is None:
         return None
     rows = deciding_rows(chain, last)
+    if last and chain.facts is not None and chain.facts.domains is not None:
+        z = solve_triangular(_predictive_root(chain, names, None), over_noise(chain, residual, True), lower=True)
+        return float(np.mean(z * z))
     if last:
         assert chain.facts is not None
         assert chain.record.output is not None
