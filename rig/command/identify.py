@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rig.command.many_arguments import add_engine_arguments
 from rig.command.record_arguments import (
@@ -22,9 +21,6 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
-
-if TYPE_CHECKING:
-    pass
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -110,10 +110,9 @@ class _Left:
 
     @classmethod
     def of(cls, channel: ResistanceChannel, fit: ResistanceFit) -> _Left:
-        _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
         spacing_K = relays_apart_K(channel)
         return cls(
-            _since_before(nodes.film_degC[nodes.taken]),
+            _since_before(channel.film_degC(fit)),
             _since_before(fit.film_output),
             channel.record.first_rows,
             channel.rows,

@@ -97,6 +97,11 @@ class FilmEquations:
             power = MeterPower(meter, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
 
+    def film_degC(self, fit: ResistanceFit) -> Array:
+        """The film's temperature when each row was read, (rows,)."""
+        _, nodes = self.nodes(fit.parameters, fit.parameters.x)
+        return nodes.film_degC[nodes.taken]
+
     def power_mean(self, p: FilmParameters, x: Array) -> PowerMean:
         """How the film's phases add up."""
         return self.basis.mixing.mean(*(_exponents(x) if p.is_mixed else (0.0, 0.0)))

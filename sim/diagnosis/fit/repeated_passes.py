@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.temperature_smoother import turning_points
 from sim.diagnosis.fit.domain_noise import DomainNoise, relays_apart_K
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
@@ -40,8 +41,7 @@ def repeated(channel: ResistanceChannel, fit: ResistanceFit, domains: DomainNois
     assert noise.wandering is not None
     residual = (channel.output - fit.shown)[rows]
     d = noise.wandering.smoothed(residual, rows, noise.at(channel.output[rows]))
-    _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
-    film_degC = nodes.film_degC[nodes.taken]
+    film_degC = channel.film_degC(fit)
     return agreement(film_degC, d, PLACE * min(domains.reach_K, relays_apart_K(channel)))
 
 
@@ -72,17 +72,5 @@ def _steps(film_degC: Array, left: Array, places_degC: Array) -> Array:
 
 def passes(film_degC: Array, rising: bool) -> list[slice]:
     """The rows of each way from one turn to the next in one direction."""
-    turns, farthest, up = [0], 0, bool(film_degC[min(FEWEST_ROWS, film_degC.size - 1)] > film_degC[0])
-    ways = []
-    for k, value in enumerate(film_degC):
-        ahead = (value - film_degC[farthest]) * (1.0 if up else -1.0)
-        if ahead >= 0.0:
-            farthest = k
-        elif -ahead > TURN_K:
-            turns.append(farthest)
-            ways.append(up)
-            farthest, up = k, not up
-    turns.append(film_degC.size - 1)
-    ways.append(up)
-    parts = [slice(a, b + 1) for (a, b), way in zip(itertools.pairwise(turns), ways, strict=True) if way == rising]
-    return [part for part in parts if part.stop - part.start > FEWEST_ROWS]
+    ends = itertools.pairwise(turning_points(film_degC, TURN_K).tolist())
+    return [slice(a, b + 1) for a, b in ends if (film_degC[b] > film_degC[a]) == rising and b - a >= FEWEST_ROWS]

@@ -51,8 +51,8 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
 
 
 def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:
-    """With the best of those effects that delay what is read of the film in the place of one, each followed to the end:
-    beside steps of the film they differ by less than two fits that begin elsewhere."""
+    """With the best of those effects that delay what is read of the film in the place of one. Each is followed to its
+    end, relays and all, which the search's own swap (`stepwise`) leaves out: beside steps it chose the wrong lag."""
     for name in sorted((names & TIMING) - chain.assumed):
         others = [names - {name} | {other} for other in sorted(TIMING - names) if other in chain.effects]
         names = max([names, *chain.budget.in_time(others)], key=chain.score)

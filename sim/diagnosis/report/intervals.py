@@ -100,8 +100,7 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
 def _along_the_loop(channel: ResistanceChannel, fit: ResistanceFit) -> Rows:
     """The fitted rows in order of direction and temperature: what domains do at one temperature comes again in each
     pass, so that rows of many passes are worth those of one."""
-    _, nodes = channel.nodes(fit.parameters, fit.parameters.x)
-    film_degC = nodes.film_degC[nodes.taken]
+    film_degC = channel.film_degC(fit)
     rising = np.gradient(film_degC) > 0.0
     return np.lexsort((film_degC[channel.rows], rising[channel.rows]))
 

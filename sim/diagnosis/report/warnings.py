@@ -19,9 +19,6 @@ FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 LARGE = 0.8  # of the largest current
 
 
-Hidden = tuple[str, float]  # its parameter's name and the weakest size that shows
-
-
 @dataclass(frozen=True)
 class Warning:
     """code, and from when to when (s, in the record's own time from its first row; None: all of it)."""
@@ -37,7 +34,7 @@ class Warning:
 
 
 def warnings_of(
-    chain: Chain, names: frozenset[str], hidden: Mapping[str, Hidden], limits: list[UpperLimit]
+    chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]], limits: list[UpperLimit]
 ) -> list[Warning]:
     """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it; limits: of the others."""
     record, found = chain.record, []

@@ -10,11 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.segments import off_after_missing_rows
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.fit.domain_noise import domain_noise
 from sim.diagnosis.fit.film_memory import remembered
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel
 from sim.diagnosis.search.chain import LEAST_NOISE_K, Chain, Found
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC, FilmFacts, film_facts, least_noise
@@ -65,17 +68,24 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
         return chain, False
     whole, channel = chain.as_read or before, chain.last(upstream).channel
     noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K)
-    outliers = outlying_rows(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
+    record, outliers = _less_outliers(before, whole, b, noise)
     start, used = remembered(channel, b.parameters), before.output_used
     same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start
     same = same and not np.any(used[outliers])
-    record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers)
     if same and np.array_equal(record.output_used, used):
         return chain, False
     chain = replace(chain, record=record, facts=replace(facts, noise=noise, start=start), found=Found())
     search = chain.last(upstream)
     search.keep(search.whole(replace(b.plain or b.parameters, start=start)))
     return chain, not same
+
+
+def _less_outliers(before: Record, whole: Record, b: ResistanceFit, noise: NoiseModel) -> tuple[Record, Rows]:
+    """The whole record without the film's readings that a fit shows to be outliers beside this noise, and these; the
+    thermometer's stay as they were."""
+    assert before.output is not None
+    outliers = outlying_rows(before.output, b.shown, whole.output_used, least_noise(noise, before.output))
+    return whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers), outliers
 
 
 def with_domains(chain: Chain, names: frozenset[str]) -> Chain:
@@ -85,11 +95,8 @@ def with_domains(chain: Chain, names: frozenset[str]) -> Chain:
         b, facts, before = chain.fits(names)[1], chain.facts, chain.record
         assert b is not None
         assert facts is not None
-        assert before.output is not None
         domains = domain_noise(chain.film_channel(names), b, LEAST_NOISE_DEC)
-        whole = chain.as_read or before
-        outliers = outlying_rows(before.output, b.shown, whole.output_used, least_noise(domains.noise, before.output))
-        record = whole.without(np.flatnonzero(whole.temperature_used & ~before.temperature_used), outliers)
+        record, _ = _less_outliers(before, chain.as_read or before, b, domains.noise)
         same = facts.domains is not None and domains.alike(facts.domains, SAME_DOMAINS)
         facts = replace(facts, noise=domains.noise, domains=domains)
         chain = _refitted(replace(chain, record=record), names, facts)
