@@ -176,11 +176,13 @@ class RunFolder:
         return self.path
 
     def abandon(self) -> None:
-        """Close the files, of a run that stays a .part too."""
-        with naming(self.part / "record.csv"):
-            self._record.close()
-        with naming(self.part / "events.jsonl"):
-            self._events.close()
+        """Close the files, of a run that stays a .part too; a full disk that refuses the rows leaves none open."""
+        try:
+            with naming(self.part / "record.csv"):
+                self._record.close()
+        finally:
+            with naming(self.part / "events.jsonl"):
+                self._events.close()
 
     def _write_document(self) -> None:
         path = self.part / "run.json"

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+limited = pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
 
 
 @pytest.fixture
@@ -129,25 +132,44 @@ def test_a_disk_that_stays_full(
     assert order[-2:] == ["abandon", "off"]  # the bench's own, at its end
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
-def test_a_file_that_may_not_grow(peltier: Peltier, tmp_path: Path, order: list[str]) -> None:
-    """The kernel refuses bytes in the middle of a run (EFBIG, as ENOSPC would)."""
+@contextmanager
+def no_file_above(size_bytes: int) -> Iterator[None]:
+    """The kernel refuses bytes beyond this size (EFBIG, as ENOSPC would)."""
     import resource
 
-    path = write_bench(tmp_path)
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
     try:
-        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+        yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
+
+
+@limited
+def test_a_file_that_may_not_grow(peltier: Peltier, tmp_path: Path, order: list[str]) -> None:
+    """Bytes are refused in the middle of a run."""
+    path = write_bench(tmp_path)
+    with no_file_above(20_000):
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
     assert status == 1
     assert f"File too large: '{tmp_path / 'run.part' / 'record.csv'}'; " in err  # what failed first, and its file
     assert "output off, confirmed by the controller" in err
     assert order[1] == "off"
     assert (tmp_path / "run.part" / "record.csv").stat().st_size <= 20_000
+
+
+@limited
+def test_rows_that_find_no_room_leave_no_file_open(tmp_path: Path) -> None:
+    """The rows are refused only as their file is closed; whoever looks next at the events finds them whole."""
+    folder = RunFolder(tmp_path / "run", {}, "", ["time_s"])
+    folder.flush()
+    folder.row((0.1,) * 100)
+    folder.event(0.1, "phase", "test")
+    with no_file_above(60), pytest.raises(OSError, match=re.escape("record.csv")):
+        folder.abandon()
+    assert "test" in (tmp_path / "run.part" / "events.jsonl").read_text()
 
 
 def test_a_trip_keeps_its_cause_and_the_data_around_it(
