@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from sim.diagnosis.report.upper_limits import UpperLimit
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
@@ -131,9 +132,9 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def _unseen(diagnosis: Diagnosis) -> str:
-    """What may be there all the same, of any size."""
-    names = [limit.name for limit in diagnosis.limits if limit.limit is None]
-    return f"; {listed(names)} would not have shown in this record" if names else ""
+    """What may be there all the same, of any usual size."""
+    names = [limit.name for limit in diagnosis.limits if limit.allows_all_met]
+    return f"; {listed(names)} would not have shown in this record at a usual size" if names else ""
 
 
 def gain_line(what: str, unit: str, channel: Channel) -> str:
@@ -188,11 +189,30 @@ def _assumed(name: str, value: float, interval: tuple[float, float] | None) -> s
 
 def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     """(effect, the sizes that the record still allows, the usual sizes) of each effect that is not named."""
-    rows = []
+    return [
+        (limit.name, _allowed(limit), f"{rough(limit.met[0])} to {rough(limit.met[1])}") for limit in diagnosis.limits
+    ]
+
+
+def _allowed(limit: UpperLimit) -> str:
+    """The sizes that the record still allows: tau_s below 0.62."""
+    if limit.limit is None:
+        return f"{limit.parameter} any"
+    return f"{limit.parameter} {'above' if limit.from_below else 'below'} {rough(limit.limit)}"
+
+
+def limit_lines(diagnosis: Diagnosis) -> list[str]:
+    """What the record excludes whole, what it allows up to a size, and what may be there in any usual size."""
+    kinds: dict[str, list[str]] = {
+        "not there, in any usual size (at 95 %)": [],
+        "not seen, and at 95 % no larger than": [],
+        "would not have shown at a usual size": [],
+    }
+    whole, to_a_size, unseen = kinds.values()
     for limit in diagnosis.limits:
-        bound = "any" if limit.limit is None else f"{'above' if limit.from_below else 'below'} {rough(limit.limit)}"
-        rows.append((limit.name, f"{limit.parameter} {bound}", f"{rough(limit.met[0])} to {rough(limit.met[1])}"))
-    return rows
+        kind = whole if limit.excludes_all_met else unseen if limit.allows_all_met else to_a_size
+        kind.append(limit.name if limit.limit is None else f"{limit.name} ({_allowed(limit)})")
+    return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]
 
 
 def lines(diagnosis: Diagnosis) -> list[str]:
@@ -209,8 +229,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
         out.append(f"film: D(T) of the form {film['memoryless']}, {film['operators']} operators with weight")
         out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
     out += [f"not named: {text}" for text in not_named(diagnosis)]
-    known = [f"{name} ({allowed})" for name, allowed, _ in limit_rows(diagnosis) if not allowed.endswith("any")]
-    out += [f"not seen, and at 95 % no larger than: {'; '.join(known)}"] if known else []
+    out += limit_lines(diagnosis)
     out += [f"left: {text}" for text in left_over(diagnosis)]
     out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
     out += [f"next: {text}" for text in diagnosis.next_experiment]

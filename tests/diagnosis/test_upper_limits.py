@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from rig.report.diagnosis_words import limit_lines
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.report.upper_limits import _allowed
+from sim.diagnosis.report.upper_limits import UpperLimit, _allowed
 from sim.effects.effect import Parameter
 from tests.diagnosis.cases import case
 
@@ -61,3 +64,19 @@ def test_what_jumps_has_a_limit_at_the_jump() -> None:
     assert allowed is not None
     assert 0.07 < allowed < 0.07 * 1.04
     assert math.isfinite(allowed)
+
+
+def test_a_limit_is_read_beside_the_usual_sizes() -> None:
+    """What the record excludes whole is told apart from what it says nothing of."""
+    limits = [
+        UpperLimit("sink", "ratio", 300.0, True, (3.0, 30.0)),
+        UpperLimit("leakage", "leakage_ohm", 2e4, True, (1e4, 1e6)),
+        UpperLimit("series", "series_ohm", 5000.0, False, (1.0, 600.0)),
+        UpperLimit("drift", "drift_K_per_h", 0.001, False, (0.01, 1.0)),
+        UpperLimit("creep", "share", None, False, (0.01, 0.3)),
+    ]
+    assert limit_lines(cast(Any, SimpleNamespace(limits=limits))) == [
+        "not there, in any usual size (at 95 %): sink (ratio above 300); drift (drift_K_per_h below 0.001)",
+        "not seen, and at 95 % no larger than: leakage (leakage_ohm above 20,000)",
+        "would not have shown at a usual size: series (series_ohm below 5,000); creep",
+    ]

@@ -62,6 +62,18 @@ class UpperLimit:
     from_below: bool
     met: tuple[float, float]
 
+    @property
+    def allows_all_met(self) -> bool:
+        """Whether an effect of any size met may be there, unseen."""
+        smallest, largest = self.met
+        return self.limit is None or (self.limit <= smallest if self.from_below else self.limit >= largest)
+
+    @property
+    def excludes_all_met(self) -> bool:
+        """Whether an effect of every size met would have shown."""
+        smallest, largest = self.met
+        return self.limit is not None and (self.limit >= largest if self.from_below else self.limit <= smallest)
+
     def document(self) -> dict[str, Any]:
         """In `peltier-diagnosis/1`."""
         return {"name": self.name, "parameter": self.parameter, "limit95": self.limit}
