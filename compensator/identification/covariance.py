@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 
+NORMAL_95: Final = 1.959963984540054  # standard deviations to either side hold 95 % of a normal distribution
 MOST_BLOCKS: Final = 200  # these tell a spread to 5 %: 1 / sqrt(2 blocks)
 FEWEST_BLOCKS: Final = 12  # these tell a spread to 20 %
 UNKNOWN: Final = 3e-7  # relative size of a singular value below which a combination is not determined

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import NORMAL_95
 from compensator.identification.model_selection import Candidate
-from compensator.identification.prediction_bands import NORMAL_95, Uncertainty
+from compensator.identification.prediction_bands import Uncertainty
 from compensator.identification.rows import Prepared, Start, build_path
 from compensator.identification.temperature_smoother import temperature_path
 

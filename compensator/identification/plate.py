@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
-from compensator.identification.covariance import block_sandwich, correlation_rows
+from compensator.identification.covariance import NORMAL_95, block_sandwich, correlation_rows
 from compensator.identification.heat_balance import (
     LAG_PLACE,
     PLACES,
@@ -38,7 +38,6 @@ from compensator.identification.heat_balance import (
     Trial,
     rough_balances,
 )
-from compensator.identification.prediction_bands import NORMAL_95
 from compensator.identification.rows import FEWEST, gap_threshold
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel

@@ -1,21 +1,20 @@
 """How far a fitted film can be trusted: standard errors of its parameters and 95 % bands of its predictions.
 
 The prediction is linearized in everything that was fitted: outer parameters, D's coefficients, the offset and the
-weights that are not at their bound 0. Their covariance is the block sandwich of `identify_covariance`.
+weights that are not at their bound 0. Their covariance is the block sandwich of
+`compensator.identification.covariance`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import Covariance, block_sandwich
+from compensator.identification.covariance import NORMAL_95, Covariance, block_sandwich
 from compensator.identification.rows import Path
-
-NORMAL_95: Final = 1.959963984540054  # standard deviations to either side hold 95 % of a normal distribution
 
 
 class Linearized(Protocol):

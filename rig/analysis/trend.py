@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import NORMAL_95
 from rig.analysis.change_point import Change, latest_change
-
-CI95 = 1.96  # half of a 95 % interval in standard errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,7 @@ class Series:
 
 
 def _size(pair: tuple[float, float]) -> str:
-    return f"{pair[0]:.4g} +- {CI95 * pair[1]:.2g}"
+    return f"{pair[0]:.4g} +- {NORMAL_95 * pair[1]:.2g}"
 
 
 def series_of(rows: Iterable[Mapping[str, Any]]) -> list[Series]:
@@ -96,7 +95,7 @@ def _of_rig(rig: str, runs: Sequence[Mapping[str, Any]]) -> list[Series]:
         value, low, high = (
             np.array([_number(run.get(key)) for run in runs]) for key in (name, f"{name}.low", f"{name}.high")
         )
-        error = (high - low) / (2.0 * CI95)
+        error = (high - low) / (2.0 * NORMAL_95)
         found.append(Series(rig, effect, parameter, at, value, low, high, latest_change(value, error)))
     return found
 

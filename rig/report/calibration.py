@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import NORMAL_95
 from rig.analysis.film_numbers import numbers_of_run
 from rig.analysis.score import error_dec
 from rig.files.run_folder import PREDICTED
@@ -63,7 +64,7 @@ def _parameter(one: dict[str, Any]) -> list[str]:
     """A row of the plate's table."""
     name, unit = UNITS.get(one["name"], (one["name"], ""))
     error = one["standard_error"]
-    interval = f"\N{PLUS-MINUS SIGN} {1.96 * error:.2g}" if error is not None else "\N{EN DASH}"
+    interval = f"\N{PLUS-MINUS SIGN} {NORMAL_95 * error:.2g}" if error is not None else "\N{EN DASH}"
     return [name, f"{one['value']:.6g}", interval, unit]
 
 

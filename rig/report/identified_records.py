@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from compensator.identification.covariance import NORMAL_95
 from rig.analysis.identified import AskedFit, Identified, identified, seen_degC
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
@@ -209,7 +210,7 @@ def _tell_plate(fit: PlateFit, drive: str | None, say: Say) -> dict[str, Any]:
     per = "full drive" if drive else "A"
     say(f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
-        say(f"  {name} = {value:.6g} +- {1.96 * error:.2g} (95 %)")
+        say(f"  {name} = {value:.6g} +- {NORMAL_95 * error:.2g} (95 %)")
     notes = list(fit.identifiability)
     if fit.rmse_K > MISFIT * fit.noise_K:
         times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
@@ -224,7 +225,7 @@ def _tell_plate(fit: PlateFit, drive: str | None, say: Say) -> dict[str, Any]:
         "kind": fit.model.kind,
         "drive": drive,
         "parameters": {
-            name: {"value": float(value), "ci95": [float(value - 1.96 * error), float(value + 1.96 * error)]}
+            name: {"value": float(value), "ci95": [float(value - NORMAL_95 * error), float(value + NORMAL_95 * error)]}
             for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True)
         },
         "rmse_K": fit.rmse_K,

@@ -12,7 +12,7 @@ from itertools import islice
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import block_sandwich
+from compensator.identification.covariance import NORMAL_95, block_sandwich
 from sim.diagnosis.data.record import Rows
 from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
@@ -24,7 +24,6 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.temperature_search import cell_of, cells
 from sim.effects.effect import Switched, jumps
 
-NORMAL_95 = 1.96  # standard deviations to either side hold 95 % of a normal distribution
 HALF_CHI2_95 = 1.92  # the fall of the log-likelihood to either side: half of chi square's 3.84
 MUCH_WORSE = 8.0  # log-likelihood
 ON_END = 4  # cells much worse that end an interval

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from compensator.hysteresis.functions import KELVIN
-from sim.diagnosis.report.intervals import MEANINGLESS, NORMAL_95, first_deviations
+from compensator.identification.covariance import NORMAL_95
+from sim.diagnosis.report.intervals import MEANINGLESS, first_deviations
 from sim.diagnosis.search.chain import Chain
 
 Interval = tuple[float, float] | None
