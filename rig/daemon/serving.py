@@ -10,12 +10,12 @@ from rig.core.clock import RealClock
 from rig.core.errors import PortHeld, RigError
 from rig.core.faults import fault
 from rig.core.outcome import NotConfirmedOff
+from rig.core.patient_lines import PatientLines
 from rig.daemon.answers import Answers
 from rig.daemon.bench_state import no_job_because, warnings
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
-from rig.daemon.log import Log
 from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import Notifier
@@ -24,6 +24,7 @@ from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
 from rig.history.alone import Alone
 
+LOG_PATIENCE_S = 1.0  # at the end, for whoever reads the log: a daemon that is to end is not held up
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 TOKEN = "serve.token is set: the page and its interface ask for it, on the loopback too"
 METRICS = "; /metrics takes serve.metrics_token as well"
@@ -85,7 +86,8 @@ def _web_processes(file: ConfigurationFile, place: Path, desk: Desk, stack: Exit
 def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
     """The bench process: socket first, so that a second daemon is told; then the ports and the page. Until a signal."""
     with ExitStack() as stack:
-        log = stack.enter_context(closing(Log()))
+        log = PatientLines("peltier serve")
+        stack.callback(log.close, LOG_PATIENCE_S)
         place = socket_to_make(file.content.serve.name)
         listener = stack.enter_context(closing(ControlSocket(place)))
         folder = stack.enter_context(closing(Alone(history_folder(file))))

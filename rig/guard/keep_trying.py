@@ -29,9 +29,7 @@ def keep_trying(held: Held, seconds: float = KEEP_TRYING_S) -> None:
     """Go on in a process of its own; returns at once in this one."""
     if not hasattr(os, "fork"):
         return
-    sys.stdout.flush()
-    sys.stderr.flush()
-    if os.fork():
+    if os.fork():  # what stdout and stderr have not written yet stays here: the other ends without a flush
         return
     try:
         _detach()

@@ -5,7 +5,8 @@ without having said that it let go of the output with the output confirmed off, 
 itself and commands it off: exit status 11 where that is not confirmed, else 128 + n for a child that died of signal n.
 After a confirmation the guard goes on reading the temperature, where the child had told what it would show
 (`rig.safety.after_off`): a controller that only says that it is off is not believed, and that is status 11 as well.
-How it ended is told on stderr, and written into the folder of the run that was going on.
+How it ended is told on stderr, and written into the folder of the run that was going on. Nothing waits for whoever
+reads stderr but the guard's own end: everything is done by then.
 A child that has told itself that the output is not confirmed off (status 11) is not contradicted. Either way, where the
 output had been armed, a detached process keeps trying (`rig.guard.keep_trying`).
 A child that has armed the output and completes no tick for `silence_s`, or is suspended, is ended: the dead man of
@@ -28,6 +29,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rig.core.outcome import NotConfirmedOff
+from rig.core.patient_lines import PatientLines
 from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
 from rig.guard.left_behind import Left, write_end
@@ -65,7 +67,11 @@ def guarded(work: Callable[[Guard], int], *, silence_s: float = SILENCE_S, patie
         child = os.fork()
         if child:
             os.close(writer)
-            return _Watch(child, reader, signals, last_breath, silence_s, patience_s).until_it_ends()
+            watch = _Watch(child, reader, signals, last_breath, silence_s, patience_s)
+            try:
+                return watch.until_it_ends()
+            finally:
+                watch.tell.close(None)
     os.close(reader)
     _die_with(guard_pid)
     return work(GuardLine(writer, guard_pid, last_breath))
@@ -136,6 +142,7 @@ class _Watch:
         self._courses: Courses | None = None
         self._courses_s = -math.inf  # when they were told
         self._left: Left | None = None
+        self.tell = PatientLines("peltier guard")
 
     def until_it_ends(self) -> int:
         """Wait for the child's end; what it left on is switched off then."""
@@ -224,15 +231,15 @@ class _Watch:
                 os.kill(self._child, signal.SIGKILL)
                 self._end_s = now + GRACE_S
         elif self._busy and not self._given_up and now - self._heard_s >= self._silence_s:
-            _tell(f"process {self._child}: no tick for {self._silence_s:g} s with the output armed: ending it")
             os.kill(self._child, signal.SIGTERM)
             self._end_s = now + GRACE_S
+            self.tell(f"process {self._child}: no tick for {self._silence_s:g} s with the output armed: ending it")
 
     def _suspended(self) -> None:
         """A process that is suspended controls nothing."""
         if self._held:
-            _tell(f"process {self._child} was suspended while it holds the controller: ending it")
             os.kill(self._child, signal.SIGKILL)
+            self.tell(f"process {self._child} was suspended while it holds the controller: ending it")
 
     def _status(self, code: int) -> int:
         """The exit status, after the output was switched off where the child did not say that it is."""
@@ -251,14 +258,14 @@ class _Watch:
         courses = self._courses_at(verdict)
         watched = f"; its temperature is watched for {courses.lasts_s:.0f} s at the most" if courses is not None else ""
         text = f"process {self._child} {how}; {sentence(controller, verdict)}"
-        _tell(f"{text}{watched}")
+        self.tell(f"{text}{watched}")
         if meter is not None:
             switch_off(meter, 0.0)
         if courses is not None:
             look = temperature_after(controller, courses, verdict.said_s, self._patience_s)
             if look.agrees is False:
                 return self._not_confirmed(controller, look.text)
-            _tell(said := "the temperature agrees" if look.agrees else "the temperature did not show either")
+            self.tell(said := "the temperature agrees" if look.agrees else "the temperature did not show either")
             text = f"{text}; {said}"
         write_end(self._left, text, confirmed=True)
         return status
@@ -279,14 +286,9 @@ class _Watch:
 
     def _not_confirmed(self, controller: Held, text: str = "") -> int:
         """Where the output may be on by this program's doing, somebody goes on trying. text: empty if it is told."""
-        if text:
-            _tell(f"OUTPUT NOT CONFIRMED OFF: {text}. Switch the controller off by hand.")
-            write_end(self._left, text, confirmed=False)
         if self._busy:
             keep_trying(controller)
+        if text:
+            self.tell(f"OUTPUT NOT CONFIRMED OFF: {text}. Switch the controller off by hand.")
+            write_end(self._left, text, confirmed=False)
         return NotConfirmedOff.exit_status
-
-
-def _tell(text: str) -> None:
-    with contextlib.suppress(OSError):  # the terminal may have gone as well
-        print(f"peltier guard: {text}", file=sys.stderr, flush=True)

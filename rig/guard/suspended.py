@@ -7,6 +7,7 @@ Source: Linux man page proc_pid_stat(5).
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -46,10 +47,11 @@ class SuspendedWatch:
         while not never.wait(LOOK_S):
             if is_suspended(self._guard_pid):
                 self.found = True
-                print(
-                    f"peltier: the guard process {self._guard_pid} is suspended: ending with the output off",
-                    file=sys.stderr,
-                    flush=True,
-                )
                 os.kill(os.getpid(), signal.SIGTERM)
+                with contextlib.suppress(OSError, ValueError):  # the terminal has gone
+                    print(
+                        f"peltier: the guard process {self._guard_pid} is suspended: ending with the output off",
+                        file=sys.stderr,
+                        flush=True,
+                    )
                 return

@@ -17,11 +17,11 @@ from typing import Any, cast
 import pytest
 
 from rig.core.faults import Faults
+from rig.core.patient_lines import MOST_WAITING, PatientLines
 from rig.daemon.admission import admit
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.hold import hold_of
 from rig.daemon.job_run import JobRun
-from rig.daemon.log import MOST_WAITING, Log
 from rig.daemon.words import in_a_line, rows_of
 from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
@@ -85,11 +85,11 @@ def test_whoever_does_not_read_the_log_holds_up_nobody(monkeypatch: pytest.Monke
 
     released, stream = threading.Event(), Stalled()
     monkeypatch.setattr(sys, "stderr", stream)
-    log = Log()
+    log = PatientLines("peltier serve")
     for k in range(2 * MOST_WAITING):
         log(f"line {k}")
     released.set()
-    log.close()
+    log.close(1.0)
     lines = stream.getvalue().splitlines()
     assert lines[:2] == ["peltier serve: line 0", "peltier serve: line 1"]
     assert len(lines) <= MOST_WAITING + 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -48,6 +49,38 @@ def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:
     assert killed.off_at_the_end
     assert killed.status == 128 + signal.SIGKILL
     assert "was suspended" in killed.err
+
+
+def fill_stderr(process: subprocess.Popen[str]) -> None:
+    """As a `less` that waits, or Ctrl-S, does: no byte more fits."""
+    descriptor = os.open(f"/proc/{process.pid}/fd/2", os.O_WRONLY | os.O_NONBLOCK)
+    try:
+        for size in (4096, 1):
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    os.write(descriptor, b"x" * size)
+    finally:
+        os.close(descriptor)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="another process's stderr is opened through /proc")
+def test_whoever_does_not_read_stderr_holds_up_no_guard(runs: KilledRuns) -> None:
+    """A run is suspended; the output is commanded off before anybody has been told."""
+    process = runs.start()
+    fill_stderr(process)
+    pid, _ = holder(runs.port)
+    assert pid is not None
+    runs.witness.told_s.clear()
+    os.kill(pid, signal.SIGSTOP)
+    until_s = time.monotonic() + 20.0
+    while (runs.witness.on or not runs.witness.told_s) and time.monotonic() < until_s:
+        time.sleep(0.01)
+    assert runs.witness.told_s  # not by the instrument's own dead man
+    assert not runs.witness.on
+    _, err = process.communicate(timeout=60.0)
+    assert process.returncode == 128 + signal.SIGKILL
+    assert "was suspended" in err
+    assert "output off, confirmed by the controller" in err
 
 
 def is_known(folder: Path, driver: str) -> bool:
