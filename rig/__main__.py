@@ -10,6 +10,7 @@ import sys
 
 from rig.command.overwriting import refuse_overwriting
 from rig.core.faults import Faults
+from rig.core.standard_streams import open_standard_streams, outlive_readers
 
 # verb -> what it does, for the overview; the verb's module is rig.command.VERB
 VERBS = {
@@ -51,6 +52,9 @@ def overview() -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a verb; the return value is the exit status (interfaces, names and exits)."""
+    own_process = arguments is None  # a caller inside Python keeps its streams, and is not ours to double
+    if own_process:
+        open_standard_streams()
     words = sys.argv[1:] if arguments is None else arguments
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name may be no text, as stderr knows already
@@ -65,15 +69,16 @@ def main(arguments: list[str] | None = None) -> int:
     verb = words[0]
     if verb in ON_A_CLOCK:  # threads of linear algebra wait for each other, which takes seconds on a busy computer
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        if own_process:
+            outlive_readers()
     if verb not in VERBS:
         import difflib
 
         near = difflib.get_close_matches(verb, VERBS, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        print(f"peltier: {verb!r} is no verb{hint}. There are: {', '.join(VERBS)}", file=sys.stderr)
+        hint = f"; did you mean {near[0]!r}?" if near else "."
+        print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
-    own_process = arguments is None  # whether it may fork: a caller inside Python is not ours to double
     return ended(lambda: _act(verb, words[1:], own_process), verb)
 
 

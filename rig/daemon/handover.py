@@ -5,7 +5,7 @@
         return status
 
 Import-light, so that it can be asked before the bench's own code is loaded. The exit status is the job's: what
-the verb would have given. Ctrl-C ends the job as it would end a run.
+the verb would have given. Ctrl-C ends the job as it would end a run; a reader who goes ends nothing.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ import os
 import signal
 import sys
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from rig.core.faults import Faults, fault
-from rig.core.outcome import NotConfirmedOff
+from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.terminal_line import TerminalLine
-from rig.daemon.asking import one_daemon, report, teller
+from rig.daemon.asking import checked, one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
 from rig.daemon.words import in_a_line, off_in_words
 from rig.files.toml_text import read_toml
+from rig.safety.signals import SignalStop
 
 HOLDING = ("tripped", "stopped", "offline")
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
@@ -59,8 +59,11 @@ def handed_over(
             except NoDaemon:
                 continue
             if {os.path.realpath(port) for port in who.get("ports", [])} & ports:
-                with Client(client.path, SILENCE_S) as stream:
-                    return _followed(verb, client, stream, config, out, json_target)
+                try:
+                    with Client(client.path, SILENCE_S) as stream:
+                        return _followed(verb, client, stream, config, out, json_target)
+                except NoDaemon as error:
+                    raise fault(config, "bench", f"a daemon has its ports, and takes no job: {error}") from None
     return None
 
 
@@ -74,49 +77,39 @@ def _ports(config: Path) -> set[str]:
     return {os.path.realpath(port) for port in ports if isinstance(port, str) and not port.startswith("sim://")}
 
 
-class _Interrupted(Exception):
-    """A signal came."""
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        super().__init__(f"stopped by {signal.Signals(number).name}")
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise _Interrupted(number)
-
-
 def _followed(verb: str, client: Client, told: Client, config: Path, out: Path | None, json_target: str | None) -> int:
-    """`client` answers, `told` tells what happens."""
+    """`client` answers, `told` tells what happens. From the moment that there may be a job, a signal ends it."""
     stream = teller(json_target)
     events = told.events(SILENCE_S)
     next(events)  # the state: from here on nothing is missed
     more = {"out": str(out.absolute())} if out is not None else {}
     if verb == "calibrate":
         more["kind"] = CALIBRATION
-    answer = client.ask("submit", path=str(config.absolute()), **more)
-    if not answer.get("ok"):
-        raise Faults(answer.get("faults", []))
-    job = answer["job"]
-    print(
-        f"handed over to the daemon {client.path.stem}, which holds the ports, as job {job['id']}",
-        file=stream,
-        flush=True,
-    )
-    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        job = _until_it_ends(events, job, stream)
-    except _Interrupted as stopped:
-        for number in before:
-            signal.signal(number, signal.SIG_IGN)
-        return _ended_by(verb, client, job["id"], stopped.number)
-    except NoDaemon as error:
-        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error} while the job ran", file=sys.stderr)
-        return NotConfirmedOff.exit_status
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with SignalStop() as signals:
+        signals.shield()  # what comes before the answer waits for it: then there is a job to end
+        try:
+            job = checked(client.ask("submit", path=str(config.absolute()), **more))["job"]
+        except NoDaemon as error:
+            return _not_confirmed(verb, f"{error}, which may have begun the job")
+        try:
+            signals.expose()
+            print(
+                f"handed over to the daemon {client.path.stem}, which holds the ports, as job {job['id']}",
+                file=stream,
+                flush=True,
+            )
+            job = _until_it_ends(events, job, stream)
+        except Stopped as stopped:
+            signals.shield()
+            return _ended_by(verb, client, job["id"], stopped.number)
+        except NoDaemon as error:
+            return _not_confirmed(verb, f"{error} while the job ran")
     return _told_of_the_end(verb, client, job, json_target)
+
+
+def _not_confirmed(verb: str, why: str) -> int:
+    print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {why}", file=sys.stderr)
+    return NotConfirmedOff.exit_status
 
 
 def _told_of_the_end(verb: str, client: Client, job: dict[str, Any], json_target: str | None) -> int:
@@ -202,10 +195,8 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
         client.ask("cancel", id=number, by=name)
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
-        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {error}", file=sys.stderr)
-        return NotConfirmedOff.exit_status
+        return _not_confirmed(verb, str(error))
     if state.get("output") != "off":
-        print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: see `peltier status`", file=sys.stderr)
-        return NotConfirmedOff.exit_status
+        return _not_confirmed(verb, "see `peltier status`")
     print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
     return 128 + signal_number

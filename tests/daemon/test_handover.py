@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,17 @@ class _Daemon:
 
     def __init__(self, status: int, state: dict[str, Any] | None) -> None:
         self._status, self._state = status, state
+        self.asked: list[str] = []
+        self.signals: dict[str, signal.Signals] = {}  # that come while something is asked or told
+
+    def _signalled(self, when: str) -> None:
+        if when in self.signals:
+            signal.raise_signal(self.signals[when])
 
     def ask(self, verb: str, **more: Any) -> dict[str, Any]:
+        self.asked.append(verb)
         if verb == "submit":
+            self._signalled("submit")
             return {"ok": True, "job": {"id": "7"}}
         if self._state is None:
             raise NoDaemon("the daemon is silent")
@@ -33,6 +42,7 @@ class _Daemon:
 
     def events(self, silence_s: float) -> Any:
         yield {"event": "state", "data": OFF}
+        self._signalled("follow")
         reason = None if self._status == 0 else "the film is too hot"
         job = {"id": "7", "ended_s": 1.0, "exit_status": self._status, "reason": reason, "folder": "runs/7"}
         yield {"event": "job", "data": job}
@@ -61,12 +71,44 @@ def test_an_output_that_nobody_answers_for_outranks_the_jobs_status(
     tmp_path: Path,
 ) -> None:
     daemon = _Daemon(status, state)
-    monkeypatch.setattr(handover, "_ports", lambda config: {"/dev/one"})
-    monkeypatch.setattr(handover, "daemons", lambda: [_Held(daemon)])
-    monkeypatch.setattr(handover, "Client", lambda path, silence_s: _Held(daemon))
+    stand_in(daemon, monkeypatch)
     assert handover.handed_over("run", tmp_path / "config.toml", None) == expected
     out, err = capsys.readouterr()
     assert said in (err if expected else out)
+
+
+def stand_in(daemon: _Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is the one that runs."""
+    monkeypatch.setattr(handover, "_ports", lambda config: {"/dev/one"})
+    monkeypatch.setattr(handover, "daemons", lambda: [_Held(daemon)])
+    monkeypatch.setattr(handover, "Client", lambda path, silence_s: _Held(daemon))
+
+
+@pytest.mark.parametrize("when", ["submit", "follow"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
+    when: str, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    daemon, number = _Daemon(0, OFF), getattr(signal, name, None)
+    if number is None:
+        pytest.skip(f"no {name} here")
+    daemon.signals[when] = number
+    stand_in(daemon, monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + number
+    assert daemon.asked == ["submit", "cancel", "state"]
+    assert f"stopped by {name}; output off, confirmed" in capsys.readouterr().err
+
+
+def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    class Gone(_Daemon):
+        def ask(self, verb: str, **more: Any) -> dict[str, Any]:
+            raise NoDaemon("the daemon has ended")
+
+    stand_in(Gone(0, OFF), monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == 11
+    assert "OUTPUT NOT CONFIRMED OFF" in capsys.readouterr().err
 
 
 class _Held:
