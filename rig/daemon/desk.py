@@ -93,6 +93,7 @@ class Desk:
         self.began_s = self.steady_s()
         self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
+        self._had_history = False
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
         self.writer = Writer(history, self._open_history, self._committed, self._history_failed, self._clock_jumped)
@@ -133,18 +134,24 @@ class Desk:
             raise OSError(str(error)) from None
         serve = self.file.content.serve
         store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
+        ours = self.queue.tables()[::-1]  # where it is begun anew, or has come back, while the daemon runs
         try:
-            self.queue.remember(self._jobs_of_before(store))
+            self.queue.remember(self._jobs_of_before(store, {job["id"] for job in ours}))
+            for job in ours:
+                store.save_job(job)
         except BaseException:
             store.close()
             raise
+        if self._had_history:
+            self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
+        self._had_history = True
         if store.damage:
             self.notes = [*self.notes, store.damage]
         return store
 
-    def _jobs_of_before(self, store: Store) -> list[dict[str, Any]]:
-        """What waited or ran when the daemon ended does not go on."""
-        jobs = store.jobs()
+    def _jobs_of_before(self, store: Store, ours: set[str]) -> list[dict[str, Any]]:
+        """Those that are not ours. What waited or ran when the daemon ended does not go on."""
+        jobs = [job for job in store.jobs() if job["id"] not in ours]
         for job in jobs:
             if job["state"] in ("queued", "running"):
                 self._not_off = self._not_off or not_confirmed_off(job["folder"])
@@ -205,10 +212,11 @@ class Desk:
         self.note(f"the time of day jumped {by}, it is now {now}; nothing is deleted for that; check the clock")
 
     def _history_failed(self, text: str) -> None:
-        """In the writer's thread: the output off first, then told."""
+        """In the writer's thread: the output off first, then told. What is latched is written again: it lies beside."""
         text = f"the history cannot be written: {text}"
         if self.in_loop:
             self.gate.stop(Tripped("history", text, self.clock.now_s()))
+        self.latching.keep_again()
         self.changed()
 
     def trip(self, cause: str, text: str) -> None:

@@ -70,6 +70,11 @@ class Latching:
             if self.held is latch:
                 self.told = latch
 
+    def keep_again(self) -> None:
+        """What the file should say is written once more: it may have gone, together with what lay beside it."""
+        with self._changed:
+            self._ask(self._wanted)
+
     def clear(self, reason: str, at_s: float) -> Latch | None:
         """What was latched no longer is, on disk first; None where nothing was. Raises NotCleared."""
         with self._changed:

@@ -17,6 +17,7 @@ from pathlib import Path
 
 # until it is begun again, doubled each time: one that cannot live must not take the bench's processor
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
+SAME_SIGNAL_S = 0.2  # a signal to the whole process group reaches it first: nothing that anybody should be told
 LONG_LIFE_S = 60.0  # one that lived longer has not died of its start
 ENDS_S = 2.0  # it has nothing to put away; then it is killed
 CALLERS = 128  # that wait to be accepted
@@ -49,7 +50,7 @@ class WebProcess:
                 self._note(f"the {self._name} cannot be served: {error}")
             else:
                 status = self._process.wait()
-                if self._ending.is_set():
+                if self._ending.wait(SAME_SIGNAL_S):
                     return
                 self._note(f"the process of the {self._name} ended with status {status} and is begun again")
             wait_s = FIRST_WAIT_S if time.monotonic() - began > LONG_LIFE_S else min(2.0 * wait_s, LONGEST_WAIT_S)

@@ -24,12 +24,17 @@ class Alone:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._descriptors: list[int] = []
+        self._locked: os.stat_result | None = None  # the folder
 
     def take(self) -> None:
-        """Take it; nothing more where it is held already. Raises PortHeld, OSError where no lock can be had."""
-        if self._descriptors:
-            return
+        """Take it; nothing more where it is held already, and the folder is the same one still. Raises PortHeld,
+        OSError where no lock can be had."""
         self._folder.mkdir(parents=True, exist_ok=True)
+        folder = os.stat(self._folder)
+        if self._descriptors and self._locked is not None and os.path.samestat(folder, self._locked):
+            return
+        self.close()
+        self._locked = folder
         failure: OSError | None = None
         for path, flags in ((self._folder, os.O_RDONLY), (self._folder / NAME, os.O_RDWR | os.O_CREAT)):
             try:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -45,8 +46,16 @@ class Store:
         self.path = path
         self._retention = retention
         self._connection, self.damage = opened(path)
+        self._file = os.stat(path)
         self.has_latch = version(self._connection) >= VERSION_LATCHED
         self._rolled: dict[str, int] = {}  # bucket that is open now
+
+    def in_place(self) -> bool:
+        """Whether its file still is the one of its name: a file that was moved or deleted takes rows without a word."""
+        try:
+            return os.path.samestat(self._file, os.stat(self.path))
+        except OSError:
+            return False
 
     def add(self, rows: Iterable[dict[str, Any]], aged_s: float | None = None) -> None:
         """Commit rows, {column: value} each; columns that a row lacks are NULL."""

@@ -2,7 +2,8 @@
 
 A row is published after its commit. Where a commit fails, nothing of it is published, and `on_failure` is called at
 once, in this thread: the output goes off first. Rows that come while the disk is full are dropped and counted; a try a
-second finds out when there is room again. A history that cannot even be opened is a failure of the same kind.
+second finds out when there is room again. A history that cannot even be opened, or was moved or deleted, is a failure
+of the same kind.
 """
 
 from __future__ import annotations
@@ -126,6 +127,8 @@ class Writer:
 
     def _written(self, rows: list[Row]) -> bool:
         """Whether they are committed now."""
+        if self.store is not None and not self._guarded(self._look):
+            return False
         if self.store is None and not self._guarded(self._open):
             return False
         store = self._there()
@@ -147,6 +150,14 @@ class Writer:
             store.close()
             raise
         self.store = store
+
+    def _look(self) -> None:
+        """Raises OSError where the file has gone from its place; the next try begins a new one there."""
+        store = self._there()
+        if not store.in_place():
+            store.close()
+            self.store = None
+            raise OSError("was moved or deleted, and is begun anew")
 
     def _there(self) -> Store:
         assert self.store is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -173,6 +174,39 @@ def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tm
     connection.close()
 
 
+@pytest.mark.parametrize("how", ["deleted", "moved", "replaced"])
+def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite goes on writing into a file without a name."""
+    monkeypatch.setattr("rig.history.writer.TRY_AGAIN_S", 0.0)
+    monkeypatch.setattr("rig.history.writer.PART_OF_TIME", 0.0)
+    path, told, shown = tmp_path / "kept" / "h.sqlite", [], []
+    writer = Writer(path, lambda: Store(path, Retention()), lambda one: shown.append(one["time_s"]), told.append)
+    writer.open()
+    writer.start()
+    writer.row(row(NOON_S), 0.0)
+    assert writer.settle()
+    if how == "deleted":
+        shutil.rmtree(path.parent)
+    else:
+        path.parent.rename(tmp_path / "elsewhere")
+    if how == "replaced":
+        shutil.copytree(tmp_path / "elsewhere", path.parent)
+    for k in (1, 2):
+        writer.row(row(NOON_S + k), float(k))
+        assert writer.settle()
+    writer.stop()
+    assert len(told) == 1
+    assert "moved or deleted" in told[0]
+    assert shown == [NOON_S, NOON_S + 2]
+    assert writer.dropped == 1
+    connection = connect_to_read(path)
+    kept = [r[0] for r in connection.execute("SELECT time_s FROM raw ORDER BY id")]
+    connection.close()
+    assert kept == ([NOON_S, NOON_S + 2] if how == "replaced" else [NOON_S + 2])
+
+
 CHILD = """
 import sys
 from pathlib import Path
@@ -258,4 +292,8 @@ def test_a_folder_has_one_writer_with_or_without_room_for_its_lock(
         first.take()
     second.close()
     first.take()
+    (tmp_path / "kept").rename(tmp_path / "elsewhere")
+    first.take()  # of the folder that has the name now
+    with pytest.raises(PortHeld):
+        second.take()
     first.close()

@@ -6,6 +6,7 @@ import contextlib
 import io
 import os
 import re
+import shutil
 import sys
 import threading
 import tomllib
@@ -18,8 +19,10 @@ import pytest
 
 from rig.core.faults import Faults
 from rig.core.patient_lines import MOST_WAITING, PatientLines
+from rig.daemon import latch_file
 from rig.daemon.admission import admit
 from rig.daemon.answers import Answers, Refusal
+from rig.daemon.desk import HISTORY
 from rig.daemon.hold import hold_of
 from rig.daemon.job_run import JobRun
 from rig.daemon.words import in_a_line, rows_of
@@ -75,6 +78,24 @@ def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch
     assert [output for what, output in rows_of(bench.state()) if what == "output"] == [
         "off, confirmed by the controller (its status, and the current that it measures)"
     ]
+
+
+def test_a_job_ends_where_its_history_is_deleted_and_what_is_latched_stays(bench: RunningBench) -> None:
+    text = bench.file.path.read_text()
+    job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "long"})["job"]["id"]
+    bench.until_phase("profile")
+    shutil.rmtree(bench.desk.folder)
+    ended = ended_job(bench, job)
+    assert "moved or deleted" in ended["reason"]
+    assert bench.until_state("tripped")["output_confirmed"] is True
+    until(lambda: bench.desk.writer.failure is None, "a new history")
+    until(lambda: bench.desk.latching.on_disk, "the latch")
+    assert any("a new one was begun" in warning for warning in bench.state()["warnings"])
+    kept = latch_file.read(bench.desk.folder / latch_file.LATCH)
+    assert kept is not None
+    assert kept.state == "tripped"
+    with contextlib.closing(Store(bench.desk.folder / HISTORY, Retention())) as store:
+        assert [one["id"] for one in store.jobs()] == [job]
 
 
 def test_whoever_does_not_read_the_log_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
