@@ -19,7 +19,7 @@ import os
 import platform
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
@@ -92,7 +92,8 @@ def versions() -> dict[str, str]:
 
 
 class RunFolder:
-    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole.
+    """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole. A folder that is
+    deleted meanwhile is written again with the next flush: files without a name would take rows without a word.
 
     begun_s: when each phase has begun, s of the run.
     """
@@ -104,10 +105,9 @@ class RunFolder:
         self.columns = columns
         self.rows: list[tuple[Any, ...]] = []
         self.begun_s: dict[str, float] = {}
-        self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
-        self._record.write(",".join(columns) + "\n")
-        self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
-        write_text(self.part / "config.toml", configuration_text)
+        self._kept = {"config.toml": configuration_text}  # texts by the names of their files
+        self._lines: list[str] = []  # of the events
+        self._open()
         self.document: dict[str, Any] = {
             "format": "peltier-run/1",
             "start": {
@@ -118,13 +118,24 @@ class RunFolder:
         }
         self._write_document()
 
+    def _open(self) -> None:
+        """The files, with all that they have to have by now."""
+        self._record: TextIO = (self.part / "record.csv").open("w", encoding="utf-8", newline="")
+        self._record.write(",".join(self.columns) + "\n")
+        self._record.writelines(map(_csv_line, self.rows))
+        self._events: TextIO = (self.part / "events.jsonl").open("w", encoding="utf-8")
+        self._events.writelines(self._lines)
+        for name, text in self._kept.items():
+            write_text(self.part / name, text)
+
     def row(self, values: tuple[Any, ...]) -> None:
         """One row, in the order of the columns; nan becomes an empty field."""
         self.rows.append(values)
         with naming(self.part / "record.csv"):
-            self._record.write(",".join(["" if v != v else str(v) for v in values]) + "\n")
+            self._record.write(_csv_line(values))
 
     def flush(self) -> None:
+        self._write_again_if_deleted()
         with naming(self.part / "record.csv"):
             self._record.flush()
         with naming(self.part / "events.jsonl"):
@@ -134,7 +145,8 @@ class RunFolder:
         """Something that happened, at a time of the run."""
         if kind == "phase":
             self.begun_s[text] = time_s
-        self._events.write(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
+        self._lines.append(json.dumps({"time_s": time_s, "event": kind, "text": text, **more}) + "\n")
+        self._events.write(self._lines[-1])
 
     def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
         """A column of the rows so far."""
@@ -154,6 +166,7 @@ class RunFolder:
     def keep(self, name: str, text: str) -> None:
         """A file that the run depends on, so that the folder stands alone."""
         write_text(self.part / name, text)
+        self._kept[name] = text
 
     def stop(self, reason: str, **more: Any) -> None:
         """Why the run ended, and its results; all rows and the document are on disk after this."""
@@ -163,6 +176,7 @@ class RunFolder:
             "rows": len(self.rows),
             **more,
         }
+        self._write_again_if_deleted()
         self._write_document()
         self.flush()
 
@@ -184,11 +198,29 @@ class RunFolder:
             with naming(self.part / "events.jsonl"):
                 self._events.close()
 
+    def _write_again_if_deleted(self) -> None:
+        """All that was in the folder is known still."""
+        if os.fstat(self._record.fileno()).st_nlink > 0:
+            return
+        with suppress(OSError):
+            self._record.close()
+        with suppress(OSError):
+            self._events.close()
+        self.part.mkdir(parents=True, exist_ok=True)
+        self._open()
+        self._write_document()
+        self.event(self.rows[-1][0] if self.rows else 0.0, "deleted", "the run's folder was deleted, and written again")
+
     def _write_document(self) -> None:
         path = self.part / "run.json"
         temporary = path.with_suffix(".json.new")
         write_text(temporary, json.dumps(_plain(self.document), indent=2) + "\n")
         os.replace(temporary, path)
+
+
+def _csv_line(values: tuple[Any, ...]) -> str:
+    """A row; nan becomes an empty field."""
+    return ",".join(["" if v != v else str(v) for v in values]) + "\n"
 
 
 def _plain(value: Any) -> Any:

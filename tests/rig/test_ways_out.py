@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import re
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -170,6 +171,18 @@ def test_rows_that_find_no_room_leave_no_file_open(tmp_path: Path) -> None:
     with no_file_above(60), pytest.raises(OSError, match=re.escape("record.csv")):
         folder.abandon()
     assert "test" in (tmp_path / "run.part" / "events.jsonl").read_text()
+
+
+def test_a_folder_that_is_deleted_is_written_again(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    at_row(monkeypatch, 100, lambda: shutil.rmtree(tmp_path / "run.part"))
+    assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
+    rows = len((tmp_path / "run" / "record.csv").read_text().splitlines()) - 1
+    assert rows == json.loads((tmp_path / "run" / "run.json").read_text())["stop"]["rows"] > 100
+    events = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
+    assert {"phase", "deleted"} <= {event["event"] for event in events}
+    assert (tmp_path / "run" / "config.toml").exists()
 
 
 def test_a_trip_keeps_its_cause_and_the_data_around_it(
