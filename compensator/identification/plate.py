@@ -56,6 +56,7 @@ UNUSUAL: Final = 6.0  # squared spreads from a usual plate
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
+MORE_THAN_NOISE: Final = 1.2  # times the noise: its estimate from neighbouring rows is good to some tenths
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,11 +199,8 @@ def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outli
     s, r, g, q, h, lag = (float(value) for value in best.par)
     lost = g < 1e-7
     ambient = h / g if not lost else 25.0
-    model = (
-        PlateModel(s, r, g if not lost else 0.0, ambient, q, kind)
-        if kind == "peltier"
-        else PlateModel(0.0, 0.0, g if not lost else 0.0, ambient, q, kind)
-    )
+    s, r = (s, r) if kind == "peltier" else (0.0, 0.0)
+    model = PlateModel(s, r, g if not lost else 0.0, ambient, q, kind, _error_K(best.residual, noise_K))
     root = np.sqrt(best.weights)
     covariance = block_sandwich(root[:, None] * best.jacobian, root * best.residual)
     change = np.eye(len(fit.places))  # from (.., g, h) to (.., g, T_a)
@@ -227,6 +225,15 @@ def _result(fit: SimulationError, best: Trial, kind: Kind, noise_K: float, outli
         plate_notes(fit.stretches, NAMES[kind], values, errors, kind),
         lag,
     )
+
+
+def _error_K(residual_K: Array, noise_K: float) -> float:
+    """By how much the model is off in a row beyond the noise, as if in each row by itself: what hangs together over tau
+    rows says as much as one of them. 0 where it is off by no more than the noise's own estimate may be."""
+    square = float(np.mean(residual_K**2))
+    if square <= (MORE_THAN_NOISE * noise_K) ** 2:
+        return 0.0
+    return math.sqrt((square - noise_K**2) * correlation_rows(residual_K))
 
 
 def plate_notes(

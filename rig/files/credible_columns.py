@@ -19,6 +19,7 @@ from rig.files.table import Table
 MOST_FAULTS = 5  # of a kind
 FILM_K = (200.0, 500.0)  # a film's record that stays within these is one in K: as degC no Peltier plate reaches them
 ROOM_K = (270.0, 320.0)  # a plate's record that begins here and stays below FILM_K's end is one in K
+HOT_DEGC = 2000.0  # a record that goes beyond again and again has another column's numbers: no furnace of films does
 LEAST_DEGC = -150.0  # a record that stays below was taken for one in K and is not
 LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
 MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
@@ -100,12 +101,14 @@ def _temperature_faults(
     table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str]
 ) -> list[str]:
     temperature, choice = values.get("temperature_degC"), chosen.get("temperature_degC")
-    if temperature is None or choice is None or choice.unit_said:
-        return []
-    finite = temperature[np.isfinite(temperature)]
+    finite = temperature[np.isfinite(temperature)] if temperature is not None else np.empty(0)
     if not finite.size:
         return []
     low, high = (float(v) for v in np.percentile(finite, [2.0, 98.0]))
+    if high > HOT_DEGC:
+        return [f"{table.source}: temperature_degC: to {float(np.max(finite)):g} degC: are two columns exchanged?"]
+    if choice is None or choice.unit_said:
+        return []
     film = "resistance_ohm" in values and bool(np.any(np.isfinite(values["resistance_ohm"])))
     begins = ROOM_K[0] <= float(finite[0]) <= ROOM_K[1]
     other = ""

@@ -125,7 +125,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"Explained: {listed(names)}; with {these} {nothing}."
     if diagnosis.verdict == "too_short":
         what = f" ({'; '.join(left)})" if left else ""
-        return f"Too short: what is left may be the film between two rows{what}; none is blamed."
+        return f"Too few rows: what is left may be the film between two of them{what}; none is blamed."
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."

@@ -213,6 +213,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         record.current_A is not None,
         record.test_current_A is not None or record.output is None or not record.quantity.is_resistance,
         record.early == 0.0,
+        record.output is not None,
     )
     if turns := only_turns(chain, names, unexplained):
         unexplained["resistance_dec"] = TURNS

@@ -134,3 +134,16 @@ def test_measured_plates() -> None:
     step = np.genfromtxt(MEASURED / "heater_step.csv", delimiter=",", skip_header=1)
     heater = identify_plate(step[:, 0], step[:, 2] - 273.15, step[:, 1] / 255.0, kind="heater")
     assert heater.rmse_K < 1.6
+
+
+def test_by_how_much_a_model_is_off_beyond_the_noise() -> None:
+    """White noise: by nothing. What hangs together over tau rows counts as sqrt(tau) of it in each row by itself."""
+    time, current = profile()
+    rng, clean = np.random.default_rng(3), PLATE.simulate(24.0, time, current)
+    white = 0.01 * rng.normal(size=time.size)
+    assert identify_plate(time, clean + white, current).model.error_K == 0.0
+    slow, keep = np.zeros(time.size), np.exp(-1.0 / 40.0)  # tau: (1 + keep) / (1 - keep), 80 rows
+    for k in range(1, time.size):
+        slow[k] = keep * slow[k - 1] + 0.05 * np.sqrt(1.0 - keep**2) * rng.normal()
+    found = identify_plate(time, clean + white + slow, current)
+    assert 0.1 < found.model.error_K < 0.05 * np.sqrt(80.0) * 1.3  # the fit follows a part of it

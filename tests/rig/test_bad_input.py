@@ -65,6 +65,16 @@ def test_target_outside_the_films_range(peltier: Peltier, tmp_path: Path) -> Non
     assert "at " in err
 
 
+def test_both_instruments_at_one_port(peltier: Peltier, tmp_path: Path) -> None:
+    """Told before a port is opened: it would be held by this very program."""
+    path = write_bench(tmp_path)
+    text = path.read_text().replace('port = "sim://"', 'port = "/dev/ttyNONE"').replace('time = "virtual"', "")
+    path.write_text(text)
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert "bench.meter.port: '/dev/ttyNONE' is bench.controller.port too" in err
+
+
 def test_no_verb_and_wrong_verb(peltier: Peltier) -> None:
     status, _, err = peltier("calibrat")
     assert status == 2

@@ -191,6 +191,7 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     assert said["verdict"] == "too_short"  # one loop, whose rows are 0.6 K apart on its flanks
     assert said["effects"] == []
     assert "minor loops" in said["next_experiment"][0]
+    assert {limit["limit95"] for limit in said["upper_limits"]} == {None}  # what was not looked for is not excluded
     assert said["channels"]["temperature_K"] is None
     assert said["channels"]["resistance_dec"]["rmse_extended"] < 0.02
     assert {left["rule"] for left in said["rows"]["left_out"]} == {"stamped where the plate is not known"}

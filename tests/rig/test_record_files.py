@@ -136,6 +136,12 @@ def test_a_film_in_kelvins_is_no_film_in_degrees(file: Path, name: str) -> None:
     assert believed["temperature_degC"][0] == 298.0
 
 
+def test_exchanged_columns(file: Path) -> None:
+    rows = "".join(f"{k},{1e5 / (k + 1)!r},{25 + k}\n" for k in range(66))
+    said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}")
+    assert said.splitlines() == [f"{file}: temperature_degC: to 100000 degC: are two columns exchanged?"]
+
+
 def test_degrees_under_the_name_of_kelvins(file: Path) -> None:
     said = refusal(file, "t_s,T_K,R_ohm\n0,25,1000\n1,60,500\n2,90,100\n")
     assert "temperature_degC=T_K@degC" in said

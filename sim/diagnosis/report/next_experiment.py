@@ -23,6 +23,14 @@ SPLITS: dict[frozenset[str], str] = {
 }
 LOG_CURRENTS = "log a row whenever the current changes, or current_time_s with it: between the rows it is not known"
 
+ELSEWHERE = "another rate, and a dwell inside the transition"
+HARDER = "steps of the drive of other sizes and both ways, with dwells until the temperature stands"
+REPEAT_FILM = "repeat the record: what comes again at the same temperature is the film, at the same time the room"
+REPEAT_PLATE = (
+    "repeat the record: what comes again with the same drive is the plate and its instruments, "
+    "at the same time of day the room"
+)
+
 
 def next_experiments(
     effects: dict[str, Effect],
@@ -32,6 +40,7 @@ def next_experiments(
     has_current: bool,
     has_test_current: bool,
     logs_currents: bool = True,
+    has_film: bool = True,
 ) -> list[str]:
     """In the order in which they help. logs_currents: whether each change of the current is in the record."""
     found: list[str] = [] if logs_currents else [LOG_CURRENTS]
@@ -39,12 +48,10 @@ def next_experiments(
         for rival in confounders.get(name, []):
             pair = frozenset({name, rival})
             text = next((t for group, t in SPLITS.items() if pair <= group), None)
-            found.append(f"{name} or {rival}: {text or 'another rate, and a dwell inside the transition'}")
+            found.append(f"{name} or {rival}: {text or (ELSEWHERE if has_film else HARDER)}")
     found += [f"{name}: {effects[name].remedy}" for name in names if name in effects]
     if unexplained:
-        found.append(
-            "repeat the record: what comes again at the same temperature is the film, at the same time the room"
-        )
+        found.append(REPEAT_FILM if has_film else REPEAT_PLATE)
     if not has_current:
         found.append("record current_A: without it the plate and the thermometer cannot be judged")
     if not has_test_current:

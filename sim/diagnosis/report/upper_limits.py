@@ -20,7 +20,9 @@ intervals are (`compensator.identification.covariance`).
 What plate and film do instead is linear in delta. Where another film does most of what an effect does at the terminals
 (`sim.diagnosis.report.detectability`), it does more than that: there a limit is no smaller than the size that would
 have shown, and none is given where no usual size would have. Nor is one given of what acts on the film or at the
-ohmmeter where the film is not described: beside one that switches in steps a lag of 4 s was hidden, and 2.6 s excluded.
+ohmmeter where the film is not described: beside one that switches in steps a lag of 4 s was hidden, and 2.6 s excluded;
+and where the film's flank has too few rows for it to be looked for, since a film whose own hysteresis takes up any lag
+would exclude each.
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
         for name, effect in chain.first.effects.items():
             if name not in names:
                 found.append(_limit(effect, first.left_of, first.residual, ()))
-    if film_not_described(chain, names):
+    if _is_sparse(chain) or film_not_described(chain, names):
         found += [
             _none(effect) for name, effect in chain.last(chain.split(names)[0]).effects.items() if name not in names
         ]
@@ -102,6 +104,11 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
                 limit = _limit(effect, last.left_of, last.residual, tuple(thresholds))
                 found.append(_beside_the_film(limit, hidden.get(name)))
     return found
+
+
+def _is_sparse(chain: Chain) -> bool:
+    """Whether effects on the film and at the ohmmeter were not looked for: rows too far apart on the film's flank."""
+    return chain.facts is not None and chain.facts.sparse is not None
 
 
 def film_not_described(chain: Chain, names: frozenset[str]) -> bool:

@@ -46,7 +46,7 @@ def warnings_of(
         found.append(
             Warning(
                 "gaps",
-                f"{gaps} gaps in the rows, the longest of {longest:.3g} s: the state was estimated anew after {anew}",
+                f"{gaps} gap{'s' * (gaps > 1)} in the rows, the longest of {longest:.3g} s{_begun_anew(gaps, anew)}",
             )
         )
     if record.uneven:
@@ -65,6 +65,14 @@ def warnings_of(
     if not film_not_described(chain, names):
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     return found + film_in_steps(chain) + film_is_not_described(chain, names)
+
+
+def _begun_anew(gaps: int, anew: int) -> str:
+    """After how many of the gaps the plate's temperature is begun anew; across the others it is simulated."""
+    if not anew:
+        return ", simulated across"
+    after = "it" if gaps == 1 else "each" if anew == gaps else f"{anew} of them"
+    return f": after {after} the temperature is begun anew"
 
 
 def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Warning:
