@@ -48,6 +48,7 @@ class Identified:
     them, the film compressed where `AskedFit.compress` is set.
 
     output: the film's, in the sense in which it rises with temperature; film_records: those with such an output;
+    plate_records: those with a current;
     findings: what to know of the film between the temperatures seen; numbers: the transition of each film record,
     without a model; lag_s: of the thermometer behind the plate, 0 where it was not fitted; drive: the unit of a current
     that is a share of full drive, else None.
@@ -59,6 +60,7 @@ class Identified:
     film: FilmFit | None = None
     plate: PlateFit | None = None
     film_records: tuple[Record, ...] = ()
+    plate_records: tuple[Record, ...] = ()
     findings: tuple[Finding, ...] = ()
     compression: Compression | None = None
     numbers: tuple[FilmNumbers, ...] = ()
@@ -93,7 +95,7 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         plate = plate_fit(with_plate, asked.plate)
         plate_model = plate.model
         lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
-        found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive)
+        found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
     return replace(found, model=Model(film_model, plate_model))
 
 

@@ -17,6 +17,7 @@ from rig.files.written import write_text
 from rig.report.film_figures import loop_figure, residual_figure
 from rig.report.film_section import transition_section
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
+from rig.report.plate_figure import ComparedPlate, plate_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +32,12 @@ class Compared:
 
 
 def write_identification_report(
-    folder: Path, result: Mapping[str, Any], compared: Sequence[Compared], numbers: Sequence[FilmNumbers], output: str
+    folder: Path,
+    result: Mapping[str, Any],
+    compared: Sequence[Compared],
+    numbers: Sequence[FilmNumbers],
+    output: str,
+    plates: Sequence[ComparedPlate] = (),
 ) -> None:
     """report.html, identification.json and figures/ in a folder that is there."""
     write_text(folder / "identification.json", plain_json(result) + "\n")
@@ -69,13 +75,26 @@ def write_identification_report(
             section("What the record cannot fix", bullets(notes) if notes else paragraph("Nothing of the film."))
         )
     if "plate" in result:
-        parts.append(_plate(result["plate"]))
+        parts.append(_plate(folder, result["plate"], plates))
     write_page(folder / "report.html", "Film and plate from a record", lead, parts)
 
 
-def _plate(plate: Mapping[str, Any]) -> str:
+def _plate(folder: Path, plate: Mapping[str, Any], plates: Sequence[ComparedPlate]) -> str:
     rows = [
         [name, f"{one['value']:.6g}", f"\N{PLUS-MINUS SIGN} {0.5 * np.ptp(one['ci95']):.2g}"]
         for name, one in plate["parameters"].items()
     ]
-    return section("The plate", table(["parameter", "value", "95 %"], rows), bullets(plate["identifiability"]))
+    figures = [plate_figure(folder, one, f"_{k + 1}" if len(plates) > 1 else "") for k, one in enumerate(plates)]
+    kind = "Peltier plate" if plate["kind"] == "peltier" else "heater"
+    fitted = (
+        f"The model of a {kind} leaves {plate['rmse_K']:.3g} K RMS, {plate['max_abs_K']:.3g} K at most; "
+        f"the thermometer's noise is {plate['noise_K']:.2g} K."
+    )
+    drive = " (per full drive in the place of A)" if plate["drive"] is not None else ""
+    return section(
+        "The plate",
+        paragraph(fitted),
+        *figures,
+        table([f"parameter{drive}", "value", "95 %"], rows),
+        bullets(plate["identifiability"]),
+    )

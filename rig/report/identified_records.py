@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from compensator.inverse.check import Finding
     from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
+    from rig.report.plate_figure import ComparedPlate
 
 MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
 Say = Callable[[str], None]
@@ -47,7 +48,9 @@ def identified_and_told(
     if report is not None:
         from rig.report.identification import write_identification_report
 
-        write_identification_report(report, result, compared(found), found.numbers, found.output)
+        write_identification_report(
+            report, result, compared(found), found.numbers, found.output, compared_plates(found)
+        )
     return result
 
 
@@ -125,6 +128,25 @@ def compared(found: Identified) -> list[Compared]:
             read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
             modelled = np.interp(read, time, modelled)
         beside.append(Compared(record.source, time, path.temperature_degC, measured, modelled))
+    return beside
+
+
+def compared_plates(found: Identified) -> list[ComparedPlate]:
+    """Each record with a current beside the plate that was fitted: simulated from it, stretch by stretch."""
+    from rig.report.plate_figure import ComparedPlate
+
+    if found.plate is None:
+        return []
+    beside = []
+    for k, record in enumerate(found.plate_records):
+        time, current = record["time_s"], record["current_A"]
+        simulated = np.full(time.size, np.nan)
+        for (number, first, last), first_degC in zip(found.plate.stretches, found.plate.first_degC, strict=True):
+            if number == k:
+                rows = slice(first, last)
+                held = np.nan_to_num(current[rows])
+                simulated[rows] = found.plate.model.simulate(first_degC, time[rows], held)
+        beside.append(ComparedPlate(record.source, time, record["temperature_degC"], simulated, current, found.drive))
     return beside
 
 

@@ -13,10 +13,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from compensator.hysteresis.functions import Array
 
+LATTICE_NOISE = (0.01, 3.0, 12)  # of a step: the least and the largest that is looked for, and at how many places
 FAR = 8.0  # standard deviations beyond a step's edge: there the tail's differences have no digits left
 
 
@@ -74,10 +76,15 @@ def expected_reading(mu: Array, sigma: float, step: float) -> tuple[Array, Array
 
 
 def lattice_noise(reading: Array, mu: Array, step: float) -> float:
-    """The noise before the rounding, of largest likelihood."""
-    sizes = step * np.geomspace(0.01, 0.5, 22)
-    cost = [float(np.sum(likelihood(reading, mu, s, step).minus_log)) for s in sizes]
-    return float(sizes[int(np.argmin(cost))])
+    """The noise before the rounding, of largest likelihood: looked for in steps, and then to a thousandth."""
+
+    def cost(log: float) -> float:
+        return float(np.sum(likelihood(reading, mu, math.exp(log), step).minus_log))
+
+    logs = np.log(step * np.geomspace(*LATTICE_NOISE))
+    best = int(np.argmin([cost(float(log)) for log in logs]))
+    low, high = logs[max(best - 1, 0)], logs[min(best + 1, logs.size - 1)]
+    return math.exp(float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3}).x))
 
 
 def quick_noise(residual: Array) -> float:

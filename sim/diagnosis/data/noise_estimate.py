@@ -37,6 +37,7 @@ UNDERSTOOD = 2.5  # noises that a fit is off by, beyond which all but the noise'
 WINSOR = 5.0  # robust deviations beyond which a reading counts as one just there
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0)
 BULK = 6.0  # robust deviations: that tails are heavy has to show in what is no outlier, too
+ALIKE = 9  # decimals in which readings are the same: converted ones differ in the last of sixteen digits
 OF_MEDIAN = 1.13  # of a reading less the median of the six around it over its own: mean square weighed, 4 degrees
 MAD = 1.4826
 
@@ -52,7 +53,7 @@ def noise_of(
     """Of one channel. residual, readings: in the record's rows, (rows,); used: where they count; fitted: of these, the
     rows of which white noise is told; least: the deviation at least, in their unit; stepped: whether it may be another
     one at other readings."""
-    white = NoiseModel.white(max(quick_noise(residual[fitted]), least))
+    white = NoiseModel.white(max(_level(residual[fitted], readings[fitted], np.flatnonzero(fitted)), least))
     rows, record_rows = np.flatnonzero(used), used.size
     if rows.size < FEWEST:
         return white
@@ -75,9 +76,19 @@ def noise_of(
     return replace(model, level=model.rms(readings))
 
 
+def _level(residual: Array, readings: Array, rows: Rows) -> float:
+    """Of white noise. Where rounded readings hardly move, second differences come in few sizes, and their median jumps
+    from one to the next: from 0.9 to 1.2 of a noise of 0.7 steps."""
+    quick = quick_noise(residual)
+    jitter = _jitter(readings, quick)
+    if residual.size < FEWEST or not np.any(jitter):
+        return quick
+    return _deviation(residual, residual + jitter, rows)
+
+
 def _jitter(readings: Array, level: float) -> Array:
     """What spreads readings on a lattice evenly over its steps: equal neighbours are no sign of little noise."""
-    values = np.unique(readings)
+    values = np.unique(np.round(readings, ALIKE))
     step = float(np.min(np.diff(values))) if values.size > 1 else 0.0
     if step < RESOLVED * level:
         return np.zeros(readings.size)
