@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.data.likelihood import expected_reading, likelihood
+from sim.diagnosis.data.likelihood import expected_reading, lattice_noise, likelihood, origin_of
+from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.data.record import held_out_rows, read_columns
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import sparse_loop
@@ -69,6 +70,31 @@ def test_rounded_readings_have_this_mean_and_variance(sigma: float) -> None:
     mean, variance = expected_reading(mu, sigma, step)
     np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.003)
     np.testing.assert_allclose(drawn.var(axis=0), variance, atol=0.003)
+
+
+@pytest.mark.parametrize("origin", [0.0, 0.1, -0.124])
+def test_a_lattice_need_not_go_through_zero(origin: float) -> None:
+    """Kelvins rounded to 0.25 K lie 0.1 K beside the degrees that are."""
+    rng, step = np.random.default_rng(8), 0.25
+    mu = np.linspace(20.0, 24.0, 4000)
+    readings = origin + step * np.round((mu + 0.03 * rng.standard_normal(mu.size) - origin) / step)
+    found = origin_of(readings, step)
+    assert found == pytest.approx(origin, abs=1e-9)
+    mean, variance = expected_reading(mu, 0.03, step, found)
+    assert np.mean((readings - mean) ** 2) == pytest.approx(np.mean(variance), rel=0.1)
+
+
+@pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 0.7, 0.8, 1.0, 2.0])
+def test_the_noise_beneath_a_rounding_of_about_its_size(sigma: float) -> None:
+    """In steps. Of a plate that hardly moves: second differences then come in few sizes."""
+    rng = np.random.default_rng(9)
+    mu = 40.0 + 3.0 * np.sin(np.arange(4000) / 300.0)
+    readings = np.round(mu + sigma * rng.standard_normal(mu.size))
+    assert lattice_noise(readings, mu, 1.0) == pytest.approx(sigma, rel=0.05)
+    if sigma >= 0.6:  # from there on rounding is as good as noise of its own
+        every = np.ones(mu.size, dtype=np.bool_)
+        found = noise_of(readings - mu, readings, every, every, 1e-3, stepped=False).level
+        assert found == pytest.approx(np.hypot(sigma, 1.0 / np.sqrt(12.0)), rel=0.05)
 
 
 def test_the_rows_after_a_gap_are_not_held_out() -> None:

@@ -62,13 +62,19 @@ def normal_residual(reading: Array, mu: Array, sigma: float, step: float) -> Arr
     return np.asarray(side * drawn, dtype=np.float64)
 
 
-def expected_reading(mu: Array, sigma: float, step: float) -> tuple[Array, Array]:
-    """Mean and variance of readings on a lattice for predictions of what an ideal instrument shows."""
-    nearest = np.round(mu / step)
+def origin_of(readings: Array, step: float) -> float:
+    """Of the lattice that readings lie on: kelvins rounded to 0.25 K lie 0.1 K beside the degrees that are."""
+    around = np.mean(np.exp(2j * np.pi * readings / step))
+    return float(np.angle(around)) * step / (2.0 * np.pi)
+
+
+def expected_reading(mu: Array, sigma: float, step: float, origin: float = 0.0) -> tuple[Array, Array]:
+    """Mean and variance of readings on a lattice through `origin` for predictions of what an ideal instrument shows."""
+    nearest = np.round((mu - origin) / step)
     reach = math.ceil(4.0 * sigma / step) + 1
     mean, square = np.zeros_like(mu), np.zeros_like(mu)
     for k in range(-reach, reach + 1):
-        value = (nearest + k) * step
+        value = origin + (nearest + k) * step
         share = ndtr((value + 0.5 * step - mu) / sigma) - ndtr((value - 0.5 * step - mu) / sigma)
         mean += share * value
         square += share * (value - mu) ** 2

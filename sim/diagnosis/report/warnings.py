@@ -102,11 +102,11 @@ def film_in_steps(chain: Chain) -> list[Warning]:
 
 
 def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
-    """Of readings of the film of which far more is left than their noise."""
+    """Of readings of the film of which more is left than their noise."""
     if not film_not_described(chain, names):
         return []
     text = (
-        "far more is left than the noise, by a cause that is not in the catalogue or a film of another kind (one that "
+        "more is left than the noise, by a cause that is not in the catalogue or a film of another kind (one that "
         "switches in visible steps, for example): no limits are given for what acts on the film and at the ohmmeter"
     )
     if chain.split(names)[1]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.likelihood import expected_reading
+from sim.diagnosis.data.likelihood import expected_reading, origin_of
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.search.chain import Chain
 from sim.model.links import links_of
@@ -32,6 +32,7 @@ def rounded(readings_degC: Array, residual_K: Array, sigma_K: float, step_K: flo
     """Residuals of a thermometer on a lattice against the mean that such readings have, and their variance there."""
     finite = np.isfinite(residual_K)
     after, variance = np.full(residual_K.size, np.nan), np.full(residual_K.size, np.nan)
-    mean, variance[finite] = expected_reading((readings_degC - residual_K)[finite], sigma_K, step_K)
+    origin = origin_of(readings_degC[finite], step_K)
+    mean, variance[finite] = expected_reading((readings_degC - residual_K)[finite], sigma_K, step_K, origin)
     after[finite] = readings_degC[finite] - mean
     return after, variance
