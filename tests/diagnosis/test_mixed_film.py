@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.record import read_columns
+from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.extended_model import film_of
 from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE
 from sim.diagnosis.fit.film_refit import FilmRefit
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.film_mixing import mixed_at_last
 from sim.diagnosis.search.learned import with_film
+from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.effects.catalogue import catalogue
 
 EXPONENT, INSULATOR_OHM, METAL_OHM, NOISE_DEC = -0.6, 1e5, 10.0**2.5, 1e-3
@@ -29,16 +32,38 @@ def metallic_share(temperature_degC: Array) -> Array:
     return share
 
 
-def test_the_extended_model_mixes_as_the_film_does() -> None:
+def record_of(metal_ohm: float, noise_dec: float) -> Record:
+    """Of minor loops."""
     rng = np.random.default_rng(1)
     turning = [85.0, 40.0, *rng.uniform(48.0, 78.0, 14), 40.0]
     v = np.interp(np.linspace(0.0, len(turning) - 1.0, 3000), np.arange(len(turning)), turning)
     share = metallic_share(v)
-    ohm = ((1.0 - share) * INSULATOR_OHM**EXPONENT + share * METAL_OHM**EXPONENT) ** (1.0 / EXPONENT)
-    ohm *= 10.0 ** (NOISE_DEC * rng.standard_normal(v.size))
-    record = read_columns({"time_s": np.arange(v.size), "temperature_degC": v, "resistance_ohm": ohm})
-    effects = dict(catalogue())
-    search = with_film(Chain(record, effects, None), frozenset()).last(frozenset())
+    ohm = ((1.0 - share) * INSULATOR_OHM**EXPONENT + share * metal_ohm**EXPONENT) ** (1.0 / EXPONENT)
+    ohm *= 10.0 ** (noise_dec * rng.standard_normal(v.size))
+    return read_columns({"time_s": np.arange(v.size), "temperature_degC": v, "resistance_ohm": ohm})
+
+
+def search_of(record: Record) -> ResistanceSearch:
+    """For what acts on the film and at the ohmmeter."""
+    return with_film(Chain(record, dict(catalogue()), None), frozenset()).last(frozenset())
+
+
+def test_another_mixing_is_tried_at_last_where_much_is_left() -> None:
+    """Without it the film leaves more than an effect that is missing would, so that it is not tried on the way."""
+    search = search_of(record_of(10.0, 1.5e-3))
+    before = search.fit(frozenset())
+    assert search.channel.mean_square(before) > 1.5
+    assert not before.parameters.is_mixed
+    assert mixed_at_last(search, frozenset()) == frozenset()
+    after = search.fit(frozenset())
+    assert after.parameters.is_mixed
+    assert search.channel.mean_square(after) < 1.2
+    assert after.parameters.x[ENVELOPES + 1] == pytest.approx(EXPONENT, abs=0.1)
+    assert mixed_at_last(search, frozenset()) is None  # once
+
+
+def test_the_extended_model_mixes_as_the_film_does() -> None:
+    search = search_of(record_of(METAL_OHM, NOISE_DEC))
     p = replace(search.base.with_relays(0.1), mixes=True)
     p.x[ENVELOPES:SHAPE] = 0.0, EXPONENT, 0.0
     errors = {}

@@ -10,7 +10,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.resistance_search import RELAY_STEPS
+from sim.diagnosis.search.fit_steps import RELAY_STEPS
 from sim.diagnosis.validate.deciding_rows import deciding_rows, over_noise
 
 Prediction = tuple[frozenset[str], Array, ResistanceFit | None]  # effects, held-out residual, fit where another one

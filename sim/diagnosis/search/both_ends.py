@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.film_mixing import mixed_at_last
 from sim.diagnosis.search.joint_fit import widened
 from sim.diagnosis.search.learned import first_renoised, last_renoised, with_film
 from sim.diagnosis.search.meaning import has_meaning
@@ -84,7 +85,21 @@ def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> tup
             chain, changed = last_renoised(chain, upstream | names)
         if names == before and not changed:
             break  # the same search would find the same
-    return chain, select_last_links(chain.last(upstream), names, say=say) if changed else names
+    names = select_last_links(chain.last(upstream), names, say=say) if changed else names
+    return _mixed_at_last(chain, upstream, names, say)
+
+
+def _mixed_at_last(
+    chain: Chain, upstream: frozenset[str], names: frozenset[str], say: Progress
+) -> tuple[Chain, frozenset[str]]:
+    """Where much is left by all that was found, and little once the film's phases mix otherwise: the same search beside
+    such a film."""
+    begin = None if chain.budget.over(SEARCHING) else mixed_at_last(chain.last(upstream), names)
+    if begin is None:
+        return chain, names
+    say("a film whose phases mix otherwise")
+    chain, _ = last_renoised(chain, upstream | begin)
+    return chain, select_last_links(chain.last(upstream), begin, say=say)
 
 
 def worth(chain: Chain, names: frozenset[str]) -> float:

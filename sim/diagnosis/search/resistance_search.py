@@ -16,21 +16,18 @@ from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.film_mixing import mixed
+from sim.diagnosis.search.fit_steps import QUICK_STEPS, RELAY_STEPS, WHOLE_STEPS
 from sim.diagnosis.search.starting_sizes import SIZES, starts_of
 from sim.diagnosis.search.views import NOTHING, View
 from sim.effects.effect import Effect, Reading, Switched, at_the_terminals
 from sim.model.film_nodes import FilmNodes
 
-QUICK_STEPS = 4  # of a descent that is compared with others alike
 FINER = 7  # sizes looked at before a descent begins
 BEGUN = 2  # descents begun, the second where its cost is not much larger
 AS_GOOD = 1.2
-WHOLE_STEPS = 20  # of a fit that is compared with others, and has to have ended
 RELAYS_FROM = 1.02  # mean square residual over noise from which a film of another kind is thought of
 WITHIN = 20.0  # log-likelihood below the film's own that a size begins a descent with
-MIXING_WORTH = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
-MIXED_BELOW = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
-RELAY_STEPS = 6  # of a fit with relays, of which each costs a hundred of one without
 RELAY_ROUNDS = 4  # of so many steps, at most, after the first
 SETTLED = 0.5  # log-likelihood that another round brings
 FEW_READINGS = 500  # with which a fit costs little, and on its way tells other readings the worse the fewer there are
@@ -250,31 +247,8 @@ class ResistanceSearch:
             if self.channel.rows.size < FEW_READINGS:
                 wider = self._followed(wider)
             if wider.score > fit.score:
-                return self._mixed(replace(wider, plain=fit.parameters))
+                return mixed(self, replace(wider, plain=fit.parameters))
         return fit
-
-    def _mixed(self, fit: ResistanceFit) -> ResistanceFit:
-        """The fit, or a better one whose film's phases mix otherwise than in their logarithms. A resistance in series
-        or in parallel bends the output, too: where one of them does as well, it is the simpler reason."""
-        p = fit.parameters
-        if p.is_mixed or self.channel.mean_square(fit) > MIXED_BELOW:
-            return fit
-        if View(self.channel, fit).gain_of_mixing() < MIXING_WORTH:
-            return fit
-        other = self.channel.descend(replace(p, mixes=True), WHOLE_STEPS)
-        if other.score < fit.score + MIXING_WORTH or other.score < self._bent(fit) + MIXING_WORTH:
-            return fit
-        return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
-
-    def _bent(self, fit: ResistanceFit) -> float:
-        """Score of the best fit with one more effect at the ohmmeter's terminals, the film's phases as they are."""
-        best, names = -np.inf, {e.name for e in fit.effects}
-        for name, effect in self.effects.items():
-            start = self.absorbed(fit, effect, np.inf) if at_the_terminals(effect) and name not in names else None
-            if start is not None:
-                trial = self.channel.extended(fit.parameters, [*fit.effects, start])
-                best = max(best, self.channel.descend(trial, RELAY_STEPS).score)
-        return best
 
     def ended(self, fit: ResistanceFit) -> ResistanceFit:
         """A fit with relays followed to its end, kept: the priors' widths and the envelopes follow each other slowly,

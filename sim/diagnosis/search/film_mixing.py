@@ -1,0 +1,70 @@
+"""Whether a film's phases mix otherwise than in their logarithms.
+
+A resistance in series or in parallel bends the output, too: where one of them does as well, it is the simpler reason.
+An effect that is missing looks like a mixing: while much is left, none is tried, until all effects have been. By then
+those at the terminals may have stood in for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.search.fit_steps import RELAY_STEPS, WHOLE_STEPS
+from sim.diagnosis.search.views import View
+from sim.effects.effect import at_the_terminals
+
+if TYPE_CHECKING:
+    from sim.diagnosis.search.resistance_search import ResistanceSearch
+
+WORTH: Final = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
+MUCH_LEFT: Final = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
+FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is missing
+
+
+def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
+    """A fit with relays, or a better one with another mixing, while little is left."""
+    if fit.parameters.is_mixed or search.channel.mean_square(fit) > MUCH_LEFT:
+        return fit
+    return _otherwise(search, fit) or fit
+
+
+def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str] | None:
+    """The effects to go on with where the best fit with these leaves much, and little with another mixing, which is
+    kept then; else None. To be asked when all effects have been tried."""
+    fit = search.fit(names)
+    p = fit.parameters
+    if p.is_mixed or not p.has_relays or not MUCH_LEFT < search.channel.mean_square(fit) < FAR_FROM_NOISE:
+        return None
+    other = _otherwise(search, fit)
+    if other is None or search.channel.mean_square(other) > MUCH_LEFT:
+        return None
+    other = search.keep(other)
+    stood_in = frozenset(n for n in names if at_the_terminals(search.effects[n])) - search.assumed
+    for name in sorted(stood_in):
+        other = search.without(other, name)
+    return names - stood_in
+
+
+def _otherwise(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit | None:
+    """The fit with another mixing, where that is worth it and no effect at the terminals does as well."""
+    if View(search.channel, fit).gain_of_mixing() < WORTH:
+        return None
+    other = search.channel.descend(replace(fit.parameters, mixes=True), WHOLE_STEPS)
+    if other.score < fit.score + WORTH or other.score < _bent(search, fit) + WORTH:
+        return None
+    return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
+
+
+def _bent(search: ResistanceSearch, fit: ResistanceFit) -> float:
+    """Score of the best fit with one more effect at the ohmmeter's terminals, the film's phases as they are."""
+    best, names = -np.inf, {e.name for e in fit.effects}
+    for name, effect in search.effects.items():
+        start = search.absorbed(fit, effect, np.inf) if at_the_terminals(effect) and name not in names else None
+        if start is not None:
+            trial = search.channel.extended(fit.parameters, [*fit.effects, start])
+            best = max(best, search.channel.descend(trial, RELAY_STEPS).score)
+    return best
