@@ -18,6 +18,7 @@ from compensator.hysteresis.functions import Array
 from rig.files.units import UNITS, spelled
 
 MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "#na", "null", "none", "-", "--", "---", "nd", "n.d.", "1.#qnan"))
+MISSING |= {"#div/0!", "#value!", "#num!", "#ref!", "#name?", "#null!", "#nv", "#wert!", "#zahl!"}  # formulas of Excel
 BEYOND = frozenset(("ol", "o.l", "o.l.", "ovld", "ovrflw", "overload", "overflow", "over", "overrange", "1.#inf", "∞"))
 BEYOND |= {"inf", "infinity"}
 OVERFLOW = (9.89e37, 1.0e38)  # IEEE 488.2's infinity is 9.9E37, its not-a-number 9.91E37; meters send them as readings

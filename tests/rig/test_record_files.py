@@ -136,6 +136,13 @@ def test_a_film_in_kelvins_is_no_film_in_degrees(file: Path, name: str) -> None:
     assert believed["temperature_degC"][0] == 298.0
 
 
+@pytest.mark.parametrize("word", ["#N/A", "#DIV/0!", "#WERT!", "n.d.", "--"])
+def test_a_word_for_no_reading(file: Path, word: str) -> None:
+    rows = "".join(f"{k},{25 + k},{1000 - k if k != 7 else word}\n" for k in range(20))
+    record = read(file, f"time_s,temperature_degC,resistance_ohm\n{rows}")
+    assert np.flatnonzero(np.isnan(record["resistance_ohm"])).tolist() == [7]
+
+
 def test_exchanged_columns(file: Path) -> None:
     rows = "".join(f"{k},{1e5 / (k + 1)!r},{25 + k}\n" for k in range(66))
     said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}")
