@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -63,6 +64,8 @@ def open_bench(
         ports = [c.bench.controller.port, c.bench.meter.port if c.bench.meter else ""]
         if c.simulated:
             ports = _simulated(file, clock, stack)
+        elif not any("://" in port for port in ports) and os.path.realpath(ports[0]) == os.path.realpath(ports[1]):
+            raise fault(file.path, "bench.meter.port", f"{ports[1]!r} is bench.controller.port too; expected another")
         controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
         stack.callback(controller.close)
         stack.enter_context(OutputOff(controller, c.bench.controller, guard))

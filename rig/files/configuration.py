@@ -6,7 +6,6 @@ Every key has its unit in its name and its default here; `peltier init` writes c
 from __future__ import annotations
 
 import difflib
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -193,8 +192,6 @@ class Configuration(Table):
             raise ValueError(f"bench: ports {', '.join(ports)}: expected all of them sim://, or none")
         if self.bench.time == "virtual" and not all(simulated):
             raise ValueError("bench.time: 'virtual' goes only with sim:// ports; expected 'real'")
-        if len(ports) == 2 and not any("://" in port for port in ports) and len(set(map(os.path.realpath, ports))) == 1:
-            raise ValueError(f"bench.meter.port: {ports[1]!r} is bench.controller.port too; expected another")
         kind, meter = self.experiment.kind, self.bench.meter
         if kind in ("track_resistance", "track_output") and meter is None:
             raise ValueError(f"bench.meter: missing; expected a meter for kind {kind!r}")

@@ -90,7 +90,7 @@ def test_the_noise_beneath_a_rounding_of_about_its_size(sigma: float) -> None:
     rng = np.random.default_rng(9)
     mu = 40.0 + 3.0 * np.sin(np.arange(4000) / 300.0)
     readings = np.round(mu + sigma * rng.standard_normal(mu.size))
-    assert lattice_noise(readings, mu, 1.0) == pytest.approx(sigma, rel=0.05)
+    assert lattice_noise(readings, mu, 1.0, 3.0) == pytest.approx(sigma, rel=0.05)
     if sigma >= 0.6:  # from there on rounding is as good as noise of its own
         every = np.ones(mu.size, dtype=np.bool_)
         found = noise_of(readings - mu, readings, every, every, 1e-3, stepped=False).level

@@ -18,7 +18,7 @@ from scipy.special import log_ndtr, ndtr, ndtri
 
 from compensator.hysteresis.functions import Array
 
-LATTICE_NOISE = (0.01, 3.0, 12)  # of a step: the least and the largest that is looked for, and at how many places
+LEAST_OF_STEP, SIZES_TRIED = 0.01, 12  # of a noise before the rounding
 FAR = 8.0  # standard deviations beyond a step's edge: there the tail's differences have no digits left
 
 
@@ -81,13 +81,14 @@ def expected_reading(mu: Array, sigma: float, step: float, origin: float = 0.0) 
     return mean, np.maximum(square - (mean - mu) ** 2, 0.0)
 
 
-def lattice_noise(reading: Array, mu: Array, step: float) -> float:
-    """The noise before the rounding, of largest likelihood: looked for in steps, and then to a thousandth."""
+def lattice_noise(reading: Array, mu: Array, step: float, most: float) -> float:
+    """The noise before the rounding, of largest likelihood and at most so much: what the prediction is off by would
+    pass for more. Looked for at a dozen sizes, and then to a thousandth."""
 
     def cost(log: float) -> float:
         return float(np.sum(likelihood(reading, mu, math.exp(log), step).minus_log))
 
-    logs = np.log(step * np.geomspace(*LATTICE_NOISE))
+    logs = np.log(np.geomspace(LEAST_OF_STEP * step, most, SIZES_TRIED))
     best = int(np.argmin([cost(float(log)) for log in logs]))
     low, high = logs[max(best - 1, 0)], logs[min(best + 1, logs.size - 1)]
     return math.exp(float(minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3}).x))

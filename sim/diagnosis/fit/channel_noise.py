@@ -10,7 +10,7 @@ import numpy as np
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
 from sim.diagnosis.data.noise_estimate import noise_of
-from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
 from sim.diagnosis.data.unlogged_walk import noise_beside, unlogged_walk
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
@@ -18,6 +18,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 
 DITHERED = 2.0  # steps of quantization over the noise, below which the noise spreads rounding evenly over the rows
+NO_MISFIT = 1.1  # of what changes from row to row, what is left at all where the fit leaves nothing but noise
 STEEPNESS_ROWS = 15  # about a row
 LEAST_MOVED_K = 0.01  # over them: a plate that stands tells no slope
 
@@ -30,12 +31,15 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
         walk = _unlogged(channel, fit)
         sigma_K = max(noise_beside(walk, residual[rows], rows), step / math.sqrt(12.0), least_K)
         return replace(NoiseModel.white(sigma_K), wandering=walk)
+    most_K = 0.5 * step
     if step <= DITHERED * quick_noise(residual[rows]):
         used, readings = record.temperature_used, record.temperature_degC
         model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
         if not model.plain or step == 0.0:
             return model
-    sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step)
+        if root_mean_square(residual[rows]) < NO_MISFIT * model.level:  # else a plate's own misfit would pass for it
+            most_K = max(most_K, math.sqrt(max(model.level**2 - step**2 / 12.0, 0.0)))
+    sigma_K = lattice_noise(record.temperature_degC[rows], fit.shown_degC[rows], step, most_K)
     return NoiseModel.white(max(sigma_K, least_K))
 
 
