@@ -44,7 +44,9 @@ def run(path: Path, begun: Begun) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, preexec_fn=begun, timeout=120.0)
 
 
-@pytest.mark.parametrize("begun", [nobody_reads(1), nobody_reads(1, 2), closed(1), closed(0, 1, 2)])
+@pytest.mark.parametrize(
+    "begun", [nobody_reads(1, 2), closed(0, 1, 2), pytest.param(closed(1), marks=pytest.mark.long)]
+)
 def test_a_run_goes_on(tmp_path: Path, begun: Begun) -> None:
     done = run(write_bench(tmp_path), begun)
     assert done.returncode == 0
