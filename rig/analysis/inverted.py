@@ -109,7 +109,7 @@ def _require_targets(target: Array, output: str, where: object) -> None:
     decades, name = in_decades(output), target_name(output)
     expected = "a finite number > 0" if decades else "a finite number"
     bad = np.flatnonzero(~(np.isfinite(target) & ((target > 0.0) | (not decades))))
-    if bad.size == target.size:
+    if target.size and bad.size == target.size:
         raise Faults([f"{where}: {name}: {float(target[0])!r} in every row; expected {expected}"])
     if bad.size:
         raise Faults(

@@ -15,7 +15,6 @@ NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves not
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 NOT_FIXED = "not fixed by this record"
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
-UNSEEN = "held-out rows are predicted"  # how it begins where nothing is left but there
 UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 
 
@@ -112,11 +111,13 @@ def _foreseen(diagnosis: Diagnosis, channel: Channel) -> float:
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict."""
+    from sim.diagnosis.result import ONLY_UNSEEN
+
     names_of = channels_of(diagnosis)
     left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
     names = [named(f) for f in diagnosis.findings]
     rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
-    if all(text is None or text.startswith(UNSEEN) for text in diagnosis.unexplained.values()):
+    if all(text is None or text.startswith(ONLY_UNSEEN) for text in diagnosis.unexplained.values()):
         rest = f"{'; '.join(left)}, though nothing is left in the fitted rows: what was fitted {SHORTFALL}"
     nothing = "nothing is left beyond the noise"
     if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):

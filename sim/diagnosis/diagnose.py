@@ -39,7 +39,7 @@ from sim.diagnosis.report.warnings import (
     unlogged_currents,
     warnings_of,
 )
-from sim.diagnosis.result import Channel, Diagnosis, Finding, verdict_of
+from sim.diagnosis.result import ONLY_UNSEEN, Channel, Diagnosis, Finding, verdict_of
 from sim.diagnosis.search.both_ends import select
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
@@ -302,7 +302,7 @@ def _unexplained(
             continue
         times = everywhere[name] / found.expected
         if times > UNSEEN:
-            unexplained[name] = f"held-out rows are predicted {times:.2g} times worse than the noise"
+            unexplained[name] = f"{ONLY_UNSEEN} {times:.2g} times worse than the noise"
     return unexplained
 
 

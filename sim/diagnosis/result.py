@@ -18,6 +18,8 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
 
+ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
+
 
 @dataclass(frozen=True)
 class Finding:
