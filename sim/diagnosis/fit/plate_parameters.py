@@ -11,8 +11,9 @@ from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of
 from sim.effects.effect import Switched
 
 ROOM = free("ambient_degC", 10.0)
-PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive("g", 1e-6, 1.0), ROOM)
-HEATER = (positive("q", 1e-5, 100.0), positive("g", 1e-6, 1.0), ROOM)
+CONDUCTANCE = "g"
+PELTIER = (positive("s", 1e-6, 1.0), positive("r", 1e-6, 10.0), positive(CONDUCTANCE, 1e-6, 1.0), ROOM)
+HEATER = (positive("q", 1e-5, 100.0), positive(CONDUCTANCE, 1e-6, 1.0), ROOM)
 INPUT = positive("input", 1e-9, 1e3)  # K/s per unit, of whatever unit: a second drive heats, and heat flows downhill
 AN_INPUT = "inputs."  # how its unknown's name begins, as in a model file
 ROOM_K = 5.0  # the spread of one laboratory's, from record to record
@@ -49,7 +50,7 @@ class PlateParameters:
     def plate(self) -> Array:
         """(s, r, g, q, T_a)."""
         v = self._values()
-        return np.array([v.get(name, 0.0) for name in ("s", "r", "g", "q", ROOM.name)])
+        return np.array([v.get(name, 0.0) for name in ("s", "r", CONDUCTANCE, "q", ROOM.name)])
 
     @property
     def inputs_K_per_s(self) -> dict[str, float]:

@@ -25,9 +25,10 @@ from sim.diagnosis.data.likelihood import Likelihood, likelihood, normal_residua
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.known_beforehand import known_beforehand
+from sim.diagnosis.fit.losses import Losses
 from sim.diagnosis.fit.own_temperature import with_own_temperature
 from sim.diagnosis.fit.plate_equations import PlateEquations
-from sim.diagnosis.fit.plate_parameters import PlateParameters
+from sim.diagnosis.fit.plate_parameters import CONDUCTANCE, PlateParameters
 from sim.diagnosis.fit.unknowns import along_values, fitted_sizes, logarithmic, unknowns_of
 from sim.effects.effect import Switched
 from sim.model.links import links_of
@@ -96,6 +97,7 @@ class TemperatureChannel(PlateEquations):
         self.rows = np.flatnonzero(self.fitted)
         self.stretch = np.searchsorted(record.first_rows, self.rows, side="right") - 1
         self.stretches = record.first_rows.size
+        self.mean_degC = float(np.mean(record.temperature_degC[self.rows])) if self.rows.size else 0.0
         begins = np.diff(self.stretch, prepend=-1) > 0  # each stretch has a temperature of its own
         self._whitening = noise.on(self.rows, record.temperature_degC[self.rows], begins)
         self.weight = np.where(driven_rows(record, record.joined)[self.rows], 1.0 / misfit, 1.0)
@@ -180,7 +182,9 @@ class TemperatureChannel(PlateEquations):
             normal[index, index] += scale * scale
             d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9  # > 0 of one without readings
             pull = np.bincount(self.stretch, e * pulled, self.stretches)
-            cross = np.stack([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
+            by_x = np.array([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
+            losses = self._losses(p, x)
+            normal, gradient, cross = losses.both_sides(normal), losses.along(gradient), losses.along(1.0 * by_x)
             reduced = normal - (cross / d) @ cross.T
             right = gradient - (cross / d) @ pull
             held_at_bounds(reduced, right, x, low, high)
@@ -188,7 +192,10 @@ class TemperatureChannel(PlateEquations):
 
             def moved(move: Array) -> _Trial:
                 to = np.clip(x + along_values(np.clip(move, -LONGEST_MOVE, LONGEST_MOVE), log), low, high)
-                return tried(to, first + (pull - cross.T @ (to - x)) / d)
+                gone = to - x
+                gone[losses.room] = move[losses.room]
+                to[losses.room] = losses.room_after(move[losses.room], to)
+                return tried(to, first + (pull - cross.T @ gone) / d)
 
             return Linearized(reduced, right, diagonal, moved, FLAT)
 
@@ -204,6 +211,10 @@ class TemperatureChannel(PlateEquations):
         )
         self._slopes(p, best, high, h, jacobian)
         return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
+
+    def _losses(self, p: PlateParameters, x: Array) -> Losses:
+        names = [u.name for u in p.base]
+        return Losses(names.index(CONDUCTANCE), len(names) - 1, x, p.base[-1].inside(self.mean_degC))
 
     def at(self, p: PlateParameters) -> TemperatureFit:
         """The fit that these parameters are, with its slopes."""
