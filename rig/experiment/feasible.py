@@ -20,6 +20,9 @@ from rig.files.target import Target
 
 UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two decades, whatever the output
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
+POINTS = 400  # of a course: two or three seconds apart in an experiment of a quarter of an hour
+BEHIND_K = 0.5  # of a target, from which a plate that cannot follow is seen in any record
+SHARE_BEHIND = 0.1  # of the time; crossing a loop at each turn, for which a target leaves no time, takes half as much
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
 
 
@@ -57,6 +60,26 @@ def check_plate(
             )
 
 
+def behind_warning(plate: PlateModel, course: Course, configuration: Configuration) -> str | None:
+    """A line where the plate cannot follow a course: at the current limit all the time it would still be behind."""
+    limit = configuration.limits.current_A
+    temperature, behind_s, most_K = float(course.temperatures_degC[0]), 0.0, 0.0
+    for step_s, wanted in zip(np.diff(course.times_s), course.temperatures_degC[1:], strict=True):
+        cooling, heating = plate.rate_range_K_per_s(temperature, limit)
+        temperature += min(max(float(wanted) - temperature, cooling * step_s), heating * step_s)
+        away = abs(float(wanted) - temperature)
+        behind_s += step_s if away > BEHIND_K else 0.0
+        most_K = max(most_K, away)
+    share = behind_s / max(float(course.times_s[-1] - course.times_s[0]), 1e-9)
+    if share < SHARE_BEHIND:
+        return None
+    unit = "A" if plate.kind == "peltier" else OF_FULL_DRIVE
+    return (
+        f"the target is faster than the plate: by its model it will be more than {BEHIND_K:g} K behind for "
+        f"{100.0 * share:.0f} % of the time, by up to {most_K:.1f} K, with limits.current_A = {limit:g} {unit}"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Course:
     """Temperatures (degC) of a film at times of its target (s), shapes (points,). planned: not those nearest to each
@@ -65,6 +88,11 @@ class Course:
     times_s: Array
     temperatures_degC: Array
     planned: bool = False
+
+
+def grid(target: Target) -> Array:
+    """The times of a course: a target's own, and some between."""
+    return np.unique(np.concatenate((target.times_s, np.linspace(0.0, target.duration_s, POINTS))))
 
 
 def check_target(
@@ -84,7 +112,7 @@ def check_target(
     """
     inverse = Inverse(film, *configuration.limits.temperature_degC)
     memory = film.initial_memory(hot_degC, "cooled")
-    times = np.unique(np.concatenate((target.times_s, np.linspace(0.0, target.duration_s, 400))))
+    times = grid(target)
     wanted = target.at(times)
     nearest = _nearest(wanted, inverse, memory)
     found = nearest

@@ -7,14 +7,17 @@ from typing import Any, cast
 
 from rig.analysis.predicted import needs_test_current
 from rig.control.law_units import in_law_units, law_units
-from rig.core.faults import fault
+from rig.core.faults import Faults, fault
 from rig.experiment.calibration import calibration_range
 from rig.experiment.extended_model import own_target
 from rig.experiment.feasible import (
+    Course,
+    behind_warning,
     check_cooling,
     check_plate,
     check_target,
     check_within_limits,
+    grid,
     memory_warning,
     order_warning,
 )
@@ -57,14 +60,9 @@ def target_of(file: ConfigurationFile) -> Target:
 def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target, Model | None]:
     """Target and model of the configured experiment, checked before any port is opened. Raises Faults."""
     e = file.content.experiment
-    target = target_of(file)
+    target, model = _target_and_model(file)
     for line in target.said:
         say(line)
-    check_within_limits(target, file.content, f"{file.path}: experiment.target")
-    model = None
-    if e.model is not None:
-        needs = ("film", "plate") if e.kind in TRACKING else ("plate",)
-        model = read_model(file.beside(e.model), needs=cast(Any, needs))
     if e.kind in ("temperature_profile", "hold") and model is None and e.law != "instrument_pid":
         expected = "needs a model with [plate], or law = 'instrument_pid' (the controller's own PID)"
         raise fault(file.path, "experiment.model", f"missing; kind {e.kind!r} {expected}")
@@ -78,11 +76,31 @@ def wanted(file: ConfigurationFile, say: Callable[[str], None]) -> tuple[Target,
     return target, model
 
 
+def _target_and_model(file: ConfigurationFile) -> tuple[Target, Model | None]:
+    """Both files read, the target within the limits. Raises Faults: those of both."""
+    e, lines = file.content.experiment, list[str]()
+    target, model = None, None
+    try:
+        target = target_of(file)
+        check_within_limits(target, file.content, f"{file.path}: experiment.target")
+    except Faults as faults:
+        lines += faults.lines
+    try:
+        if e.model is not None:
+            needs = ("film", "plate") if e.kind in TRACKING else ("plate",)
+            model = read_model(file.beside(e.model), needs=cast(Any, needs))
+    except Faults as faults:
+        lines += faults.lines
+    if lines or target is None:
+        raise Faults(lines)
+    return target, model
+
+
 def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: Callable[[str], None]) -> None:
     """Refuse what film or plate cannot do, before anything is switched on. Raises Faults."""
     c, where = file.content, f"{file.path}: experiment.target"
     hot = calibration_range(c)[1]
-    temperatures = target.values
+    course = Course(times := grid(target), target.at(times))
     told = check_cooling(model.plate, target, c, where) if model.plate is not None else None
     if told is not None:
         say(told)
@@ -101,13 +119,16 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
                 say(warning)
         own = own_target(target, film, model.switched(), units)
         course = check_target(own, film, model.plate, c, hot, where, units)
-        temperatures = course.temperatures_degC
         if course.planned:
             say("the target has several temperatures: not always the nearest is taken, so that all of it is reached")
         if model.plate is not None and c.experiment.law != "instrument_pid":
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
     if model.plate is not None and c.experiment.law != "instrument_pid":
-        check_plate(model.plate, [float(temperatures.min()), float(temperatures.max())], c, where, "its range")
+        ends = [float(course.temperatures_degC.min()), float(course.temperatures_degC.max())]
+        check_plate(model.plate, ends, c, where, "its range")
+        behind = behind_warning(model.plate, course, c)
+        if behind is not None:
+            say(behind)
 
 
 def _check_output(model: Model, where: object, quantity: str) -> None:

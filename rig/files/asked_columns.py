@@ -14,7 +14,7 @@ from rig.files.taking import Taking
 from rig.files.units import CONDUCTANCES
 
 ASKED_UNITS = {
-    "s": ("s", "ms", "min", "h"),
+    "s": ("s", "ms", "min", "h", "d"),
     "degC": ("degC", "K", "degF"),
     "ohm": ("ohm", "kohm", "Mohm", "S"),
     "A": ("A", "mA"),
@@ -109,7 +109,7 @@ def _to_type(taking: Taking, ours: str) -> str:
         return ""
     if not taking.flags:
         return f"; expected the name {ours}, or it with another unit, as {OTHER_UNIT.get(ours, ours)}"
-    most = 2 if len(likely) > 1 else 4  # units to offer for each
+    most = 2 if len(likely) > 1 else 5  # units to offer for each
     lines = [taking.to_type(ours, k, _units_asked(taking, ours, k)[:most]) for k in likely[:4]]
     why = next((taking.meanings[k].doubt for k in likely if taking.meanings[k].doubt), "")
     return f"; {why + '; ' if why else ''}expected {' or '.join(lines)}"

@@ -23,7 +23,9 @@ HOT_DEGC = 2000.0  # a record that goes beyond again and again has another colum
 LEAST_DEGC = -150.0  # a record that stays below was taken for one in K and is not
 LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
 MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
-ABSOLUTE_ZERO_DEGC = -273.15
+DAYS = (36526.0, 73050.0)  # of the years 2000 to 2099 as a spreadsheet counts them, from the end of 1899
+HALF_AN_HOUR_D = 1.0 / 48.0  # nobody takes a row less often: seconds in that range are further apart
+ABSOLUTE_ZERO_DEGC = -273.15  # no temperature is below
 MOST_DEGC, MOST_A = 1e6, 1e5  # beyond which not even an outlier is
 MOST_OHM = 1e30  # beyond which no ohmmeter reads; overrange is inf
 
@@ -70,7 +72,18 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
         faults.append(
             f"{table.source}: time_s: {float(np.max(np.abs(time)))!r} s is beyond any clock: expected seconds or {what}"
         )
+    choice = chosen.get("time_s")
+    if not faults and choice is not None and not choice.unit_said and _days_of_a_spreadsheet(time):
+        what = f"{typed('time_s', names, choice.index, 'd')} or {_same(names, 'time_s', choice)}"
+        text = f"{time[0]:.8g} to {time[-1]:.8g}: a spreadsheet's dates, which count days? expected {what}"
+        faults.append(f"{table.source}: time_s: {text}")
     return faults
+
+
+def _days_of_a_spreadsheet(time: Array) -> bool:
+    """Whether times may be dates as spreadsheets write them as numbers: rows of less than half an hour apart."""
+    within = DAYS[0] < time[0] and time[-1] < DAYS[1]
+    return within and float(np.median(np.diff(time))) < HALF_AN_HOUR_D
 
 
 def _resistance_faults(

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 class RecordDiagnosis(Shown):
     """A diagnosis. verdict: clean, explained, partly_unexplained, unexplained or too_short. effects: the parameters of
     each effect that is named, by names that bear their units. model: the extended one, for `predict`. lines: what
-    `peltier diagnose` prints; document: its JSON. found: everything, `sim.diagnosis.result.Diagnosis`."""
+    `peltier diagnose` prints; document: its JSON. found: everything, `sim.diagnosis.result.Diagnosis`. drive: its unit,
+    where it is a share of full drive."""
 
     verdict: str
     effects: dict[str, dict[str, float]]
@@ -34,6 +35,7 @@ class RecordDiagnosis(Shown):
     lines: tuple[str, ...]
     document: dict[str, Any] = field(repr=False)
     found: Diagnosis = field(repr=False)
+    drive: str | None = field(default=None, repr=False)
 
     def plot(self) -> Figure:
         """The loop as base and extended model show it; without a film the error on held-out rows."""
@@ -49,7 +51,7 @@ class RecordDiagnosis(Shown):
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
         write_model(place / "model.toml", self.model)
-        write_diagnosis_report(place, self.found, self.found.sources[0])
+        write_diagnosis_report(place, self.found, self.found.sources[0], self.drive)
         return place / "report.html"
 
 
@@ -83,4 +85,5 @@ def diagnose(
     one, *more = [as_record(source) for source in (record, *further)]
     found, extended = diagnosed(one, base, output, others, plate, known, budget_s, more, false_alarm, say)
     effects = {f.name: {name: value for name, (value, _) in f.parameters.items()} for f in found.findings}
-    return RecordDiagnosis(found.verdict, effects, model_of(extended), tuple(lines(found)), found.document(), found)
+    told = tuple(lines(found)), found.document(), found, one.drive
+    return RecordDiagnosis(found.verdict, effects, model_of(extended), *told)

@@ -86,7 +86,7 @@ def told(
             comment = f"extended model of the diagnosis of {Path(one.source).name}"
             write_model(folder / MODEL, model_of(extended), comment)
         if report if report is not None else model is not None:
-            write_diagnosis_report(folder, diagnosis, one.source)
+            write_diagnosis_report(folder, diagnosis, one.source, one.drive)
             if diagnosis.candidates:
                 best = diagnosis.candidates[0]
                 comment = f"with what was found in {Path(one.source).name} and is not named: {', '.join(best.names)}"

@@ -29,10 +29,10 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
-def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
-    """report.html and diagnosis.json in a folder that is there."""
+def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str, drive: str | None = None) -> None:
+    """report.html and diagnosis.json in a folder that is there. drive: its unit, where it is a share of full drive."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
-    residual = residual_figures(folder, diagnosis)
+    residual = residual_figures(folder, diagnosis, drive)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),

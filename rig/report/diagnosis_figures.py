@@ -84,14 +84,16 @@ def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
     return out
 
 
-def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
-    """Residuals against time, temperature, rate and what drove, a figure for each channel."""
+def residual_figures(folder: Path, diagnosis: Diagnosis, drive: str | None = None) -> list[str]:
+    """Residuals against time, temperature, rate and what drove, a figure for each channel. drive: its unit, where it is
+    a share of full drive."""
     names = diagnosis.judged.fitted
     before, after = residuals(diagnosis, diagnosis.chain.assumed), residuals(diagnosis, names)
-    return [_residual(folder, diagnosis, key, before[key], after[key]) for key in after]
+    against = _against(diagnosis, drive)
+    return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
 
 
-def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
+def _against(diagnosis: Diagnosis, drive: str | None) -> list[tuple[str, Array]]:
     """What residuals are shown against."""
     record = diagnosis.record
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
@@ -102,16 +104,17 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
     rate = np.gradient(smooth, record.time_s)
     found = [("time / s", record.time_s), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
     if record.current_A is not None:
-        heater = diagnosis.plate is not None and diagnosis.plate.kind == "heater"
-        found.append(("drive / of full drive" if heater else "current / A", record.current_A))
+        share = drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
+        found.append(("drive / of full drive" if share else "current / A", record.current_A))
     elif record.test_current_A is not None:
         found.append(("test current / A", record.test_current_A))
     return found
 
 
-def _residual(folder: Path, diagnosis: Diagnosis, key: str, before: Array, after: Array) -> str:
+def _residual(
+    folder: Path, diagnosis: Diagnosis, against: list[tuple[str, Array]], key: str, before: Array, after: Array
+) -> str:
     what, unit = channels_of(diagnosis)[key]
-    against = _against(diagnosis)
     fig, axes = grid(2, 2, 4.6, sharey=True)
     spread = float(np.nanpercentile(np.abs(before), 99.5))
     scale, prefix = _scale(spread)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
-MORE = 1.1  # times the noise, from which what no model tells is said beside it
+MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 NOT_FIXED = "not fixed by this record"
@@ -104,7 +104,7 @@ def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
 
 
 def _foreseen(diagnosis: Diagnosis, channel: Channel) -> float:
-    """The noise and what no model tells of the film; where currents were not logged, the noise alone, so that this is
+    """The noise and what the record leaves open; where currents were not logged, the noise alone, so that this is
     said."""
     return channel.noise if diagnosis.record.early > 0.0 else channel.expected
 
@@ -145,7 +145,7 @@ def gain_line(what: str, unit: str, channel: Channel) -> str:
     """Held-out error before and after beside the noise."""
     besides = ""
     if channel.expected > MORE * channel.noise:
-        besides = f", {number(channel.expected)} {unit} with what no model tells"
+        besides = f", {number(channel.expected)} {unit} with what this record leaves open"
     return (
         f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "
         f"noise {number(channel.noise)} {unit}{besides} ({channel.samples_holdout} held-out rows)"

@@ -56,7 +56,7 @@ class SignalStop:
         if self._shielded:
             return
         if _compiling(frame):
-            again = threading.Timer(AGAIN_S, signal.raise_signal, (number,))
+            again = threading.Timer(AGAIN_S, _raise_in_main_thread, (number,))
             again.daemon = True
             again.start()
             return
@@ -80,6 +80,15 @@ class NotebookStop(SignalStop):
     def _ended(self, number: int) -> BaseException:
         self.received = None
         return self.outcome(number)
+
+
+def _raise_in_main_thread(number: int) -> None:
+    """There, so that what it waits for is interrupted: raised in this thread, it would be noticed at the wait's end."""
+    ident = threading.main_thread().ident
+    if hasattr(signal, "pthread_kill") and ident is not None:
+        signal.pthread_kill(ident, number)
+    else:  # Windows: at the end of the wait
+        signal.raise_signal(number)
 
 
 def _compiling(frame: FrameType | None) -> bool:

@@ -193,7 +193,8 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     lattice = _lattice(chain)
     held_out = replace(held_out, on_lattice=lattice is not None)
     noise = held_out.noise(names)
-    channels = _channels(held_out, names, noise, held_out.noise(names, with_path=True))
+    everywhere = held_out.rmse_everywhere(names)
+    channels = _channels(held_out, names, noise, _expected(held_out, names, everywhere))
     say("candidates")
     candidates = candidates_of(chain, judged, held_out.left, held_out.parts, held_out.rows, noise)
     say("intervals")
@@ -203,7 +204,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         smooth, shown = held_out.residuals(names), held_out.left(names)
         gains = {c: gain(smooth[c], shown[c], held_out.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
-    unexplained = _unexplained(chain, judged, held_out, channels)
+    unexplained = _unexplained(chain, judged, channels, everywhere)
     sparse = chain.facts.sparse if chain.facts is not None else None
     next_experiment = next_experiments(
         chain.effects,
@@ -265,6 +266,16 @@ def _channels(
     return channels
 
 
+def _expected(held_out: HeldOutRows, names: frozenset[str], everywhere: Mapping[str, float]) -> dict[str, float]:
+    """The RMSE of each channel with the true effects: noise, the plate's path between the rows, and, where it matters,
+    what the fitted rows leave open of the film."""
+    expected = held_out.noise(names, with_path=True)
+    film = "resistance_dec"
+    if film in expected and everywhere.get(film, 0.0) > UNSEEN * expected[film]:
+        expected[film] = float(np.hypot(expected[film], held_out.film_left_open_dec(names)))
+    return expected
+
+
 def _findings(
     chain: Chain, judged: Verdict, held_out: HeldOutRows, confounders: Mapping[str, list[str]]
 ) -> list[Finding]:
@@ -282,7 +293,7 @@ def _findings(
 
 
 def _unexplained(
-    chain: Chain, judged: Verdict, held_out: HeldOutRows, channels: Mapping[str, Channel | None]
+    chain: Chain, judged: Verdict, channels: Mapping[str, Channel | None], everywhere: Mapping[str, float]
 ) -> dict[str, str | None]:
     """By channel: what is left in the fitted rows, or that held-out rows are predicted much worse; None: nothing."""
     record, names = chain.record, judged.fitted
@@ -294,9 +305,6 @@ def _unexplained(
         if adequacy is not None and not adequacy.clean:
             z, rows = residual(chain, names)
             unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
-    if all(channel is None or unexplained[name] is not None for name, channel in channels.items()):
-        return unexplained
-    everywhere = held_out.rmse_everywhere(names)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue

@@ -37,8 +37,8 @@ class Finding:
 @dataclass(frozen=True)
 class Channel:
     """One channel: its instrument's noise, the held-out RMSE of the base and of the extended model, how many rows were
-    held; expected: RMSE with the true effects, the noise and what no model tells (a walk of the plate between the rows,
-    a film's steps)."""
+    held; expected: RMSE with the true effects, the noise and what this record leaves open (a walk of the plate between
+    the rows, a film's steps, a film's course where the fitted rows never were)."""
 
     noise: float
     rmse_base: float

@@ -70,6 +70,7 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     assert said["candidates"] == []  # what is named tells the held-out rows best
 
 
+@pytest.mark.long
 def test_what_tells_held_out_rows_better_and_is_not_named_is_shown(
     measured: Path, tmp_path: Path, peltier: Peltier
 ) -> None:
@@ -173,8 +174,10 @@ def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
 @pytest.mark.long
 def test_the_saturated_heat_sink_is_a_warning(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ("--column", "time_s=t_s", "--column", "temperature_degC=T_C", "--column", "current_A=duty@duty")
-    status, _, _ = peltier("diagnose", measured / "peltier_runaway.csv", *columns, "--json", tmp_path / "out.json")
+    written = ("--json", tmp_path / "out.json", "--report", tmp_path)
+    status, _, _ = peltier("diagnose", measured / "peltier_runaway.csv", *columns, *written)
     assert status == 0
+    assert "drive / of full drive" in (tmp_path / "report.html").read_text(encoding="utf-8")
     said = json.loads((tmp_path / "out.json").read_text())
     warning = next(w for w in said["warnings"] if w["code"] == "heat_sink_saturated")
     assert 340.0 < warning["from_s"] < warning["to_s"] < 520.0

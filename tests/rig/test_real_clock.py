@@ -51,7 +51,8 @@ def busy() -> Iterator[None]:
         loop.wait()
 
 
-@pytest.mark.parametrize("cache", ["compiled", pytest.param("empty", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("cache", ["compiled", "empty"])
 def test_a_profile_beside_endless_loops(busy: None, root: Path, tmp_path: Path, cache: str) -> None:
     """To its end, and nobody was away from a plate with a current for longer than the interlock allows."""
     (tmp_path / "model.toml").write_text(MODEL)

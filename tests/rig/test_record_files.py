@@ -111,6 +111,9 @@ def test_units_of_resistance(file: Path, head: str, unit: str, factor: float) ->
         (f"time,temperature_degC\n{ROWS.replace(',1000', '').replace(',900', '').replace(',800', '')}", "=time@h"),
         (ROWS, "--column 'temperature_degC=#2@degC'"),
         ("time_s,temperature_degC\n1795269782250,20\n1795269782350,21\n", "--column time_s=time_s@ms"),
+        ("time_s,temperature_degC\n46352.5400,20\n46352.5401,21\n", "a spreadsheet's dates"),
+        ("Date (s),temperature_degC\n46352.5400,20\n46352.5401,21\n", "--column 'time_s=Date (s)@d'"),
+        ("time,temperature_degC\n46352.5400,20\n46352.5401,21\n", "=time@d"),
         ("time_s,temperature_degC,R (Ohm)\n0,25,1e-5\n1,26,2e-5\n", "--column 'resistance_ohm=R (Ohm)@S'"),
     ],
 )

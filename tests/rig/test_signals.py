@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -34,8 +35,10 @@ def test_a_signal_in_a_compilation_raises_behind_it() -> None:
     with SignalStop() as signals:
         assert names["compiled"](lambda: signal.raise_signal(signal.SIGHUP)) == "compiled"
         assert signals.received == signal.SIGHUP
+        begun_s = time.monotonic()
         with pytest.raises(Stopped, match="SIGHUP"):
             threading.Event().wait(SOON_S)
+        assert time.monotonic() - begun_s < SOON_S  # it ends the wait, and is not noticed at its end
 
 
 def test_a_shielded_signal_waits_until_it_is_exposed() -> None:

@@ -92,7 +92,7 @@ def test_the_same_is_named_at_another_sampling() -> None:
     covered(thinned, blind)
 
 
-@pytest.mark.parametrize("name", ["radiative_loss", "heat_sink_warmup"])
+@pytest.mark.parametrize("name", ["radiative_loss", pytest.param("heat_sink_warmup", marks=pytest.mark.long)])
 def test_a_simulation_that_wanders_speaks_against_no_name(name: str) -> None:
     blind = case("one", 900, effect=name)
     document = diagnose(every(blind.columns, 2)).document()

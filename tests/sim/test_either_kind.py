@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from sim.diagnosis.diagnose import diagnose
 
@@ -11,6 +12,7 @@ SINK_RATIO, SINK_PER_S = 15.0, 0.03
 ROW_S, INNER = 5.0, 50
 
 
+@pytest.mark.long
 def test_a_plate_that_only_heats_and_has_a_sink_is_a_peltier_plate() -> None:
     """Its own balance, by Euler steps of 0.1 s, which are 1e-3 of its shortest time: taken alone, a heater is nearer to
     the bent course than a Peltier plate."""

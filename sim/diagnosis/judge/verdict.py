@@ -36,7 +36,7 @@ CHANCE = 2.33  # standard deviations: one real effect in a hundred is refused wh
 SURVIVES_BESIDE = 40.0  # where the effects only together explain most of what the base model leaves
 SEEN_BESIDE = 0.1  # share of the evidence that unseen rows have to show
 MOST_LEFT_OF_ALL = 0.4
-CERTAIN = 100.0  # whitened log-likelihood of an effect beside a little that is left
+CERTAIN = 100.0  # log-likelihood of an effect beside a little that is left, or of one that is small
 LITTLE_LEFT = 0.2  # of the noise's variance
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
@@ -170,8 +170,10 @@ def _worth(
         )
     if told is not None and told.gain < -largest_loss_by_chance(evidence, told.changed):
         return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
-    if too_small(chain, names, name):
-        return evidence, (weak, "its size has no physical meaning")
+    certain = resistance is not None and resistance.clean and evidence >= CERTAIN
+    certain = certain and (unseen is None or unseen >= SEEN_BESIDE * evidence)
+    if too_small(chain, names, name, certain):
+        return evidence, (weak, "its size is not one that is met")
     upstream = name in chain.split(names)[0]
     if not upstream and not _seen_beside_preisach_film(chain, names, name):
         return evidence, (weak, "a film of another kind can do what it does")
@@ -261,9 +263,11 @@ def _predicts(chain: Chain, names: frozenset[str], rest: frozenset[str], last: b
     return after - 1.0 <= MOST_LEFT * (before - 1.0)
 
 
-def too_small(chain: Chain, names: frozenset[str], name: str) -> bool:
-    """Whether an effect's size is without physical meaning: see `without_meaning`."""
-    least = SMALL if is_prandtl_ishlinskii(chain, names) or name in chain.split(names)[0] else LEAST_BESIDE
+def too_small(chain: Chain, names: frozenset[str], name: str, certain: bool) -> bool:
+    """Whether an effect's size is without physical meaning: see `without_meaning`. Beside a film of another kind small
+    sizes stand in for what the film lacks; certain: that nothing is left with it, and that unseen rows show it."""
+    plain = certain or is_prandtl_ishlinskii(chain, names) or name in chain.split(names)[0]
+    least = SMALL if plain else LEAST_BESIDE
     for fit in chain.fits(names):
         for e in fit.effects if fit is not None else ():
             if e.name == name:

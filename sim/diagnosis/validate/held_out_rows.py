@@ -14,6 +14,7 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import rmse
 from sim.diagnosis.validate.halves import Halves
 from sim.diagnosis.validate.held_out import residuals_on
+from sim.diagnosis.validate.left_open import film_left_open
 from sim.diagnosis.validate.residuals import residuals, rounded
 
 
@@ -84,6 +85,18 @@ class HeldOutRows:
                 known = None if self.others else rows
                 noise["resistance_dec"] = root_mean_square(facts.noise.marginal(output[rows], known))
         return noise
+
+    def film_left_open_dec(self, names: frozenset[str]) -> float:
+        """RMS of what the fitted rows leave open of the film here (`sim.diagnosis.validate.left_open`)."""
+        if not self.others:
+            open_dec = film_left_open(self.chain, names)
+        else:
+            records = [other.record for other in self.others if other.record.output is not None]
+            open_dec = np.concatenate([film_left_open(self.chain, names, record) for record in records])
+        read = [np.isfinite(_output(record)) for record in self._records if record.output is not None]
+        counted = [record.output is not None for record in self._records]
+        here = self.rows[np.repeat(counted, [record.rows for record in self._records])]
+        return root_mean_square(open_dec[here & np.concatenate(read)])
 
     def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
         """Of each channel, what belongs to another record fitted to all of it: what its first rows leave open of that
