@@ -167,6 +167,7 @@ class TemperatureChannel(PlateEquations):
             path, shown = self.simulate(p, x, first)
             return _Trial(x, first, path, shown, self.cost(p, x, shown))
 
+        @np.errstate(over="ignore", invalid="ignore")  # a simulation with a step of an unknown may be without an end
         def linearized(at: _Trial) -> Linearized[_Trial]:
             x, first, shown = at.x, at.first_degC, at.shown_degC
             self._slopes(p, at, high, h, jacobian)
