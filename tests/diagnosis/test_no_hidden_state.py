@@ -15,16 +15,21 @@ from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
 
+PLATE, FILM = ("time_s", "temperature_degC", "current_A"), "resistance_ohm"
 FILES = sorted(Path(*diagnosis.__path__).rglob("*.py"))
 
 
-def test_a_search_leaves_what_it_was_given() -> None:
-    record = read_columns(case("one", 3, effect="meter_lag", rows=1000).columns)
+@pytest.mark.parametrize(
+    ("effect", "read"), [("sensor_lag", PLATE), pytest.param("meter_lag", (*PLATE, FILM), marks=pytest.mark.long)]
+)
+def test_a_search_leaves_what_it_was_given(effect: str, read: tuple[str, ...]) -> None:
+    columns = case("one", 3, effect=effect, rows=1000).columns
+    record = read_columns({name: columns[name] for name in read})
     first = temperature_search(record, catalogue())
     given = Chain(first.channel.record, catalogue(), first, as_read=record)
     said: list[str] = []
     (chain, names), (again, same) = select(given, said.append), select(given, said.append)
-    assert names == same == {"meter_lag"}
+    assert names == same == {effect}
     assert chain.score(names) == again.score(names)
     assert said[: len(said) // 2] == said[len(said) // 2 :]
     assert not first.fits

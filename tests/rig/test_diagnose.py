@@ -22,7 +22,7 @@ Peltier = Callable[..., tuple[int, str, str]]
 def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any]:
     """A folder with a record that has one hidden effect, the case, and what the diagnosis says of it."""
     folder = tmp_path_factory.mktemp("diagnosed")
-    hidden = case("one", 1, effect="film_lag")
+    hidden = case("one", 1, effect="film_lag", rows=3000)
     write_record(hidden, folder / "record.csv")
     words = ["diagnose", folder / "record.csv", "--json", folder / "out.json", "--report", folder / "report"]
     assert main([str(word) for word in words]) == 0
