@@ -72,6 +72,17 @@ def test_the_command_line_is_light() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("words", [("diagnose", "no.csv"), ("identify", "no.csv"), ("predict", "no.toml", "no.csv")])
+def test_what_is_refused_waits_for_no_mathematics(words: tuple[str, ...]) -> None:
+    code = (
+        f"import sys, rig.__main__ as m; status = m.main({list(words)});"
+        "heavy = {'scipy.optimize', 'sim.diagnosis.diagnose', 'rig.analysis.predicted'} & set(sys.modules);"
+        "sys.exit(', '.join(sorted(heavy)) or status - 2)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_mathematics_never_asks_the_time(root: Path) -> None:
     for package in ("compensator", "sim"):
         for path in (root / package).rglob("*.py"):

@@ -87,8 +87,6 @@ def main(options: argparse.Namespace) -> int:
         from rig.files.effect_tables import add_effect_files
 
         add_effect_files(options.effect_file)
-    from rig.report.diagnosed_record import Asked
-
     if options.budget is not None and not options.budget > 0.0:
         raise fault("--budget", f"{options.budget:g}", "expected a number of seconds > 0")
     if options.false_alarm is not None:
@@ -101,13 +99,17 @@ def main(options: argparse.Namespace) -> int:
         from rig.files.effect_tables import assumed_effects
 
         assumed_effects(options.assume)
-    own = tuple(path.absolute() for path in options.effect_file)
-    how = (options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm)
-    asked = Asked(_base(options), *how)
+    base = _base(options)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
     records = read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
+    from rig.report.diagnosed_record import Asked  # seconds: after what may be refused has been read
+
+    own = tuple(path.absolute() for path in options.effect_file)
+    asked = Asked(
+        base, options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm
+    )
     if several:
         from rig.command.each_told import each_told
         from rig.report.diagnosed_record import diagnoses

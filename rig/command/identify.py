@@ -55,9 +55,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.analysis.identified import AskedFit
-    from rig.report.identified_records import identified_and_told
-
     if options.out is not None:
         if options.each:
             raise fault("--out", str(options.out), "expected --report DIR beside --each: it has a model of each record")
@@ -65,8 +62,11 @@ def main(options: argparse.Namespace) -> int:
     if options.report is not None:
         writable_folder(options.report)
     voice = Voice(options.json)
-    asked = AskedFit(**{field.name: getattr(options, field.name) for field in fields(AskedFit)})
     records = read_records(options.records, options)
+    from rig.analysis.identified import AskedFit  # a second or two: after what may be refused has been read
+    from rig.report.identified_records import identified_and_told
+
+    asked = AskedFit(**{field.name: getattr(options, field.name) for field in fields(AskedFit)})
     if options.each:
         from rig.command.each_told import each_told
         from rig.report.identified_records import identifications

@@ -53,8 +53,6 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.analysis.prediction_error import require_something_to_predict
-    from rig.experiment.feasible import order_warning
     from rig.files.model_file import read_model
 
     several = len(options.records) > 1
@@ -71,6 +69,9 @@ def main(options: argparse.Namespace) -> int:
         add_effect_files(options.effect_file)
     model = read_model(options.model)
     records = read_records(options.records, options)
+    from rig.analysis.prediction_error import require_something_to_predict  # seconds: after what may be refused
+    from rig.experiment.feasible import order_warning
+
     for record in records:
         require_something_to_predict(model, record, options.model)
     warning = order_warning(model.film, options.model) if model.film is not None else None
