@@ -1,7 +1,7 @@
 """The rows of a table in text, by column: at once where they are numbers and nothing else, else field by field.
 
-Blank lines, comments, names that stand again after a restart and a last line that was cut off are left out; a row with
-another number of fields is a fault.
+Blank lines, comments, names that stand again after a restart, words behind the last row and a last line that was cut
+off are left out; a row with another number of fields is a fault.
 """
 
 from __future__ import annotations
@@ -22,7 +22,11 @@ from rig.files.text_form import SAMPLE, Form, divided_line
 from rig.files.text_head import Head
 
 COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")
+COMMENT = ("#", "%", "!")
+DIGIT = re.compile(r"\d")
 MOST_FAULTS = 20  # a file: more lines are read by nobody
+MOST_CLOSING = 10  # lines of words behind the rows; more are another table
+SHOWN = 40  # characters of what was left out
 BLOCK_ROWS = 500  # read at a time: few enough lists that Python's collector does not go through them again and again
 Fields = list[str] | Array
 
@@ -95,6 +99,27 @@ def _all_rows(body: list[str], start: int, form: Form) -> tuple[list[list[str]],
     return rows, line_of
 
 
+def _end_of_numbers(rows: list[list[str]], form: Form) -> int:
+    """Behind the last row that has a number: programs write words there ("End of data"), a few lines of them."""
+    end = len(rows)
+    while end > max(len(rows) - MOST_CLOSING, 0) and _only_words(rows[end - 1], form):
+        end -= 1
+    return end
+
+
+def _only_words(row: list[str], form: Form) -> bool:
+    """Without a digit; or with one somewhere, as in a clock's time, and no row of the table."""
+    return not any(map(DIGIT.search, row)) or (len(row) != form.fields and not any(map(_is_number, row)))
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field.strip().replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
 def _sorted_out(
     rows: list[list[str]],
     line_of: Sequence[int],
@@ -109,9 +134,12 @@ def _sorted_out(
     places: list[int] = []
     faults: list[str] = []
     said: list[str] = []
-    again = 0
-    for k, row in enumerate(rows):
-        if not any(field.strip() for field in row) or row[0].lstrip()[:1] in ("#", "%", "!"):
+    again, end = 0, _end_of_numbers(rows, form)
+    closing = [text for row in rows[end:] if (text := " ".join(" ".join(row).split()))]
+    if words := [text for text in closing if text[0] not in COMMENT]:
+        said.append(f"words after the last row left out: {words[0][:SHOWN]!r}{' and more' if len(words) > 1 else ''}")
+    for k, row in enumerate(rows[:end]):
+        if not any(field.strip() for field in row) or row[0].lstrip()[:1] in COMMENT:
             continue
         if body is not None and body[k].strip() in head.raw:
             again += 1

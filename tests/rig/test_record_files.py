@@ -146,6 +146,22 @@ def test_a_word_for_no_reading(file: Path, word: str) -> None:
     assert np.flatnonzero(np.isnan(record["resistance_ohm"])).tolist() == [7]
 
 
+@pytest.mark.parametrize(
+    "end", ["End of data\n", "Measurement finished,,\n", "Stopped by user\nat 14:03:11, in the night\n", "\nEnd\n\n"]
+)
+def test_words_behind_the_last_row(file: Path, end: str) -> None:
+    rows = "".join(f"{k},{25 + k},{1000 - k}\n" for k in range(20))
+    record = read(file, f"time_s,temperature_degC,resistance_ohm\n{rows}{end}")
+    assert record.rows == 20
+    assert any("words after the last row left out" in line for line in record.said)
+
+
+def test_words_between_rows_are_a_fault(file: Path) -> None:
+    rows = "".join(f"{k},{25 + k},{1000 - k}\n" for k in range(20))
+    said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}paused\n21,45,980\n")
+    assert said.splitlines() == [f"{file}: line 22: 1 fields, expected 3"]
+
+
 def test_exchanged_columns(file: Path) -> None:
     rows = "".join(f"{k},{1e5 / (k + 1)!r},{25 + k}\n" for k in range(66))
     said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}")
