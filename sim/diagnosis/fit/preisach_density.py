@@ -34,6 +34,7 @@ CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (0 to 1): the 
 FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
 STEEP = 0.9  # of a relay's step, times the distance of the centres
 ROWS_AT_ONCE = 256  # times 576 relays in single precision stay in a processor's own cache
+FARTHEST_DEGC = 1e9  # a trial's plate may be without an end, single precision is not: all relays have switched there
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class RelayPlane:
     def _steps_times(self, nodes: FilmNodes, weights: Array) -> Array:
         """The relays' outputs times weights: single precision is 1e-6 of a step."""
         half_width, place = np.unique(self.half_width_K, return_inverse=True)
-        plays = play_outputs(nodes, half_width)
+        plays = np.clip(play_outputs(nodes, half_width), -FARTHEST_DEGC, FARTHEST_DEGC)
         slope = self.slope_per_K.astype(np.float32)
         middle = (self.slope_per_K * self.centre_degC).astype(np.float32)
         weights_32 = weights.astype(np.float32)

@@ -88,15 +88,15 @@ class HeldOutRows:
 
     def film_left_open_dec(self, names: frozenset[str]) -> float:
         """RMS of what the fitted rows leave open of the film here (`sim.diagnosis.validate.left_open`)."""
-        if not self.others:
-            open_dec = film_left_open(self.chain, names)
-        else:
-            records = [other.record for other in self.others if other.record.output is not None]
-            open_dec = np.concatenate([film_left_open(self.chain, names, record) for record in records])
-        read = [np.isfinite(_output(record)) for record in self._records if record.output is not None]
-        counted = [record.output is not None for record in self._records]
-        here = self.rows[np.repeat(counted, [record.rows for record in self._records])]
-        return root_mean_square(open_dec[here & np.concatenate(read)])
+        output = np.concatenate([_output(record) for record in self._records])
+        open_dec = np.full(output.size, np.nan)
+        begin = 0
+        for record in self._records:
+            if record.output is not None:
+                other = record if self.others else None
+                open_dec[begin : begin + record.rows] = film_left_open(self.chain, names, other)
+            begin += record.rows
+        return root_mean_square(open_dec[self.rows & np.isfinite(output)])
 
     def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
         """Of each channel, what belongs to another record fitted to all of it: what its first rows leave open of that
