@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 
 def benchmark(root: Path, tmp_path: Path, name: str, *words: str) -> dict[str, object]:
     result = tmp_path / "result.json"
@@ -32,6 +34,7 @@ def test_nothing_shown_is_lost_by_kills_and_full_disks(root: Path, tmp_path: Pat
         assert (full["lost"], full["damage"], full["told"]) == (0, None, True)
 
 
+@pytest.mark.long
 def test_a_trip_survives_kills_damage_and_full_disks_and_a_new_bench_has_none(root: Path, tmp_path: Path) -> None:
     found = benchmark(root, tmp_path, "latch", "--count", "1")
     assert (found["still_tripped"], found["not_ended"]) == (1, 0)

@@ -67,6 +67,7 @@ def test_another_quantity_is_stretched_and_comes_back_in_its_unit() -> None:
     assert {"film_lag", "meter_lag", "timestamp_skew", "sensor_lag"} <= set(found.effects(catalogue()))
 
 
+@pytest.mark.long
 def test_the_verb_on_a_quantity_that_falls(tmp_path: Path, peltier: Peltier) -> None:
     """A film's transmission, in percent, that falls on heating: the effect, its channel, the extended model."""
     found = case("one", 1, effect="film_lag", rows=1000)

@@ -72,6 +72,7 @@ def test_a_choice_that_cannot_be_is_refused() -> None:
             EngineChoice(**words)  # type: ignore[arg-type]
 
 
+@pytest.mark.long
 def test_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     cases = [Case(k, doubled, (k,)) for k in range(6)] + [Case(6, fails, (6,)), Case(7, size_of, ())]

@@ -96,7 +96,11 @@ def is_known(folder: Path, driver: str) -> bool:
 
 @pytest.mark.parametrize(
     ("driver", "lies"),
-    [("meerstetter", True), ("meerstetter", False), pytest.param("te_technology", True, marks=pytest.mark.long)],
+    [
+        ("meerstetter", True),
+        pytest.param("meerstetter", False, marks=pytest.mark.long),
+        pytest.param("te_technology", True, marks=pytest.mark.long),
+    ],
 )
 def test_the_temperature_is_asked_after_a_kill(tmp_path: Path, driver: str, lies: bool) -> None:
     """A controller that says "off" and is not; and one that is. The plate is the working process's knowledge."""

@@ -111,7 +111,14 @@ def test_port_that_does_not_open(peltier: Peltier, tmp_path: Path) -> None:
     assert len(err.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGINT,
+        signal.SIGTERM,
+        *(pytest.param(s, marks=pytest.mark.long) for s in (signal.SIGHUP, signal.SIGQUIT)),
+    ],
+)
 def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: signal.Signals) -> None:
     path = write_bench(tmp_path, time="real")
     process = subprocess.Popen(

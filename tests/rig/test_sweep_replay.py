@@ -88,7 +88,10 @@ def test_replay_gives_the_same_commands_and_another_law_runs_on_the_twin(tmp_pat
     assert "rms_dec" in out
 
 
-@pytest.mark.parametrize("effect", ["", '\n[[effects]]\nname = "self_heating"\ntheta_K_per_W = 300.0\n'])
+HEATED = '\n[[effects]]\nname = "self_heating"\ntheta_K_per_W = 300.0\n'
+
+
+@pytest.mark.parametrize("effect", ["", pytest.param(HEATED, marks=pytest.mark.long)])
 def test_compared_laws_and_late_ticks_replay_to_the_bit(
     tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, effect: str
 ) -> None:

@@ -69,6 +69,7 @@ def test_tune_tells_the_margins_of_the_whole_law(peltier: Peltier, tmp_path: Pat
     assert f"kp_percent_per_K = {options['kp_percent_per_K']:g}" in out
 
 
+@pytest.mark.long
 def test_tune_refuses_gains_and_says_which_to_lower(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, more="\n[control]\nmost_share = 0.9\n")
     status, _, err = peltier("tune", path, "--json", tmp_path / "t.json")

@@ -94,6 +94,7 @@ def test_heating_comes_and_goes_with_the_test_current() -> None:
     assert run.output[25] > run.output[5] + 1e-3  # hysteresis: not where it was
 
 
+@pytest.mark.long
 def test_relays_that_are_heated_settle() -> None:
     """A film that jumps has no fixed point everywhere: the search ends, and finds the jump."""
     rig = World(PLATE, PreisachFilm.bell_shaped(1, relays=300), first_degC=50.0, effects=(on("self_heating"),))

@@ -84,6 +84,7 @@ def test_a_whole_record_is_read_as_it_was() -> None:
     assert "current_between_rows" not in {warning["code"] for warning in document["warnings"]}
 
 
+@pytest.mark.long
 def test_the_same_is_named_at_another_sampling() -> None:
     blind = case("one", 5)
     assert set(blind.hidden) == {"ambient_drift"}
