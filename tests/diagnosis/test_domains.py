@@ -63,6 +63,17 @@ def test_a_fault_beside_steps_is_not_explained_by_them(fault: str) -> None:
 
 
 @pytest.mark.long
+def test_what_comes_again_in_each_pass_is_no_effect() -> None:
+    """An error of a range of 3.5 % at 10 kohm was named, with a log-likelihood of 33, though 2.7 deviations off 0."""
+    blind = case("domains", 98004)
+    assert blind.hidden == {}
+    assert blind.holdout is not None
+    document = diagnose(blind.columns, holdout=[blind.holdout]).document()
+    assert names(document) == set()
+    assert document["verdict"] == "clean"
+
+
+@pytest.mark.long
 def test_a_drift_beside_steps_is_found() -> None:
     blind = case("domains", 5)
     assert set(blind.hidden) == {"film_drift"}

@@ -12,18 +12,22 @@ from __future__ import annotations
 from typing import Final
 
 from sim.diagnosis.fit.domain_noise import domain_noise, steps_may_show
+from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.repeated_passes import Repeated, repeated
-from sim.diagnosis.judge.verdict import Verdict, judge
+from sim.diagnosis.fit.unknowns import fitted_parameters
+from sim.diagnosis.judge.verdict import Verdict, judge, least_evidence
 from sim.diagnosis.search.both_ends import select_anew
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains
 from sim.diagnosis.search.stepwise import TIMING, Progress
+from sim.diagnosis.validate.deviations import of_one_pass
 
 WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
 DEVIATIONS: Final = 4.0  # of chance, that what is left of one pass and of another are alike: one record in 30,000
 SHARE: Final = 0.3  # their correlation: 0.28 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
 CERTAIN: Final = 10.0  # deviations from which a smaller correlation does: small domains beside much noise
+ONCE: Final = "what shows it comes again at the same temperatures, as the steps of domains do"
 ROUNDS: Final = 3  # of domains and effects: each makes the other clearer
 
 
@@ -44,10 +48,31 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
         if names == before:
             break
         other = with_domains(other, names)
-    found = judge(other, names)
+    found = _as_of_one_pass(other, judge(other, names))
     if found.resistance is None or not found.resistance.clean or not _come_again(_repeated(other, found.fitted)):
         return chain, judged
     return other, found
+
+
+def _as_of_one_pass(chain: Chain, judged: Verdict) -> Verdict:
+    """Without the effects of film and ohmmeter that are no more than what domains do at one temperature: it comes again
+    in each pass, and the likelihood counts every pass anew."""
+    while True:
+        b, names = chain.fits(judged.fitted)[1], judged.fitted
+        assert b is not None
+        share, k = of_one_pass(chain, names)[SHAPE:], 0
+        weak: dict[str, float] = {}
+        for effect in b.effects:
+            count = len(fitted_parameters(effect.effect))
+            if effect.name in judged.names and count:
+                left = judged.evidence[effect.name] * float(share[k])
+                if left < least_evidence(chain, names, effect.name):
+                    weak[effect.name] = left
+            k += count
+        if not weak:
+            return judged
+        weakest = min(weak, key=lambda name: weak[name])
+        judged = judge(chain, names - {weakest}, judged, ONCE)
 
 
 def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:

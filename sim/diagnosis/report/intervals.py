@@ -12,16 +12,14 @@ from itertools import islice
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.covariance import NORMAL_95, block_sandwich
-from sim.diagnosis.data.record import Rows
+from compensator.identification.covariance import NORMAL_95
 from sim.diagnosis.fit.film_basis import SHAPE
-from sim.diagnosis.fit.resistance_channel import ResistanceChannel
-from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
-from sim.diagnosis.judge.verdict import resistance_residual, temperature_residual
+from sim.diagnosis.judge.verdict import temperature_residual
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.temperature_search import cell_of, cells
+from sim.diagnosis.validate.deviations import deviations, film_deviations
 from sim.effects.effect import Switched, jumps
 
 HALF_CHI2_95 = 1.92  # the fall of the log-likelihood to either side: half of chi square's 3.84
@@ -33,27 +31,11 @@ FARTHEST = 20.0  # half an interval on the fit's scale that is given: exp of it 
 VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the size
 
 
-def _deviations(columns: Array, z: Array) -> Array:
-    """Standard deviations of unknowns whose columns were freed of all others; 0 of one that is held."""
-    moves = np.any(columns != 0.0, axis=0)
-    if not np.all(moves):
-        deviations = np.zeros(moves.size)
-        deviations[moves] = _deviations(columns[:, moves], z)
-        return deviations
-    normal = columns.T @ columns
-    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))  # > 0
-    # by the pseudoinverse: two unknowns may do the same
-    covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
-    plain = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    wide = np.asarray(block_sandwich(columns, z).standard_errors)
-    return np.asarray(np.maximum(plain, np.where(np.isfinite(wide), wide, 0.0)), dtype=np.float64)
-
-
 def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale; None without them."""
     joint = chain.joint(names)
     if joint is not None:
-        return _deviations(*joint.columns())[: joint.a.parameters.x.size]
+        return deviations(*joint.columns())[: joint.a.parameters.x.size]
     a, _ = chain.fits(names)
     if a is None or chain.first is None:
         return None
@@ -68,7 +50,7 @@ def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     for k in range(j.shape[1]):
         part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
         j[:, k] -= e * part[channel.stretch]
-    return _deviations(weight[:, None] * j, z)
+    return deviations(weight[:, None] * j, z)
 
 
 def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:
@@ -82,26 +64,10 @@ def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[
     if joint is not None:
         p = joint.a.parameters
         begin = p.x.size + p.first_degC.size + SHAPE
-        out |= _by_name(list(joint.b.effects), _deviations(*joint.columns())[begin:])
+        out |= _by_name(list(joint.b.effects), deviations(*joint.columns())[begin:])
     elif b is not None:
-        z, rows = resistance_residual(chain, names)
-        last = chain.film_channel(names)
-        point = last.point(b.parameters, b.parameters.x, b.coefficients)
-        j = point.off(last.over(b.jacobian[rows]))
-        deviations = _deviations(j, z)
-        if chain.facts is not None and chain.facts.domains is not None:
-            order = _along_the_loop(last, b)
-            deviations = np.maximum(deviations, _deviations(j[order], z[order]))
-        out |= _by_name(list(b.effects), deviations[SHAPE:])
+        out |= _by_name(list(b.effects), film_deviations(chain, names)[SHAPE:])
     return out | _profiles(chain, names)
-
-
-def _along_the_loop(channel: ResistanceChannel, fit: ResistanceFit) -> Rows:
-    """The fitted rows in order of direction and temperature: what domains do at one temperature comes again in each
-    pass, so that rows of many passes are worth those of one."""
-    film_degC = channel.film_degC(fit)
-    rising = np.gradient(film_degC) > 0.0
-    return np.lexsort((film_degC[channel.rows], rising[channel.rows]))
 
 
 def vague_effects(chain: Chain, names: frozenset[str]) -> list[str]:

@@ -1,0 +1,67 @@
+"""How well a record tells the unknowns of a fit: standard deviations that hold for rows that hang together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from compensator.identification.covariance import block_sandwich
+from sim.diagnosis.data.record import Rows
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.search.chain import Chain
+
+
+def deviations(columns: Array, z: Array) -> Array:
+    """Standard deviations of unknowns whose columns were freed of all others; 0 of one that is held."""
+    moves = np.any(columns != 0.0, axis=0)
+    if not np.all(moves):
+        out = np.zeros(moves.size)
+        out[moves] = deviations(columns[:, moves], z)
+        return out
+    plain = of_independent_rows(columns)
+    wide = np.asarray(block_sandwich(columns, z).standard_errors)
+    return np.asarray(np.maximum(plain, np.where(np.isfinite(wide), wide, 0.0)), dtype=np.float64)
+
+
+def of_independent_rows(columns: Array) -> Array:
+    """The same of rows that do not hang together."""
+    normal = columns.T @ columns
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))  # > 0
+    # by the pseudoinverse: two unknowns may do the same
+    covariance = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)), dtype=np.float64)
+
+
+def film_deviations(chain: Chain, names: frozenset[str]) -> Array:
+    """Of the film's unknowns, shape before effects, on the fit's scale. What domains do at one temperature comes again
+    in each pass, so that rows of many passes are worth those of one."""
+    columns, z, last, b = _film_columns(chain, names)
+    found = deviations(columns, z)
+    if chain.facts is not None and chain.facts.domains is not None:
+        order = _along_the_loop(last, b)
+        found = np.maximum(found, deviations(columns[order], z[order]))
+    return found
+
+
+def of_one_pass(chain: Chain, names: frozenset[str]) -> Array:
+    """By how much less than the likelihood says the record tells of each of the film's unknowns: the share of evidence
+    that is left where rows that come again are no further evidence."""
+    plain = of_independent_rows(_film_columns(chain, names)[0])
+    return np.minimum((plain / np.maximum(film_deviations(chain, names), 1e-300)) ** 2, 1.0)
+
+
+def _film_columns(chain: Chain, names: frozenset[str]) -> tuple[Array, Array, ResistanceChannel, ResistanceFit]:
+    """Columns of the unknowns in the fitted rows, freed of the film's coefficients; the residual; over the noise."""
+    b = chain.fits(names)[1]
+    assert b is not None
+    last = chain.film_channel(names)
+    point = last.point(b.parameters, b.parameters.x, b.coefficients)
+    return point.off(last.over(b.jacobian[last.rows])), last.residual(b), last, b
+
+
+def _along_the_loop(channel: ResistanceChannel, fit: ResistanceFit) -> Rows:
+    """The fitted rows in order of direction and temperature."""
+    film_degC = channel.film_degC(fit)
+    rising = np.gradient(film_degC) > 0.0
+    return np.lexsort((film_degC[channel.rows], rising[channel.rows]))
