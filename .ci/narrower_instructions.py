@@ -31,7 +31,7 @@ def narrower() -> dict[str, str]:
     return told
 
 
-if __name__ == "__main__":
+if __name__ == "__main__":  # in one process: each would compile all loops for that processor
     arguments = sys.argv[1:] or ["-n", "0", "-m", "other_processor", str(ROOT / "tests" / "diagnosis")]
     launcher = [sys.executable, str(ROOT / "peltier"), "test", *arguments]
     os.execve(sys.executable, launcher, {**os.environ, **narrower()})

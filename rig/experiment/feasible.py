@@ -22,7 +22,7 @@ UNKNOWN_DEC = 0.01  # of memory that the conditioning may leave open; of two dec
 USUAL_K_PER_S = 1.0  # of a plate that nobody has measured yet
 POINTS = 400  # of a course: two or three seconds apart in an experiment of a quarter of an hour
 BEHIND_K = 0.5  # of a target, from which a plate that cannot follow is seen in any record
-SHARE_BEHIND = 0.1  # of the time; crossing a loop at each turn, for which a target leaves no time, takes half as much
+SHARE_BEHIND = 0.1  # of the time; crossing a loop at each turn takes some: 6 s of each 150 s on a sine of 300 s
 LEAST_RATE_K_PER_S = 0.005  # that must be left at a temperature for it to be reached in a sensible time
 
 

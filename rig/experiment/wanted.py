@@ -100,7 +100,6 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
     """Refuse what film or plate cannot do, before anything is switched on. Raises Faults."""
     c, where = file.content, f"{file.path}: experiment.target"
     hot = calibration_range(c)[1]
-    course = Course(times := grid(target), target.at(times))
     told = check_cooling(model.plate, target, c, where) if model.plate is not None else None
     if told is not None:
         say(told)
@@ -123,6 +122,9 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
             say("the target has several temperatures: not always the nearest is taken, so that all of it is reached")
         if model.plate is not None and c.experiment.law != "instrument_pid":
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
+    else:
+        times = grid(target)
+        course = Course(times, target.at(times))
     if model.plate is not None and c.experiment.law != "instrument_pid":
         ends = [float(course.temperatures_degC.min()), float(course.temperatures_degC.max())]
         check_plate(model.plate, ends, c, where, "its range")

@@ -17,7 +17,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
-from rig.files.field_numbers import signs_of
+from rig.files.field_numbers import number_like, signs_of
 from rig.files.text_form import SAMPLE, Form, divided_line
 from rig.files.text_head import Head
 
@@ -109,15 +109,7 @@ def _end_of_numbers(rows: list[list[str]], form: Form) -> int:
 
 def _only_words(row: list[str], form: Form) -> bool:
     """Without a digit; or with one somewhere, as in a clock's time, and no row of the table."""
-    return not any(map(DIGIT.search, row)) or (len(row) != form.fields and not any(map(_is_number, row)))
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
+    return not any(map(DIGIT.search, row)) or (len(row) != form.fields and not any(map(number_like, row)))
 
 
 def _sorted_out(

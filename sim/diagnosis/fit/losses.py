@@ -16,7 +16,8 @@ from compensator.hysteresis.functions import Array
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """About a fit's vector x. conductance, room: places in it of log g and of T_a; mean: of the readings, as T_a's."""
+    """About a fit's vector x. conductance, room: places in it of log g and of T_a; mean: of the readings, in
+    the unknown's unit of T_a."""
 
     conductance: int
     room: int

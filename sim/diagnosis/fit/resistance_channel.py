@@ -81,6 +81,10 @@ class ResistanceChannel(FilmEquations):
         readings = straight_readings(record)
         return cls(record, path, basis, readings, relays, spacing, noise, fitted, rows, output, whitening, plane)
 
+    def point_of(self, fit: ResistanceFit) -> Point:
+        """The point that a fit of this channel is."""
+        return self.point(fit.parameters, fit.parameters.x, fit.coefficients)
+
     def point(self, p: FilmParameters, x: Array, guess: Array | None = None) -> Point:
         """The best coefficients at x."""
         links, nodes = self.nodes(p, x)

@@ -60,7 +60,7 @@ def _predictive_root(chain: Chain, names: frozenset[str], other: ResistanceFit |
     coefficients (C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning, 2006, equation 2.9)."""
     b = other if other is not None else chain.fits(names)[1]
     assert b is not None
-    point = chain.film_channel(names).point(b.parameters, b.parameters.x, b.coefficients)
+    point = chain.film_channel(names).point_of(b)
     rows, relays = deciding_rows(chain, True), point.problem.relays
     shown = relays.every[rows] if relays.slope is None else relays.every[rows] * relays.slope[rows, None]
     columns = over_noise(chain, np.concatenate((point.problem.at_rows[rows], shown), axis=1), True)

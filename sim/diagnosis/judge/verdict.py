@@ -110,7 +110,7 @@ def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:
         z, rows = resistance_residual(chain, names)
         assert b is not None
         channel = chain.film_channel(names)
-        point = channel.point(b.parameters, b.parameters.x, b.coefficients)
+        point = channel.point_of(b)
         free = np.concatenate((point.columns, channel.over(b.jacobian[rows])), axis=1)
     else:
         z, rows = temperature_residual(chain, names)

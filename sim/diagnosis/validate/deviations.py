@@ -36,7 +36,10 @@ def of_independent_rows(columns: Array) -> Array:
 def film_deviations(chain: Chain, names: frozenset[str]) -> Array:
     """Of the film's unknowns, shape before effects, on the fit's scale. What domains do at one temperature comes again
     in each pass, so that rows of many passes are worth those of one."""
-    columns, z, last, b = _film_columns(chain, names)
+    return _of_film(chain, *_film_columns(chain, names))
+
+
+def _of_film(chain: Chain, columns: Array, z: Array, last: ResistanceChannel, b: ResistanceFit) -> Array:
     found = deviations(columns, z)
     if chain.facts is not None and chain.facts.domains is not None:
         order = _along_the_loop(last, b)
@@ -47,8 +50,9 @@ def film_deviations(chain: Chain, names: frozenset[str]) -> Array:
 def of_one_pass(chain: Chain, names: frozenset[str]) -> Array:
     """By how much less than the likelihood says the record tells of each of the film's unknowns: the share of evidence
     that is left where rows that come again are no further evidence."""
-    plain = of_independent_rows(_film_columns(chain, names)[0])
-    return np.minimum((plain / np.maximum(film_deviations(chain, names), 1e-300)) ** 2, 1.0)
+    columns, z, last, b = _film_columns(chain, names)
+    plain, found = of_independent_rows(columns), _of_film(chain, columns, z, last, b)
+    return np.minimum((plain / np.maximum(found, 1e-300)) ** 2, 1.0)
 
 
 def _film_columns(chain: Chain, names: frozenset[str]) -> tuple[Array, Array, ResistanceChannel, ResistanceFit]:
@@ -56,7 +60,7 @@ def _film_columns(chain: Chain, names: frozenset[str]) -> tuple[Array, Array, Re
     b = chain.fits(names)[1]
     assert b is not None
     last = chain.film_channel(names)
-    point = last.point(b.parameters, b.parameters.x, b.coefficients)
+    point = last.point_of(b)
     return point.off(last.over(b.jacobian[last.rows])), last.residual(b), last, b
 
 

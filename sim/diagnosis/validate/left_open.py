@@ -26,7 +26,7 @@ def film_left_open(chain: Chain, names: frozenset[str], other: Record | None = N
     decades, (rows,)."""
     b = chain.fits(names)[1]
     assert b is not None
-    point = chain.film_channel(names).point(b.parameters, b.parameters.x, b.coefficients)
+    point = chain.film_channel(names).point_of(b)
     factor, lower = point.factor
     white = np.random.default_rng(0).standard_normal((factor.shape[0], DRAWS))
     drawn = np.array(solve_triangular(factor, white, lower=lower, trans=1 if lower else 0, check_finite=False).T)
