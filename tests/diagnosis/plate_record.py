@@ -11,9 +11,15 @@ STEPS = 200  # of the balance in a row
 
 
 def record(
-    room_degC: float, levels: NDArray[np.float64], seed: int, noise_K: float = 0.01, acts_after_s: float = 0.0
+    room_degC: float,
+    levels: NDArray[np.float64],
+    seed: int,
+    noise_K: float = 0.01,
+    acts_after_s: float = 0.0,
+    joule_per_K: float = 0.0,
 ) -> Columns:
-    """A plate driven by currents that are held for 20 s each; one row a second, its current acting so much later."""
+    """A plate driven by currents that are held for 20 s each; one row a second, its current acting so much later.
+    joule_per_K: by how much of itself the module's resistance grows, from 25 degC."""
     rng = np.random.default_rng(seed)
     current = np.repeat(levels, 20)
     degC, plate = np.empty(current.size), 25.0
@@ -21,7 +27,8 @@ def record(
         degC[k] = plate
         for step in range(STEPS):
             amperes = current[k] if step >= acts_after_s * STEPS else current[max(k - 1, 0)]
-            heat = SEEBECK * amperes * (plate + 273.15) + 0.5 * JOULE * amperes**2 - LOSS * (plate - room_degC)
+            joule = JOULE * (1.0 + joule_per_K * (plate - 25.0))
+            heat = SEEBECK * amperes * (plate + 273.15) + 0.5 * joule * amperes**2 - LOSS * (plate - room_degC)
             plate += heat / STEPS
     time = np.arange(float(current.size))
     return {"time_s": time, "temperature_degC": degC + noise_K * rng.standard_normal(degC.size), "current_A": current}

@@ -7,6 +7,7 @@ import pytest
 
 from sim.diagnosis.diagnose import diagnose
 from tests.diagnosis.cases import case
+from tests.diagnosis.plate_record import record
 from tests.diagnosis.said import covered, names
 
 
@@ -22,6 +23,16 @@ def test_nothing_hidden_nothing_named(seed: int) -> None:
 def test_something_that_no_effect_accounts_for(seed: int) -> None:
     """A room that is cycled; interference on the ohmmeter, beside which everything is searched for to its end."""
     document = diagnose(case("outside", seed).columns).document()
+    assert names(document) == set()
+    assert document["verdict"] == "unexplained"
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.long)])
+def test_what_no_effect_accounts_for_lends_a_name_no_evidence(seed: int) -> None:
+    """A module whose resistance grows with temperature leaves ten times the noise, hanging together for minutes."""
+    rng = np.random.default_rng(seed)
+    currents = np.repeat(rng.uniform(0.0, 1.6, 45), rng.integers(1, 5, 45))
+    document = diagnose(record(24.0, currents, seed, joule_per_K=0.006)).document()
     assert names(document) == set()
     assert document["verdict"] == "unexplained"
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Rows
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.held_out_evidence import held_out_evidence, held_out_square
@@ -40,6 +41,7 @@ CERTAIN = 100.0  # log-likelihood of an effect beside a little that is left, or 
 LITTLE_LEFT = 0.2  # of the noise's variance
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
+MAY_DO_AS_MUCH = "something else is left with it, which may do what it seems to do"
 NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
@@ -190,7 +192,12 @@ def _worth(
     if left is None or left.clean:
         return evidence, None
     if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
-        return evidence, (weak, NO_KIND) if of_no_kind(chain, names) else None  # the likelihood knows of what is left
+        if of_no_kind(chain, names):
+            return evidence, (weak, NO_KIND)
+        counts = evidence * _share_that_counts(chain, names)
+        if unseen is None or counts >= evidence_by_chance(chain):  # without such rows other records judge
+            return evidence, None
+        return evidence, (counts, MAY_DO_AS_MUCH)
     value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
@@ -198,7 +205,7 @@ def _worth(
     bare = _excess(chain, chain.assumed, not upstream)
     together = now <= MOST_LEFT_OF_ALL * bare and value >= SURVIVES_BESIDE and seen
     if value < SURVIVES or not (alone or together):
-        return evidence, (min(value, evidence), "something else is left with it, which may do what it seems to do")
+        return evidence, (min(value, evidence), MAY_DO_AS_MUCH)
     return min(evidence, value), None
 
 
@@ -274,6 +281,15 @@ def too_small(chain: Chain, names: frozenset[str], name: str, certain: bool) -> 
                 beyond = BEYOND if chain.first is None else min(BEYOND, most_of_what_is_met(chain.first.channel.misfit))
                 return without_meaning(Switched(chain.effects[name], e.par), chain.record.interval_s, beyond, least)
     return False
+
+
+def _share_that_counts(chain: Chain, names: frozenset[str]) -> float:
+    """Of evidence about the plate beside what nothing explains: the fits count each row for as much as leaves thirty
+    independent ones, whatever is left, for the sake of what is known beforehand (`sim.diagnosis.data.misfit`); a name
+    counts it for what it is worth beside all that is left."""
+    assert chain.first is not None
+    z, _ = temperature_residual(chain, names)
+    return min(chain.first.channel.misfit / (float(np.mean(z * z)) * correlated_rows(z)), 1.0)
 
 
 def _excess(chain: Chain, names: frozenset[str], last: bool) -> float:
