@@ -50,6 +50,7 @@ def _calibrate(options: argparse.Namespace, guard: Guard) -> int:
         SignalStop() as signals,
         open_bench(file, guard) as bench,
     ):
+        signals.look()
         session = Session(bench, file, signals, voice.say, report=write_live_report)
         result = calibrate(watched_by(progress, session, expected_calibration(file.content)), path)
     voice.say(off_confirmed(controller_class(file.content.bench.controller.driver)))

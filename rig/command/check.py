@@ -41,7 +41,8 @@ def main(options: argparse.Namespace) -> int:
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
-    with SignalStop(), open_bench(file, whatever_serial_number=True) as bench:
+    with SignalStop() as signals, open_bench(file, whatever_serial_number=True) as bench:
+        signals.look()
         faults = _identities(file, bench, voice)
         result: dict[str, Any] = {
             "format": "peltier-check/1",

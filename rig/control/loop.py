@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision, Policy, read_at
-from rig.core.columns import OF_A_RUN
 from rig.core.errors import Disconnected, InstrumentError, RigError
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
@@ -30,18 +29,12 @@ from rig.safety.after_off import Courses
 from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, check_test_current
+from rig.safety.signals import SignalStop
 from rig.safety.switching_off import switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
 TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
-
-
-def columns_of(bench: Bench) -> list[str]:
-    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
-    by the model, and read."""
-    output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
-    return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, f"target_{output}", f"predicted_{output}", output]
 
 
 @dataclass
@@ -79,7 +72,7 @@ class Loop:
     """One bench, one run folder, phase after phase.
 
     on_tick: called with every tick when its row is written. tripped: what this loop has tripped on, and why it runs no
-    further phase. rejected: readings of each instrument that were none.
+    further phase. rejected: readings of each instrument that were none. signals: looked at before anything is sent.
     """
 
     def __init__(
@@ -89,6 +82,7 @@ class Loop:
         folder: RunFolder,
         progress: Progress | None = None,
         on_tick: Callable[[Tick], None] | None = None,
+        signals: SignalStop | None = None,
     ) -> None:
         self.bench = bench
         self.limits = limits
@@ -100,6 +94,7 @@ class Loop:
         self._progress = progress
         self._acts_after_s = 0.0
         self._on_tick = on_tick
+        self._signals = signals if signals is not None else SignalStop()
         self._start_s = bench.clock.now_s()
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
         self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)
@@ -147,6 +142,7 @@ class Loop:
             verdict = switch_off(self.bench.controller, alive=self.bench.guard.alive)
             if not verdict.confirmed:
                 raise NotConfirmedOff(verdict.text)
+        self._signals.look()
         self.sent, self._read_s = OFF, None
         self.watch.rests()
         self.bench.guard.idle()
@@ -188,6 +184,7 @@ class Loop:
         self.sent, self._read_s = OFF, None
 
     def _tick(self, name: str, policy: Policy, begin_s: float, k: int, period_s: float) -> bool:
+        self._signals.look()
         asked = self.bench.clock.now_s()
         resistance = self._read_resistance()
         temperature = self._read_temperature()

@@ -15,10 +15,12 @@ from typing import Any
 
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
-from rig.control.loop import Loop, Progress, Tick, columns_of
+from rig.control.loop import Loop, Progress, Tick
+from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
 from rig.drivers.heater_drive import drive_unit
+from rig.drivers.meter import LOG_RESISTANCE
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
 from rig.safety.after_off import NO_VOICE, looked_at
@@ -69,9 +71,9 @@ def recorded(
         "drive_unit": drive_unit(bench.controller),
         "guarded": bench.guard.guarding,
     }
-    folder = make_folder(path, start, file.text, columns_of(bench))
+    folder = make_folder(path, start, file.text, _columns_of(bench))
     bench.guard.records(str(folder.part.absolute()))
-    loop = Loop(bench, limits_of(file), folder, progress, on_tick)
+    loop = Loop(bench, limits_of(file), folder, progress, on_tick, signals)
     output = OutputOff(bench.controller, file.content.bench.controller, bench.guard, signals)
     try:
         with output:
@@ -95,6 +97,13 @@ def recorded(
         if not bench.watched_after:
             _write_report(folder, error, report)
         raise error
+
+
+def _columns_of(bench: Bench) -> list[str]:
+    """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
+    by the model, and read."""
+    output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
+    return [*OF_A_RUN] if output == LOG_RESISTANCE else [*OF_A_RUN, f"target_{output}", f"predicted_{output}", output]
 
 
 def _look_after_off(

@@ -126,6 +126,7 @@ def run(
     path = out if out is not None else default_folder(file.content.experiment.name)
     target, model = wanted(file, say)
     with prepared_folder(path), SignalStop() as signals, open_bench(file, guard) as bench:
+        signals.look()
         session = Session(bench, file, signals, say, report=report)
         phases = expected_run(file.content, target, model)
         return run_on(watched_by(onlooker, session, phases), path, target, model)

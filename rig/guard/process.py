@@ -222,6 +222,8 @@ class _Watch:
             self._left = Left(**message)  # type: ignore[arg-type]
         else:
             self._busy, self._courses = event == "busy", None
+            if self._busy:  # the output is armed anew: that an earlier off was not confirmed is told, and over
+                self._given_up = False
             self._heard_s = time.monotonic()
 
     def _look_for_silence(self) -> None:

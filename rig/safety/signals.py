@@ -46,6 +46,12 @@ class SignalStop:
         if self.received is not None:
             raise self.outcome(self.received)
 
+    def look(self) -> None:
+        """Raises what came and was lost on its way: what switches an output off goes on after any error, and a signal
+        that came just then was one for it."""
+        if self.received is not None:
+            raise self._ended(self.received)
+
     @staticmethod
     def outcome(number: int) -> BaseException:
         """What a signal becomes."""

@@ -269,6 +269,13 @@ def test_a_loop_that_hangs_is_ended() -> None:
     assert "no tick for 0.3 s" in done.stderr
 
 
+def test_a_loop_that_hangs_is_ended_after_an_off_that_was_not_confirmed() -> None:
+    """A daemon's next job is guarded as its first one."""
+    done = in_a_guarded_process("guard.busy()\nguard.given_up()\nguard.busy()\ntime.sleep(50.0)\nreturn 0")
+    assert done.returncode == 128 + signal.SIGTERM
+    assert "no tick for 0.3 s" in done.stderr
+
+
 def test_an_idle_process_may_take_its_time() -> None:
     assert in_a_guarded_process("guard.busy()\nguard.idle()\ntime.sleep(1.0)\nreturn 3").returncode == 3
 

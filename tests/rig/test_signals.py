@@ -5,12 +5,18 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rig.core.outcome import Stopped
+from rig.drivers.meerstetter import MeerstetterController
 from rig.safety.signals import SignalStop
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
 
 SOON_S = 20.0
 COMPILER = '''
@@ -47,3 +53,26 @@ def test_a_shielded_signal_waits_until_it_is_exposed() -> None:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Stopped, match="SIGINT"):
             signals.expose()
+
+
+@pytest.mark.parametrize(("number", "phases"), [(1, set()), (2, {"polarity"})])
+def test_a_signal_in_the_middle_of_an_off_ends_the_run(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path, number: int, phases: set[str]
+) -> None:
+    """When the bench is opened, and while the first plate is reckoned: the off goes on after whatever goes wrong in it,
+    and takes the signal for that."""
+    whole, looked = MeerstetterController._reads_off, []
+
+    def reads_off(self: MeerstetterController) -> bool:
+        looked.append(self)
+        if len(looked) == number:
+            signal.raise_signal(signal.SIGINT)
+        return whole(self)
+
+    monkeypatch.setattr(MeerstetterController, "_reads_off", reads_off)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 130
+    assert "stopped by SIGINT" in err
+    assert "output off, confirmed by the controller" in err
+    rows = [row for path in tmp_path.glob("run*/record.csv") for row in path.read_text().splitlines()[1:]]
+    assert {row.rsplit(",", 1)[1] for row in rows} == phases
