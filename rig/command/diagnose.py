@@ -107,9 +107,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.report.diagnosed_record import Asked  # seconds: after what may be refused has been read
 
     own = tuple(path.absolute() for path in options.effect_file)
-    asked = Asked(
-        base, options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm
-    )
+    asked = Asked(base, options.output, options.plate, own, tuple(options.assume), options.budget, options.false_alarm)
     if several:
         from rig.command.each_told import each_told
         from rig.report.diagnosed_record import diagnoses

@@ -62,7 +62,11 @@ def _watched(bench: Bench, file: ConfigurationFile, say: Callable[[str], None], 
     class Watched(RunFolder):
         def __init__(self, path: Path, start: dict[str, Any], configuration_text: str, columns: list[str]) -> None:
             super().__init__(path, start, configuration_text, columns)
-            watcher.began()
+            try:
+                watcher.began()
+            except BaseException:  # a job that was ended without its thread
+                self.abandon()
+                raise
 
         def event(self, time_s: float, kind: str, text: str, **more: Any) -> None:
             super().event(time_s, kind, text, **more)

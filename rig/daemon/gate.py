@@ -4,6 +4,10 @@ A job's thread and STOP share one wire. Every exchange holds the gate's lock; ST
 exchange that is under way, and commands the output off there and then, whatever the job's thread is doing. At its next
 call the job finds the gate closed and ends by the exception that the gate was closed with. Its own "off" is then the
 one that STOP has commanded: a second one would feed the dead man of a controller that does not obey.
+
+Each job has a pass of its own. A job whose thread does not end (it computes while the instruments are gone) is left to
+itself, and its pass is void: whatever that thread does when it awakes reaches neither the instruments, which another
+job may have by then, nor the guard.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Any, cast
 from rig.core.clock import Clock
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import ResistanceMeter
+from rig.guard.line import Guard
 from rig.safety.switching_off import confirmed_by
 
 PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
@@ -29,6 +34,26 @@ class Off:
     confirmed: bool
     took_s: float
     confirmed_by: str | None = None
+
+
+class Pass:
+    """One job's way through the gate. void: why there is none any more; off_confirmed: what it is told of the output
+    then."""
+
+    def __init__(self, gate: Gate) -> None:
+        self._gate = gate
+        self.void: BaseException | None = None
+        self.off_confirmed = False
+
+    def check(self) -> None:
+        """Raises what the pass is void for, or the gate was closed with."""
+        self.check_void()
+        self._gate.check()
+
+    def check_void(self) -> None:
+        """Raises what the pass is void for."""
+        if self.void is not None:
+            raise self.void
 
 
 class Gate:
@@ -73,33 +98,39 @@ class Gate:
         if self.closed is not None:
             raise self.closed
 
-    def controller_for_jobs(self, controller: TemperatureController) -> TemperatureController:
+    def controller_for_jobs(self, controller: TemperatureController, by: Pass) -> TemperatureController:
         """The controller as a job sees it."""
-        gated = _Gated(controller, self._lock, self.check)
-        vars(gated)["off"] = lambda: self._off_of_a_job(controller)
+        gated = _Gated(controller, self._lock, by.check, by.check_void)
+        vars(gated)["off"] = lambda: self._off_of_a_job(controller, by)
         return cast(TemperatureController, gated)
 
-    def _off_of_a_job(self, controller: TemperatureController) -> bool:
+    def _off_of_a_job(self, controller: TemperatureController, by: Pass) -> bool:
         """What STOP's own "off" gave, where there was one; otherwise it is commanded now."""
         with self._lock:
+            if by.void is not None:
+                return by.off_confirmed
             if self._off is None or self.closed is None:
                 return controller.off()
             return self._off
 
     def controller_for_idling(self, controller: TemperatureController) -> TemperatureController:
         """The controller as the idle loop sees it: one exchange at a time, the gate open or closed."""
-        return cast(TemperatureController, _Gated(controller, self._lock, _pass))
+        return cast(TemperatureController, _Gated(controller, self._lock, _pass, _pass))
 
-    def meter_for_jobs(self, meter: ResistanceMeter) -> ResistanceMeter:
+    def meter_for_jobs(self, meter: ResistanceMeter, by: Pass) -> ResistanceMeter:
         """The meter as a job sees it. It has a wire of its own, so that STOP need not wait for a reading."""
-        return cast(ResistanceMeter, _Gated(meter, None, self.check))
+        return cast(ResistanceMeter, _Gated(meter, None, by.check, by.check_void))
+
+    def guard_for_jobs(self, guard: Guard, by: Pass) -> Guard:
+        """The guard as a job sees it: told nothing by one whose pass is void."""
+        return cast(Guard, _Told(guard, by))
 
 
 class StoppableClock:
     """A clock whose sleeper STOP wakes; it also knows how late the last sleepers were."""
 
-    def __init__(self, clock: Clock, gate: Gate, real: bool) -> None:
-        self._clock, self._gate, self._real = clock, gate, real
+    def __init__(self, clock: Clock, gate: Gate, by: Pass, real: bool) -> None:
+        self._clock, self._gate, self._pass, self._real = clock, gate, by, real
         self.latest_s = 0.0
 
     def now_s(self) -> float:
@@ -107,13 +138,13 @@ class StoppableClock:
         return self._clock.now_s()
 
     def sleep_until_s(self, time_s: float) -> None:
-        """Sleep. Raises what the gate is closed with."""
-        self._gate.check()
+        """Sleep. Raises what the gate is closed with, or the pass void for."""
+        self._pass.check()
         remaining_s = time_s - self._clock.now_s()
         if remaining_s <= 0.0 or not self._real:
             self._clock.sleep_until_s(time_s)
         elif self._gate.changed.wait(remaining_s):
-            self._gate.check()
+            self._pass.check()
             self._clock.sleep_until_s(time_s)
         self.latest_s = max(self.latest_s, self._clock.now_s() - time_s)
 
@@ -122,17 +153,31 @@ def _pass() -> None:
     """The gate of those who may always."""
 
 
-class _Gated:
-    """An instrument whose every method first asks the gate and holds the lock."""
+class _Told:
+    """A guard that hears a job as long as its pass is good."""
 
-    def __init__(self, instrument: Any, lock: Any, check: Callable[[], None]) -> None:
-        self._instrument, self._lock, self._check = instrument, lock, check
+    def __init__(self, guard: Guard, by: Pass) -> None:
+        self._guard, self._pass = guard, by
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._guard, name)
+        if not callable(value):
+            return value
+        return lambda *args, **more: value(*args, **more) if self._pass.void is None else None
+
+
+class _Gated:
+    """An instrument whose every method first asks the gate and holds the lock. check_off: asked by the methods of
+    `ALWAYS_OPEN`."""
+
+    def __init__(self, instrument: Any, lock: Any, check: Callable[[], None], check_off: Callable[[], None]) -> None:
+        self._instrument, self._lock, self._check, self._check_off = instrument, lock, check, check_off
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._instrument, name)
         if not callable(value):
             return value
-        check, lock = (_pass if name in ALWAYS_OPEN else self._check), self._lock
+        check, lock = (self._check_off if name in ALWAYS_OPEN else self._check), self._lock
 
         def passed(*args: Any, **more: Any) -> Any:
             if lock is None:

@@ -95,10 +95,11 @@ class Queue:
             self._ended = [*ended, *self._ended][-KEPT:]
 
     def next(self) -> Job | None:
-        """The job that is to run now, taken out of the queue."""
+        """The job that is to begin now, taken out of the queue; None where none waits, or one runs."""
         with self._lock:
-            if self.running is None and self._waiting:
-                self.running = self._waiting.pop(0)
+            if self.running is not None or not self._waiting:
+                return None
+            self.running = self._waiting.pop(0)
             return self.running
 
     def remove(self, number: str) -> Job | None:

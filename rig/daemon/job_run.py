@@ -18,7 +18,7 @@ from rig.core.reading import Quality
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import Desk, model_of
 from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
-from rig.daemon.gate import StoppableClock
+from rig.daemon.gate import Pass, StoppableClock
 from rig.daemon.job import Job, JobStopped
 from rig.daemon.row import quality_of
 from rig.experiment.calibration import Calibration
@@ -46,19 +46,41 @@ class _End:
     trip_text: str | None = None
 
 
+def _end_by(error: BaseException) -> _End:
+    """How a job ends that something ended."""
+    if isinstance(error, JobStopped):
+        return _End("stopped", str(error), error.exit_status)
+    if isinstance(error, Stopped):
+        return _End("stopped", f"the daemon was {error}", error.exit_status)
+    if isinstance(error, Unsuitable):
+        return _End("failed", str(error), error.exit_status)
+    if isinstance(error, Tripped):
+        return _End("tripped", str(error), error.exit_status, error.cause)
+    if isinstance(error, NotConfirmedOff):
+        return _End("tripped", str(error), error.exit_status, "not_confirmed_off")
+    if isinstance(error, Faults):
+        return _End("failed", "; ".join(error.lines), 2)
+    if isinstance(error, RigError):
+        return _End("failed", str(error), 1, type(error).__name__.lower(), f"the run lost an instrument: {error}")
+    return _End("failed", f"{type(error).__name__}: {error}", 1, "program_fault")
+
+
 class JobRun(Watcher):
     """A job, the bench it runs on, and the lock that keeps the idle loop off it meanwhile."""
 
     def __init__(self, desk: Desk, bench: Bench, job: Job, idling: threading.RLock) -> None:
         self._desk, self._job, self._idling = desk, job, idling
         self._raw = bench
-        clock = StoppableClock(bench.clock, desk.gate, not bench.virtual)
+        self._pass = by = Pass(desk.gate)
+        self._lock, self._over = threading.Lock(), False
+        clock = StoppableClock(bench.clock, desk.gate, by, not bench.virtual)
         self._clock = clock
         self._bench = replace(
             bench,
             clock=clock,
-            controller=desk.gate.controller_for_jobs(bench.controller),
-            meter=desk.gate.meter_for_jobs(bench.meter) if bench.meter is not None else None,
+            controller=desk.gate.controller_for_jobs(bench.controller, by),
+            meter=desk.gate.meter_for_jobs(bench.meter, by) if bench.meter is not None else None,
+            guard=desk.gate.guard_for_jobs(bench.guard, by),
             watched_after=True,
         )
         self._conditioning = False
@@ -72,36 +94,27 @@ class JobRun(Watcher):
         desk.job_began_s, desk.coming_s = desk.clock.now_s(), 0.0
         desk.job_changed(job)
         desk.model = model_of(job.file) or desk.model
-        self._conclude(self._end())
-
-    def _end(self) -> _End:
-        """Do the job's work; how it ended."""
         try:
-            if lines := strangers(self._job.file, self._raw.identities):  # the bench may have come back as another one
-                raise Faults(lines)
-            self._configure(self._job.file.content)
-            calibration = self._done()
-            if calibration is not None:
-                self._desk.model = calibration.model_path
-            return _End("done", None, 0)
-        except JobStopped as stopped:
-            return _End("stopped", str(stopped), stopped.exit_status)
-        except Stopped as stopped:
-            return _End("stopped", f"the daemon was {stopped}", stopped.exit_status)
-        except Unsuitable as unsuitable:
-            return _End("failed", str(unsuitable), unsuitable.exit_status)
-        except Tripped as tripped:
-            return _End("tripped", str(tripped), tripped.exit_status, tripped.cause)
-        except NotConfirmedOff as error:
-            self._desk.output, self._desk.confirmed = "unknown", False
-            return _End("tripped", str(error), error.exit_status, "not_confirmed_off")
-        except Faults as faults:
-            return _End("failed", "; ".join(faults.lines), 2)
-        except RigError as error:
-            trip = f"the run lost an instrument: {error}"
-            return _End("failed", str(error), 1, type(error).__name__.lower(), trip)
+            self._do()
         except BaseException as error:
-            return _End("failed", f"{type(error).__name__}: {error}", 1, "program_fault")
+            self._conclude(_end_by(error))
+        else:
+            self._conclude(_End("done", None, 0))
+
+    def abandon(self, why: BaseException, off_confirmed: bool) -> None:
+        """End the job without its thread, which does not end: what that one still does is nobody's any more."""
+        self._pass.off_confirmed = off_confirmed
+        self._pass.void = why
+        self._conclude(_end_by(why))
+
+    def _do(self) -> None:
+        """The job's work; its calibration's model is the bench's from then on."""
+        if lines := strangers(self._job.file, self._raw.identities):  # the bench may have come back as another one
+            raise Faults(lines)
+        self._configure(self._job.file.content)
+        calibration = self._done()
+        if calibration is not None and self._pass.void is None:
+            self._desk.model = calibration.model_path
 
     def _done(self) -> Calibration | None:
         """The job's work to its end: its calibration, where it made one."""
@@ -115,8 +128,14 @@ class JobRun(Watcher):
         return result.calibration
 
     def _conclude(self, end: _End) -> None:
-        """The trip, if it was one, before anybody is told how the job ended: it is on disk first."""
+        """The trip, if it was one, before anybody is told how the job ended: it is on disk first. A job ends once."""
+        with self._lock:
+            if self._over:
+                return
+            self._over = True
         desk, job = self._desk, self._job
+        if end.trip == "not_confirmed_off":
+            desk.output, desk.confirmed = "unknown", False
         if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
             desk.in_loop, desk.phase = False, None
             not_off = end.exit_status == NotConfirmedOff.exit_status
@@ -148,6 +167,8 @@ class JobRun(Watcher):
                 self._bench.meter.configure(table.four_wire, table.nplc, content.limits.meter_current_A)
 
     def _say(self, text: str) -> None:
+        if self._pass.void is not None:
+            return
         self._job.said.append(text)
         self._desk.announcer.tell("say", {"id": self._job.id, "text": text})
 
@@ -156,12 +177,14 @@ class JobRun(Watcher):
     def began(self) -> None:
         """The idle loop lets go of the bench."""
         with self._idling:
+            self._pass.check_void()
             self._desk.in_loop = True
         self._desk.output, self._desk.confirmed = "on", True
         self._desk.changed()
 
     def expect(self, phases: Phases) -> None:
         """The phases to come."""
+        self._pass.check_void()
         self._coming = phases
         self._desk.coming_s = sum(seconds for _, seconds in phases)
 
@@ -178,6 +201,7 @@ class JobRun(Watcher):
 
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
+        self._pass.check_void()
         desk, decision, resistance = self._desk, tick.decision, tick.resistance
         self._last = (tick.watch, tick.current_A)
         known = tick.temperature.is_number
@@ -204,6 +228,8 @@ class JobRun(Watcher):
     def ended(self, confirmed: bool | None, ticks: Mapping[str, Any]) -> None:
         """The bench belongs to the idle loop again."""
         desk = self._desk
+        if self._pass.void is not None:
+            return
         desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
         if confirmed and self._last is not None:
             watch, current_A = self._last

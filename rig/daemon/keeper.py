@@ -42,6 +42,7 @@ class Keeper:
         self._file, self._desk, self._notifier, self._guard = file, desk, notifier, guard
         self._idling = threading.RLock()
         self._worker = Worker("job")
+        self._job: JobRun | None = None  # that runs
         self._over: threading.Event | None = None  # of the job that runs
         self._opened = False
         self._signals = SignalStop()
@@ -120,7 +121,9 @@ class Keeper:
         if self._over is not None:
             if not self._over.wait(JOB_ENDS_S):
                 self._worker.abandon()
-            self._over = None
+                assert self._job is not None
+                self._job.abandon(error, off.confirmed)
+            self._job = self._over = None
         desk.gate.attach(None)
 
     def _lost(self, error: BaseException) -> None:
@@ -179,7 +182,7 @@ class Keeper:
         if self._over is not None:
             if not self._over.is_set():
                 return False
-            self._over = None
+            self._job = self._over = None
             self._tidy()
             limits = self._file.content.limits
             dead_man_s = self._file.content.bench.controller.dead_man_s
@@ -191,7 +194,8 @@ class Keeper:
             desk.gate.open()
             job = desk.queue.next()
         if job is not None:
-            self._over = self._worker.begin(JobRun(desk, bench, job, self._idling).work)
+            self._job = JobRun(desk, bench, job, self._idling)
+            self._over = self._worker.begin(self._job.work)
         return ended
 
     def _tidy(self) -> None:

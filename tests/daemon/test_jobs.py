@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import rig.daemon.job_run
 from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
@@ -16,7 +19,7 @@ from rig.experiment.expected import still_to_come
 from rig.files.configuration import read_configuration
 from rig.history import reading
 from rig.ports.registry import unregister
-from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
 
 SHORT = '["start 0 A", "hold 0.2 s"]'
 
@@ -163,6 +166,52 @@ def test_instruments_that_are_lost_end_the_job_and_come_back_with_the_output_off
     assert (bench.state()["output"], bench.state()["state"]) == ("off", "tripped")
     bench.desk.reset("plugged in again")
     bench.until_state("idle")
+
+
+def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
+    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is over, and tripped, before they are back; another one runs when its thread awakes, and is not disturbed."""
+    monkeypatch.setattr("rig.daemon.keeper.TRY_AGAIN_S", 0.05)
+    monkeypatch.setattr("rig.daemon.keeper.JOB_ENDS_S", 0.2)
+    computes, computed, ended = threading.Event(), threading.Event(), threading.Event()
+    whole = rig.daemon.job_run.run_watched
+
+    def run_watched(*args: Any) -> Any:
+        if computes.is_set():
+            return whole(*args)
+        computes.set()
+        computed.wait(LONGEST_S)
+        try:
+            return whole(*args)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr("rig.daemon.job_run.run_watched", run_watched)
+    slow = submit(bench, '["start 0.5 A", "hold 60 s"]', "slow")
+    until(computes.is_set, "the job")
+    controller = bench.desk.gate._controller
+    assert controller is not None
+    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[attr-defined]
+    until(lambda: bench.state()["trip"], "the trip")
+    assert table(bench, slow)["state"] == "failed"
+    until(lambda: bench.desk.online and bench.desk.gate._controller not in (controller, None), "the instruments")
+    bench.desk.reset("plugged in again")
+    bench.until_state("idle")
+    assert bench.state()["output"] == "off"
+    second = submit(bench, '["start 0.5 A", "hold 60 s"]', "second")
+    bench.until_phase("profile")
+    told = table(bench, slow)
+    computed.set()
+    until(ended.is_set, "the slow thread")
+    assert table(bench, slow) == told
+    state = bench.state()
+    assert (state["state"], state["output"], state["job"]["id"]) == ("running", "on", second)
+    rows = len(bench.desk.recent)
+    until(lambda: len(bench.desk.recent) > rows or table(bench, second)["state"] != "running", "another row")
+    assert table(bench, second)["state"] == "running"
+    assert bench.state()["trip"] is None
+    bench.desk.cancel(second, "the test")
 
 
 def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(bench: RunningBench) -> None:
