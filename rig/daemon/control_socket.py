@@ -12,11 +12,15 @@ A wrong question gets {"ok": false, "status": 4xx, "faults": [...]}, and the con
 Unicode is refused, but for a STOP, which is never refused. Where too many are connected, the one that has been silent
 for longest goes, so that there is always room for a STOP. The socket and its folder
 belong to one user (mode 0600): who may write to it may write to the ports as well.
+
+A name belongs to whoever holds the lock on NAME.lock beside the socket, and nobody else removes that socket: a daemon
+that starts, or is slow, does not answer either.
 """
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import math
 import os
@@ -30,7 +34,6 @@ from typing import Any
 from rig.core.errors import PortHeld
 from rig.daemon.announce import encoded
 from rig.daemon.answers import Answers, Refusal
-from rig.daemon.client import Client, NoDaemon
 from rig.files.json_text import parsed_json, usable
 
 LONGEST_LINE = 2_000_000  # bytes: a configuration of 1 MB, escaped
@@ -39,34 +42,28 @@ TRY_AGAIN_S = 0.1  # where no connection can be accepted: for want of descriptor
 
 
 class ControlSocket:
-    """Takes its place when it is made, listens from `start` to `close`, a thread for each connection."""
+    """Takes its place when it is made, listens from `start` to `close`, a thread for each connection. Raises PortHeld
+    where another daemon of this name lives."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._answers: Answers
-        self._make_room()
+        self._name_lock = _locked(path.with_suffix(".lock"), f"the name {path.stem!r} (serve.name)")
+        with contextlib.suppress(FileNotFoundError):
+            path.unlink()  # of one that was killed
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         before = os.umask(0o177)
         try:
             self._listener.bind(str(self.path))
         except OSError:
             self._listener.close()
+            os.close(self._name_lock)
             raise
         finally:
             os.umask(before)
         self._ended = threading.Event()
         self._lock = threading.Lock()
         self._silent_since_s: dict[socket.socket, float] = {}  # infinity while one is answered or told what happens
-
-    def _make_room(self) -> None:
-        """PortHeld where another daemon of this name lives."""
-        try:
-            with Client(self.path, 2.0) as other:
-                who = other.ask("who")
-            raise PortHeld(f"the name {self.path.stem!r} (serve.name)", who["pid"], "peltier serve")
-        except NoDaemon:
-            with contextlib.suppress(FileNotFoundError):
-                self.path.unlink()  # of one that was killed
 
     def start(self, answers: Answers) -> None:
         """Answer from now on."""
@@ -81,6 +78,7 @@ class ControlSocket:
             self._listener.close()
         with contextlib.suppress(OSError):
             self.path.unlink()
+        os.close(self._name_lock)
 
     def _accept(self) -> None:
         while True:
@@ -162,6 +160,22 @@ class ControlSocket:
                 connection.sendall(line)
         finally:
             announcer.leave(listener)
+
+
+def _locked(path: Path, what: str) -> int:
+    """The descriptor of a lock file with this process's number in it, locked for as long as it is open; the file
+    stays. Raises PortHeld."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        number = os.read(descriptor, 20).strip()  # longer than any process number
+        os.close(descriptor)
+        raise PortHeld(what, int(number) if number.isdigit() else None, "peltier serve") from None
+    with contextlib.suppress(OSError):  # a full disk: then nobody is told the number
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, str(os.getpid()).encode())
+    return descriptor
 
 
 def _refused(refusal: Refusal) -> dict[str, Any]:

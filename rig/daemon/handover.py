@@ -189,14 +189,19 @@ def _held_by(state: dict[str, Any]) -> str | None:
 
 
 def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int:
-    """End the job; 128 + n where the output is off, confirmed."""
+    """End the job; 128 + n where it never began, or the output is off, confirmed."""
     name = signal.Signals(signal_number).name
     try:
-        client.ask("cancel", id=number, by=name)
+        job = client.ask("cancel", id=number, by=name).get("job") or {}
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
         return _not_confirmed(verb, str(error))
-    if state.get("output") != "off":
+    if job.get("state") == "stopped":  # at once: it still waited
+        print(f"peltier {verb}: taken out of the queue by {name}: the job had not begun", file=sys.stderr)
+        return 128 + signal_number
+    another = state.get("job") is not None and state["job"]["id"] != number
+    if state.get("output") != "off" and not another:  # where this one's end was not confirmed no other begins
         return _not_confirmed(verb, "see `peltier status`")
-    print(f"peltier {verb}: stopped by {name}; output off, {off_in_words(state)}", file=sys.stderr)
+    off = f"output off, {off_in_words(state)}" if not another else "its output was off before the next job began"
+    print(f"peltier {verb}: stopped by {name}; {off}", file=sys.stderr)
     return 128 + signal_number

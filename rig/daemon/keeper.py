@@ -13,6 +13,7 @@ import threading
 
 from rig.bench.assembly import Bench, open_bench
 from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
+from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.reading import Quality, Reading, missing
 from rig.daemon.bench_state import no_job_because
@@ -88,7 +89,7 @@ class Keeper:
                 except BaseException as error:
                     self._release(error)
                     raise
-        except PortHeld as error:
+        except (PortHeld, Faults) as error:  # Faults: what has come back is another instrument
             if not self._opened:
                 raise
             self._lost(error)

@@ -25,6 +25,7 @@ class _Daemon:
     def __init__(self, status: int, state: dict[str, Any] | None) -> None:
         self._status, self._state = status, state
         self.asked: list[str] = []
+        self.cancelled = {"id": "7", "state": "running"}  # what "cancel" answers
         self.signals: dict[str, signal.Signals] = {}  # that come while something is asked or told
 
     def _signalled(self, when: str) -> None:
@@ -38,6 +39,8 @@ class _Daemon:
             return {"ok": True, "job": {"id": "7"}}
         if self._state is None:
             raise NoDaemon("the daemon is silent")
+        if verb == "cancel":
+            return {"job": self.cancelled}
         return {"state": self._state} if verb == "state" else {"result": {"rows": 3}}
 
     def events(self, silence_s: float) -> Any:
@@ -97,6 +100,20 @@ def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
     assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + number
     assert daemon.asked == ["submit", "cancel", "state"]
     assert f"stopped by {name}; output off, confirmed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("job", "said"),
+    [("stopped", "the job had not begun"), ("running", "its output was off before the next job began")],
+)
+def test_another_jobs_output_is_no_matter_of_one_that_is_ended(
+    job: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    daemon = _Daemon(0, {**NEXT_JOB, "output": "on", "output_confirmed": True})
+    daemon.cancelled["state"], daemon.signals["follow"] = job, signal.SIGTERM
+    stand_in(daemon, monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + signal.SIGTERM
+    assert said in capsys.readouterr().err
 
 
 def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(

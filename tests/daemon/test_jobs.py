@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import rig.daemon.job_run
+import rig.daemon.keeper
 from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
@@ -212,6 +213,28 @@ def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
     assert table(bench, second)["state"] == "running"
     assert bench.state()["trip"] is None
     bench.desk.cancel(second, "the test")
+
+
+def test_another_instrument_on_the_same_cable_is_waited_out(
+    bench: RunningBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not the one that the configuration names: the daemon says so, and goes on when the right one is back."""
+    monkeypatch.setattr("rig.daemon.keeper.TRY_AGAIN_S", 0.05)
+    whole, another = rig.daemon.keeper.open_bench, threading.Event()
+
+    def open_bench(*args: Any) -> Any:
+        if another.is_set():
+            raise Faults(["bench.controller.serial_number: 113 answers"])
+        return whole(*args)
+
+    monkeypatch.setattr("rig.daemon.keeper.open_bench", open_bench)
+    another.set()
+    controller = bench.desk.gate._controller
+    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[union-attr]
+    until(lambda: "113 answers" in bench.desk.offline_because, "the fault")
+    another.clear()
+    until(lambda: bench.desk.online, "the instruments")
+    bench.until_state("idle")
 
 
 def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(bench: RunningBench) -> None:
