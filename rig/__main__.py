@@ -6,7 +6,9 @@ import argparse
 import importlib
 import io
 import os
+import signal
 import sys
+from collections.abc import Callable
 
 from rig.command.overwriting import refuse_overwriting
 from rig.core.faults import Faults
@@ -79,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
-    return ended(lambda: _act(verb, words[1:], own_process), verb)
+    return ended(lambda: _act(verb, words[1:], own_process), verb, own_process)
 
 
 def _act(verb: str, words: list[str], own_process: bool) -> int:
@@ -98,12 +100,21 @@ def _act(verb: str, words: list[str], own_process: bool) -> int:
     return int(module.main(options))
 
 
-def ended(action: object, verb: str) -> int:
-    """Run the action and turn what it raises into a line on stderr and an exit status."""
+def ended(action: Callable[[], int], verb: str, own_process: bool = False) -> int:
+    """Run the action and turn what it raises into a line on stderr and an exit status. own_process: it ends then."""
+    try:
+        return _ended(action, verb)
+    except KeyboardInterrupt as error:  # before or after the time in which signals mean `Stopped`
+        if own_process:  # a terminal's Ctrl-C comes twice: to the group, and from the guard
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        print(f"peltier {verb}: stopped by SIGINT{_notes(error)}", file=sys.stderr)
+        return 130
+
+
+def _ended(action: Callable[[], int], verb: str) -> int:
     from rig.core.errors import RigError
     from rig.core.outcome import NotConfirmedOff, Outcome
 
-    assert callable(action)
     try:
         return int(action())
     except Faults as faults:
@@ -118,9 +129,6 @@ def ended(action: object, verb: str) -> int:
     except (Outcome, RigError) as error:
         print(f"peltier {verb}: {error}{_notes(error)}", file=sys.stderr)
         return int(getattr(error, "exit_status", 1))
-    except KeyboardInterrupt as error:  # before or after the time in which signals mean `Stopped`
-        print(f"peltier {verb}: stopped by SIGINT{_notes(error)}", file=sys.stderr)
-        return 130
     except BrokenPipeError:  # whoever read our output has gone; nothing is left to tell them
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1

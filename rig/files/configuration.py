@@ -249,11 +249,26 @@ def configuration_of(path: Path, text: str, raw: dict[str, Any], for_experiment:
             f"{path}: calibration.temperature_degC: {list(span)}: "
             f"expected within limits.temperature_degC [{low}, {high}]"
         )
+    lines += _slow_periods(path, content)
     lines += _unknown_drivers(path, content)
     lines += _effect_faults(file)
     if lines:
         raise Faults(lines)
     return file
+
+
+def _slow_periods(path: Path, content: Configuration) -> list[str]:
+    """A line for each period that a bench cannot be watched with: one reading may fail, and the next is in time."""
+    longest_s, bound = 0.5 * content.limits.stale_s, "limits.stale_s"
+    dead_man_s = content.bench.controller.dead_man_s
+    if 0.0 < 0.5 * dead_man_s < longest_s:
+        longest_s, bound = 0.5 * dead_man_s, "bench.controller.dead_man_s"
+    periods = (("experiment", content.experiment.period_s), ("calibration", content.calibration.period_s))
+    return [
+        f"{path}: {table}.period_s: {period_s:g}: expected at most {longest_s:g}, half of {bound}"
+        for table, period_s in periods
+        if period_s > longest_s
+    ]
 
 
 def _effect_faults(file: ConfigurationFile) -> list[str]:

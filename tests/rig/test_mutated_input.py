@@ -65,6 +65,7 @@ def test_an_output_that_cannot_be_written_is_told_of_first(good: Path, capsys: p
         ("settle_s = 0.5", "settle_s = 1e9", "experiment.settle_s"),
         ("polarity_share = 0.0", "polarity_share = 1e-320", "limits.polarity_share"),
         ("period_s = 0.1", "period_s = 1e-9", "experiment.period_s"),
+        ("period_s = 0.1", "period_s = 3.0", "at most 1, half of limits.stale_s"),
         ("current_A = 4.0", "current_A = 1e308", "limits.current_A"),
         ("seed = 1", f"seed = {'9' * 5000}", "digits"),
         ("seed = 1", f"seed = 0x{'f' * 5000}", "64 bits"),
