@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.command.stop import stopped
-from rig.core.faults import fault
+from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
 from rig.daemon.asking import NONE_RUNS, json_argument, report, teller
 from rig.daemon.client import Client, NoDaemon, daemons
@@ -35,6 +35,15 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    try:
+        return _off(options)
+    except Faults as faults:  # before anything was sent
+        hand = "peltier off: nothing was sent, and the output may be on. Switch the controller off by hand."
+        raise Faults([*faults.lines, hand]) from None
+
+
+def _off(options: argparse.Namespace) -> int:
+    """Stop the daemons, or open the controller. Raises Faults, PortHeld; then nothing was sent."""
     clients = daemons()
     if options.config is None:
         if not clients:
@@ -55,6 +64,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _controller(path: Path) -> Held:
     """What opens the controller, without the schema, which takes longer to load than the rest."""
+    from rig.drivers.registry import is_own
     from rig.files.toml_text import read_toml
     from rig.guard.takeover import Held
 
@@ -66,6 +76,8 @@ def _controller(path: Path) -> Held:
         raise fault(path, "bench.controller", "expected driver and port") from None
     if not (isinstance(driver, str) and isinstance(port, str)):
         raise fault(path, "bench.controller", "expected driver and port as text")
+    if is_own(driver):
+        driver = str((path.parent / driver).absolute())
     if "baud" in table:
         more["baud"] = table["baud"]
     dead_man_s = table.get("dead_man_s", DEAD_MAN_S)
@@ -86,13 +98,15 @@ def _switched_off(held: Held, target: str | None) -> int:
 
     from rig.guard.keep_trying import keep_trying
     from rig.ports.silence import nobody_answers
-    from rig.safety.switching_off import off_confirmed, switch_off
+    from rig.safety.switching_off import Verdict, off_confirmed, switch_off
 
     begin = time.monotonic()
     controller, problem, doubted = _opened(held)
     if controller is not None:
         try:
             verdict = switch_off(controller, held.dead_man_s)
+        except Exception as error:  # a driver of the user's own may do anything
+            verdict = Verdict(False, str(error))
         finally:
             controller.close()
         took_s = time.monotonic() - begin
@@ -121,12 +135,14 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
     import time
 
     from rig.core.clock import RealClock
-    from rig.core.errors import PortHeld, RigError
-    from rig.drivers.registry import CONTROLLERS, open_controller
+    from rig.core.errors import PortHeld
+    from rig.drivers.registry import controller_class, open_controller
     from rig.guard.keep_trying import ended
 
-    if held.driver not in CONTROLLERS:
-        raise fault("bench.controller.driver", repr(held.driver), f"expected one of {', '.join(CONTROLLERS)}")
+    try:
+        controller_class(held.driver)
+    except ValueError as error:
+        raise fault("bench.controller.driver", "", str(error)) from None
     begin, problem, doubted = time.monotonic(), "", False
     while time.monotonic() - begin < PATIENCE_S:
         try:
@@ -137,7 +153,7 @@ def _opened(held: Held) -> tuple[TemperatureController | None, str, bool]:
             doubted, problem = True, str(error)
         except ValueError as error:
             raise fault("bench.controller.options", "", str(error)) from None
-        except RigError as error:
+        except Exception as error:  # a port that is not there; and a driver of the user's own may do anything
             problem = str(error)
         time.sleep(0.02)
     return None, problem, doubted

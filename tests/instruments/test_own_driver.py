@@ -15,13 +15,16 @@ from typing import Any
 
 import pytest
 from far_ends import Answering
+from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Quality
 from rig.drivers.registry import open_controller
 from rig.files.configuration import read_configuration
+from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
+from sim.instruments.meerstetter import MeerstetterTec
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own_driver.md"
 CONFIGURATION = """
@@ -140,6 +143,50 @@ def test_the_file_is_beside_the_configuration(bath_file: Path) -> None:
     path = bath_file.parent / "rig.toml"
     path.write_text(CONFIGURATION.format(port="/dev/ttyUSB0"))
     assert read_configuration(path).content.bench.controller.driver == f"{bath_file}:JulaboBath"
+
+
+OWN_TEC = """
+from rig.drivers.meerstetter import MeerstetterController
+class Tec(MeerstetterController):
+    pass
+"""
+
+
+@pytest.fixture
+def own_tec(tmp_path: Path) -> Path:
+    """A configuration with such a driver beside it."""
+    (tmp_path / "tec.py").write_text(OWN_TEC)
+    path = tmp_path / "rig.toml"
+    path.write_text(CONFIGURATION.replace("bath.py:JulaboBath", "tec.py:Tec"))
+    return path
+
+
+def test_off_takes_the_file_from_beside_the_configuration(
+    own_tec: Path, plant: StillPlant, peltier: Callable[..., tuple[int, str, str]]
+) -> None:
+    with PseudoTerminals({"it": MeerstetterTec(plant)}) as terminals:
+        own_tec.write_text(own_tec.read_text().replace("{port}", terminals.paths["it"]))
+        status, out, err = peltier("off", own_tec)
+    assert status == 0, err
+    assert "output off, confirmed by the controller" in out
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(None, "there is no file"), ("", "there is no class Tec"), (OWN_TEC + "    LINE = 0\n", "NOT CONFIRMED OFF")],
+)
+def test_off_by_a_driver_that_cannot_be_had(
+    own_tec: Path, peltier: Callable[..., tuple[int, str, str]], text: str | None, expected: str
+) -> None:
+    """Somebody has to know that the output may still be on."""
+    file = own_tec.with_name("tec.py")
+    file.unlink() if text is None else file.write_text(text)
+    own_tec.write_text(own_tec.read_text().replace("{port}", "/dev/null"))
+    status, _, err = peltier("off", own_tec)
+    assert status == (11 if "NOT" in expected else 2)
+    assert expected in err
+    assert "witch the controller off by hand" in err
+    assert status == 11 or "nothing was sent, and the output may be on" in err
 
 
 # ---- lewis (GPL-3), in a process of its own ---------------------------------------------------------
