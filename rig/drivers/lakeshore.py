@@ -21,16 +21,15 @@ There is no checksum: a reading is asked for twice in one line, a token between 
 
 from __future__ import annotations
 
-import contextlib
 import re
 from collections.abc import Callable
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, InstrumentError, Refused
+from rig.core.errors import Corrupt, Disconnected, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import confirmed
+from rig.drivers.confirmed import OFF_S, confirmed_off
 from rig.drivers.controller import OwnLimits, Status
 from rig.drivers.heater_drive import HeaterDrive
 from rig.drivers.identity import Identity
@@ -51,7 +50,7 @@ READING_FAULTS = {1: "invalid", 16: "too cold", 32: "too hot", 64: "sensor at ze
 RESOLUTION_PERCENT, RESOLUTION_K, LIMIT_RESOLUTION_K = 0.011, 2e-3, 0.6
 NO_OUTPUT_PERCENT = 0.1  # some show 0.005 % with the output off
 SETTLE_S, AGAIN_S = 0.6, 0.05
-TRIALS, OFF_ATTEMPTS = 3, 3  # one answer may be hurt, and its repetition by the same disturbance
+TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 SLOWEST_K_PER_MIN, FASTEST_K_PER_MIN = 0.1, 100.0  # of RAMP, by the manual
 NUMBER = re.compile(r"[+-]?\d{1,6}(\.\d{0,6})?([eE][+-]?\d{1,2})?")
 
@@ -215,27 +214,23 @@ class LakeShoreController(HeaterDrive):
         return Status(", ".join(words), bool(heater or sensor), in_range > 0, heater or sensor)
 
     def off(self) -> bool:
-        """RANGE 0, at once and then proven; True if the range and the output (HTR) say so. Never raises."""
+        """RANGE 0, at once, and again until the range and the output (HTR) say so: then it is True. Never raises."""
         self._armed_mode = None
-        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+        return confirmed_off(self.transport.clock, ((self._off_once, OFF_S),), self._recover)
 
-    def _off_once(self, _: int) -> bool:
+    def _off_once(self) -> bool:
+        """Without asking why, where no answer comes: time matters."""
+        command = f"RANGE {self._output},0"
         if self.link.in_doubt:
-            with contextlib.suppress(InstrumentError):
-                self.link.shout(f"RANGE {self._output},0")
-        clock = self.transport.clock
-        give_up_s = clock.now_s() + SETTLE_S
-        question = f"RANGE {self._output},0;RANGE? {self._output};RANGE? {self._output};HTR? {self._output}"
-        while True:
-            self.link.start(question)  # without asking why, where no answer comes: time matters
-            first, again, percent = self.link.finish().split(";")
-            if first != again or _whole(first) != 0.0:
-                return False
-            if abs(_number(percent)) <= NO_OUTPUT_PERCENT:
-                return True
-            if clock.now_s() > give_up_s:
-                return False
-            clock.sleep_until_s(clock.now_s() + AGAIN_S)
+            self.link.shout(command)
+        self.link.start(f"{command};RANGE? {self._output};RANGE? {self._output};HTR? {self._output}", trials=1)
+        first, again, percent = self.link.finish().split(";")
+        return first == again and _whole(first) == 0.0 and abs(_number(percent)) <= NO_OUTPUT_PERCENT
+
+    def _recover(self, error: Exception) -> None:
+        self.link.doubt()
+        if isinstance(error, Disconnected):
+            self.transport.reopen()
 
     # ---- settings -------------------------------------------------------------------------------
 

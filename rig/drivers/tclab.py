@@ -18,15 +18,14 @@ read back (R1, R2); that is the board's memory of what it was told, there is no 
 
 from __future__ import annotations
 
-import contextlib
 import re
 from math import nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, InstrumentError, Refused
+from rig.core.errors import Corrupt, Disconnected, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
-from rig.drivers.confirmed import confirmed
+from rig.drivers.confirmed import OFF_S, confirmed_off
 from rig.drivers.controller import Status
 from rig.drivers.heater_drive import HeaterDrive
 from rig.drivers.identity import Identity
@@ -34,13 +33,13 @@ from rig.drivers.tclab_link import TcLabLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
-TRIALS, OFF_ATTEMPTS = 3, 3  # one answer may be hurt, and its repetition by the same disturbance
+TRIALS = 3  # one answer may be hurt, and its repetition by the same disturbance
 VERSION = re.compile(r"TCLab Firmware (?:Version )?(\d+)\.(\d+)\.?(\S*)\s*(.*)", re.IGNORECASE)
 OLDEST = (1, 4)  # of firmware: those before take whole percents only
 NUMBER = re.compile(r"-?\d{1,3}\.\d{2,3}")
 RESOLUTION_PERCENT = 0.006  # replies have two decimals or three
 LOWEST_DEGC, HIGHEST_DEGC = -40.0, 150.0  # of its thermometers, TMP36; beyond it is an open input
-LONGEST_BOOT_S = 60.0  # an Arduino needs two seconds
+LONGEST_BOOT_S = 10.0  # an Arduino needs two seconds; `peltier off` waits for it where nobody answers
 FIRMWARE_PWM = 200  # its default for heater 1
 
 
@@ -161,19 +160,29 @@ class TcLabController(HeaterDrive):
         return Status(f"heater 1 at {first:g} %, heater 2 at {second:g} %", False, first > 0.0 or second > 0.0)
 
     def off(self) -> bool:
-        """Both heaters off, at once and then proven; True if both read back 0, twice. Never raises."""
-        self._armed = False
-        return confirmed(self._off_once, OFF_ATTEMPTS, self.link.doubt)
+        """Both heaters off, at once, and again until both read back 0, twice, which makes it True. Never raises.
 
-    def _off_once(self, attempt: int) -> bool:
-        if attempt == OFF_ATTEMPTS - 1:
-            self.link.reopen()
+        A board whose port was opened less than `boot_s` ago may not listen yet: it is asked once more when it does.
+        """
+        self._armed = False
+        clock, ways = self.transport.clock, ((self._off_once, OFF_S),)
+        is_off = confirmed_off(clock, ways, self._recover)
+        if is_off or clock.now_s() >= self.link.listens_s:
+            return is_off
+        clock.sleep_until_s(self.link.listens_s)
+        return confirmed_off(clock, ways, self._recover)
+
+    def _off_once(self) -> bool:
         if self.link.in_doubt:
-            with contextlib.suppress(InstrumentError):
-                self.link.shout("X")
-            self.link.resynchronise(trials=2)
+            self.link.shout("X")
+            self.link.resynchronise(trials=1, boots=False)
         replies = self.link.ask("Q1 0", "Q2 0", "R1", "R2", "R1", "R2")
         return [self._number(reply) for reply in replies] == [0.0] * 6
+
+    def _recover(self, error: Exception) -> None:
+        self.link.doubt()
+        if isinstance(error, Disconnected):
+            self.transport.reopen()
 
     def _set(self, name: str, value: float) -> None:
         """Set; the reply is what the board has kept. A heater is asked again. Refused where that differs."""

@@ -10,6 +10,8 @@ board's own default, and comes again after 9999 others. After anything unexpecte
 which closes what may lie half-sent, then fences until one comes back.
 
 Opening the port restarts an Arduino Uno (not a Leonardo): its heaters are off then, and it listens `boot_s` later.
+Only the first exchange waits for that. A port that is opened anew in mid-run is not waited for: a STOP may be behind
+that exchange, and a board that has restarted ends the run anyway.
 
 Residual: a reply lost and another doubled in the same group. What the replies are worth is the driver's to judge.
 """
@@ -48,9 +50,9 @@ class TcLabLink:
     ) -> None:
         self.transport = transport
         self._fence = fence
-        self._byte_s, self._boot_s, self._answer_s = byte_s, boot_s, answer_s
+        self._byte_s, self._answer_s = byte_s, answer_s
         self._token = random.randrange(1, LARGEST_TOKEN + 1) if first_token is None else first_token
-        self._listens_s = transport.clock.now_s() + boot_s
+        self.listens_s = transport.clock.now_s() + boot_s  # the past, once it has answered
         self._in_doubt = True
         self.sent_s = 0.0  # when the last group was sent
         self.resynchronised = 0
@@ -91,38 +93,36 @@ class TcLabLink:
         self._in_doubt = True
         self.transport.send(END + command.encode("ascii") + END)
 
-    def reopen(self) -> None:
-        """Open the port anew, which restarts a board that is an Uno. Disconnected."""
-        self._in_doubt = True
-        self.transport.reopen()
-        self._listens_s = self.transport.clock.now_s() + self._boot_s
+    def resynchronise(self, trials: int = RESYNCHRONISATIONS, *, boots: bool = True) -> None:
+        """Fences until one comes back; a port whose device was gone is opened anew. InstrumentError.
 
-    def resynchronise(self, trials: int = RESYNCHRONISATIONS) -> None:
-        """Fences until one comes back; a port whose device was gone is opened anew. InstrumentError."""
+        boots: whether a board that was opened just now is given the time until it listens.
+        """
         self._in_doubt = True
+        if boots:
+            self.transport.clock.sleep_until_s(self.listens_s)
         problem: InstrumentError | None = None
         for _ in range(trials):
             try:
                 if isinstance(problem, Disconnected):
-                    self.reopen()
+                    self.transport.reopen()
                 self._await_fence()
             except InstrumentError as error:
                 problem = error
             else:
                 self._in_doubt = False
+                self.listens_s = self.transport.clock.now_s()
                 self.resynchronised += 1
                 return
         raise problem or OutOfStep("the line cannot be brought in step")
 
     def _await_fence(self) -> None:
         transport = self.transport
-        clock = transport.clock
-        clock.sleep_until_s(self._listens_s)
         transport.drain()
         expected = self._next_token()
         data = END + f"{self._fence} {expected}\n".encode("ascii")
         transport.send(data)
-        deadline_s = clock.now_s() + self._answer_s + (len(data) + LONGEST_REPLY) * self._byte_s
+        deadline_s = transport.clock.now_s() + self._answer_s + (len(data) + LONGEST_REPLY) * self._byte_s
         for _ in range(STALE_LINES):
             if self._line(deadline_s) == expected:
                 return

@@ -12,11 +12,13 @@ from far_ends import Host
 from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
-from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
+from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
 from rig.core.reading import Quality
+from rig.drivers.confirmed import OFF_S
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.registry import open_controller
 from rig.drivers.tclab import TcLabController
+from rig.ports import registry
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.tclab import DEGC_PER_STEP, TcLab
@@ -274,6 +276,39 @@ def test_off_is_not_confirmed_by_a_heater_that_reads_on(controller: TcLabControl
     controller.set_current_A(0.5)
     board._heat = lambda number, percent: None  # type: ignore[method-assign]
     assert controller.off() is False
+
+
+def test_a_stop_does_not_wait_for_a_start(
+    attach: Attach, clock: VirtualClock, board: TcLab, plant: StillPlant
+) -> None:
+    """A board that listens at once (a Leonardo, or one whose port was opened long ago) is off at once."""
+    driver = open_controller("tclab", attach(board), clock, boot_s=9.0)
+    assert driver.off() is True
+    assert clock.now_s() < OFF_S
+    driver.configure(1.0, (10.0, 90.0), 5.0)
+    driver.arm_current()
+    driver.set_current_A(0.5)
+    registry.unregister("test-0")
+    with pytest.raises(Disconnected):
+        driver.read_temperature()
+    registry.register("test-0", board, clock)
+    driver.link.doubt()
+    begin_s = clock.now_s()
+    driver.read_temperature()  # a STOP may be behind this exchange, which opens the port anew
+    assert driver.off() is True
+    assert clock.now_s() - begin_s < OFF_S
+    assert plant.current_A == 0.0
+
+
+def test_a_board_that_was_opened_just_now_is_asked_once_more(
+    attach: Attach, clock: VirtualClock, board: TcLab
+) -> None:
+    """An Uno, which the opening has restarted, listens two seconds later; without that no start would come about."""
+    heard = board.receive
+    board.receive = lambda data, time_s: heard(data, time_s) if time_s > 2.0 else None  # type: ignore[method-assign]
+    driver = open_controller("tclab", attach(board), clock)
+    assert driver.off() is True
+    assert 2.0 < clock.now_s() < 2.0 + OFF_S
 
 
 # ---- the package `tclab`, which others use ---------------------------------------------------------
