@@ -21,6 +21,7 @@ from rig.core.clock import DAY_S
 ORDERS = ("ymd", "dmy", "mdy")
 LAYOUTS = (*ORDERS, "hh:mm", "mm:ss")
 LONGEST = 60  # characters of a time
+HOUR_S = 3600.0  # after which minutes and seconds begin again
 MONTHS = {"jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9, "oct": 10}
 MONTHS |= {"nov": 11, "dec": 12, "mai": 5, "okt": 10, "dez": 12, "mrz": 3, "mär": 3}
 CLOCK = r"(\d{1,3}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?|([.,]\d{1,9}))?\s*([AaPp]\.?[Mm]\.?)?"
@@ -118,13 +119,14 @@ def _short_times(matches: Sequence[re.Match[str] | None], layout: str | None) ->
     fraction = any(m is not None and m[5] is not None for m in matches)
     if layout is None and not fraction:
         raise Unclear("hours and minutes, or minutes and seconds", ("hh:mm", "mm:ss"))
-    unit_s = 60.0 if fraction or layout == "mm:ss" else 3600.0
+    if not fraction and layout != "mm:ss":
+        raw = np.array([_seconds_of(m) if m is not None else math.nan for m in matches])
+        return _over_midnight(raw, "hours and minutes")
     raw = np.full(len(matches), math.nan)
     for k, m in enumerate(matches):
         if m is not None:
-            tail = float((m[5] or "0").replace(",", "."))
-            raw[k] = unit_s * int(m[1]) + unit_s / 60.0 * int(m[2]) + tail
-    return _over_midnight(raw, "minutes and seconds" if unit_s == 60.0 else "hours and minutes", 60.0 * unit_s)
+            raw[k] = 60.0 * int(m[1]) + int(m[2]) + float((m[5] or "0").replace(",", "."))
+    return _over_midnight(raw, "minutes and seconds", HOUR_S)
 
 
 def _seconds_of(match: re.Match[str]) -> float:

@@ -201,6 +201,22 @@ def test_times_of_clocks_and_dates(file: Path, fields: list[str], seconds: list[
 
 
 @pytest.mark.parametrize(
+    ("fields", "layout", "seconds"),
+    [
+        (["23:58", "23:59", "00:00", "00:01"], "@hh:mm", [0, 60, 120, 180]),
+        (["11:59 PM", "12:00 AM", "12:01 AM"], "@hh:mm", [0, 60, 120]),
+        (["59:58", "59:59", "00:00", "00:01"], "@mm:ss", [0, 1, 2, 3]),
+        (["59:59.5", "00:00.0", "00:00.5"], "", [0, 0.5, 1.0]),
+        (["23:59:58", "23:59:59", "00:00:00", "00:00:01"], "", [0, 1, 2, 3]),
+    ],
+)
+def test_clocks_that_begin_again(file: Path, fields: list[str], layout: str, seconds: list[float]) -> None:
+    rows = "".join(f"{field},{25 + k}\n" for k, field in enumerate(fields))
+    record = read(file, f"Time,T_C\n{rows}", f"time_s=Time{layout}")
+    np.testing.assert_allclose(record["time_s"], seconds, atol=1e-9)
+
+
+@pytest.mark.parametrize(
     ("fields", "expected"),
     [
         (["01:02", "01:03", "01:04"], "--column time_s=Time@mm:ss"),
