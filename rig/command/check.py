@@ -11,6 +11,7 @@ whether to clear it; --clear clears it without asking.
 from __future__ import annotations
 
 import argparse
+import math
 import statistics
 import sys
 from pathlib import Path
@@ -113,21 +114,33 @@ def _limits(file: ConfigurationFile, bench: Bench, voice: Voice, faults: list[st
     own = controller.own_limits()
     dead_man_s = file.content.bench.controller.dead_man_s
     faults += own.faults(limits.current_A, limits.temperature_degC, dead_man_s)
-    has = {"current": own.current_A == own.current_A, "temperature": own.low_degC == own.low_degC}
+    current_A, low_degC, high_degC = (
+        None if math.isnan(value) else value for value in (own.current_A, own.low_degC, own.high_degC)
+    )
     unit = drive_unit(controller)
     no_limit = f"no {'current' if unit == 'A' else 'drive'} limit of its own"
-    current = f"{own.current_A:g} {unit}" if has["current"] else no_limit
-    span = f"{own.low_degC:g} to {own.high_degC:g} degC" if has["temperature"] else "no temperature limits of its own"
+    current = no_limit if current_A is None else f"{current_A:g} {unit}"
     dead_man = f"{own.dead_man_s:g} s" if controller.has_dead_man else "none: it has none"
-    voice.say(f"limits read back: {current}, {span}; dead man {dead_man}")
+    voice.say(f"limits read back: {current}, {_span(low_degC, high_degC)}; dead man {dead_man}")
     return {
         "own_limits": {
-            "current_A": own.current_A if has["current"] else None,
-            "temperature_degC": [own.low_degC, own.high_degC] if has["temperature"] else None,
+            "current_A": current_A,
+            "temperature_degC": None if low_degC is None and high_degC is None else [low_degC, high_degC],
             "dead_man_s": own.dead_man_s if controller.has_dead_man else None,
         },
         "dead_man": controller.has_dead_man,
     }
+
+
+def _span(low_degC: float | None, high_degC: float | None) -> str:
+    """Temperature limits in words; None where the instrument has no such limit."""
+    if low_degC is None:
+        if high_degC is None:
+            return "no temperature limits of its own"
+        return f"up to {high_degC:g} degC (no lower temperature limit of its own)"
+    if high_degC is None:
+        return f"from {low_degC:g} degC (no upper temperature limit of its own)"
+    return f"{low_degC:g} to {high_degC:g} degC"
 
 
 def _film(bench: Bench, voice: Voice, faults: list[str]) -> dict[str, Any]:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from rig.analysis.diagnosed import possible_kinds
+from rig.drivers.controller import OwnLimits
+from rig.drivers.lakeshore import LakeShoreController
 from rig.files.model_file import read_model
 from rig.files.record import Record
 from tests.rig.small import MODEL, write_bench
@@ -52,6 +54,33 @@ def test_a_heater_tracks(peltier: Peltier, tmp_path: Path, controller: str, larg
     drive = rows[0].split(",").index("current_A")
     drives = [float(row.split(",")[drive]) for row in rows[1:]]
     assert 0.0 == min(drives) < max(drives) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("own", "said", "reported"),
+    [
+        (None, "no drive limit of its own, up to 95 degC (no lower temperature limit of its own);", [None, 95.0]),
+        (OwnLimits(low_degC=10.0), ", from 10 degC (no upper temperature limit of its own);", [10.0, None]),
+        (OwnLimits(low_degC=10.0, high_degC=95.0), ", 10 to 95 degC;", [10.0, 95.0]),
+        (OwnLimits(), ", no temperature limits of its own;", None),
+    ],
+)
+def test_check_tells_each_temperature_limit_by_itself(
+    monkeypatch: pytest.MonkeyPatch,
+    peltier: Peltier,
+    tmp_path: Path,
+    own: OwnLimits | None,
+    said: str,
+    reported: list[float | None] | None,
+) -> None:
+    """A Lake Shore has an upper one only."""
+    if own is not None:
+        monkeypatch.setattr(LakeShoreController, "own_limits", lambda _: own)
+    status, out, err = peltier("check", heater_bench(tmp_path, "lakeshore"), "--json", tmp_path / "c.json")
+    assert (status, err) == (0, "")
+    assert said in out
+    found = json.loads((tmp_path / "c.json").read_text())["own_limits"]["temperature_degC"]
+    assert found == (reported if reported is None else pytest.approx(reported))
 
 
 def test_a_calibration_finds_the_heater(peltier: Peltier, tmp_path: Path) -> None:
