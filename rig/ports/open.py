@@ -46,6 +46,7 @@ def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
 
     PortHeld where another process has it, Disconnected where it is not there.
     """
+    settings = settings_at(port, settings)
     try:
         opened: serial.SerialBase = serial.serial_for_url(
             port,
@@ -67,6 +68,17 @@ def open_port(port: str, settings: LineSettings) -> serial.SerialBase:
     except ValueError as error:  # an unknown scheme, a setting that the handler does not know
         raise Disconnected(f"{port}: {error}") from error
     return opened
+
+
+def settings_at(port: str, settings: LineSettings) -> LineSettings:
+    """The settings that can be set at a port.
+
+    Linux refuses parity and seven bits at a pseudo-terminal (EINVAL), such as `peltier emulate` serves; characters pass
+    there as they are.
+    """
+    if os.path.realpath(port).startswith("/dev/pts/"):
+        return replace(settings, bytesize=8, parity="N")
+    return settings
 
 
 def _is_lock(error: BaseException) -> bool:

@@ -111,3 +111,18 @@ def test_a_port_that_another_process_holds(
         other.communicate()
     assert status == 75
     assert str(other.pid) in err
+
+
+def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+    """Linux sets neither parity nor seven bits at a pseudo-terminal: 7O1 and 7E2 are for real lines."""
+    path = write_bench(tmp_path, time="real")
+    text = path.read_text().replace('"meerstetter"', '"lakeshore"').replace('"keithley2000"', '"hp34401a"')
+    path.write_text(text.replace("current_A = 4.0", "current_A = 1.0"))
+    emulated = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    with PseudoTerminals(emulated) as terminals:
+        for role in ("controller", "meter"):
+            path.write_text(path.read_text().replace('"sim://"', f'"{terminals.paths[role]}"', 1))
+        status, out, err = peltier("check", path)
+    assert (status, err) == (0, "")
+    assert "controller: Lake Shore 335" in out
+    assert "34401A" in out
