@@ -113,7 +113,10 @@ class Nightly:
             if key not in known:
                 known.append(key)
                 lines.append(_in_words(row))
-        (out / TOLD).write_text(json.dumps(known) + "\n", encoding="utf-8")
+        try:
+            (out / TOLD).write_text(json.dumps(known) + "\n", encoding="utf-8")
+        except OSError as error:  # such as a full disk; what was found is told all the same
+            lines.append(f"trend: what was told is not kept, so that it is told again: {error}")
         return lines
 
 

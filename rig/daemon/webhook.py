@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import threading
 import time
@@ -34,4 +35,6 @@ def _send(url: str, document: dict[str, Any], told: Callable[[str], None], waits
                 return
         except (OSError, ValueError) as error:  # URLError and time-outs are OSErrors
             failure = str(error).replace(url, "its address")
+        except http.client.HTTPException as error:  # no HTTP; its text may show the address
+            failure = type(error).__name__
     told(f"webhook: {failure} ({len(waits_s)} tries)")

@@ -110,6 +110,28 @@ def test_a_webhook_that_nobody_answers_is_told_of() -> None:
     assert "2 tries" in told[0]
 
 
+def test_a_webhook_that_speaks_no_http_is_told_of() -> None:
+    """Somebody else's server at its address: every try counts, and the address, a secret, is not told."""
+    told: list[str] = []
+    tries = 0
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            nonlocal tries
+            for _ in range(2):
+                connection, _ = server.accept()
+                with connection:
+                    tries += 1
+                    connection.recv(4096)
+                    connection.sendall(b"hello\r\n\r\n")
+
+        threading.Thread(target=answer, daemon=True).start()
+        url = f"http://127.0.0.1:{server.getsockname()[1]}/SECRET"
+        post(url, {"event": "trip"}, told.append, (0.0, 0.0)).join(10.0)
+    assert told == ["webhook: BadStatusLine (2 tries)"]
+    assert tries == 2
+
+
 def test_a_listener_who_is_too_slow_is_let_go_and_the_others_are_not() -> None:
     announcer = Announcer()
     slow, quick = announcer.listen(), announcer.listen()
