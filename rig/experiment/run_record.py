@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
 from rig.control.loop import Loop, Progress, Tick
@@ -167,7 +169,8 @@ def _write_reason(folder: RunFolder, loop: Loop, output: OutputOff, error: BaseE
 def trip_text(loop: Loop, trip: Tripped) -> str:
     """A trip as JSON: cause, text, time of the run (s), limits, and the rows of the last `TRIP_S` seconds."""
     rows = loop.folder.rows
-    since_s = rows[-1][0] - TRIP_S if rows else 0.0
+    time_s = rows.numbers(0)
+    last: list[int] = np.flatnonzero(time_s >= time_s[-1:] - TRIP_S).tolist()  # none of none
     return plain_json(
         {
             "format": "peltier-trip/1",
@@ -177,6 +180,6 @@ def trip_text(loop: Loop, trip: Tripped) -> str:
             "controller": loop.status_at_trip,
             "limits": asdict(loop.limits),
             "columns": loop.folder.columns,
-            "rows": [row for row in rows if row[0] >= since_s],
+            "rows": [rows[k] for k in last],
         }
     )

@@ -27,6 +27,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from rig.core.faults import fault
+from rig.files.packed_rows import PackedRows
 from rig.files.written import naming, write_text
 from rig.version import __version__, source_digest
 
@@ -93,7 +94,8 @@ def versions() -> dict[str, str]:
 
 class RunFolder:
     """Writes one run folder. Rows reach the file at every flush; `finish` makes the folder whole. A folder that is
-    deleted meanwhile is written again with the next flush: files without a name would take rows without a word.
+    deleted meanwhile is written again with the next flush, from memory, where rows stay until the end: files without a
+    name would take rows without a word.
 
     begun_s: when each phase has begun, s of the run.
     """
@@ -103,7 +105,7 @@ class RunFolder:
         self.part = part_of(path)
         self.part.mkdir(parents=True, exist_ok=True)
         self.columns = columns
-        self.rows: list[tuple[Any, ...]] = []
+        self.rows = PackedRows(len(columns))
         self.begun_s: dict[str, float] = {}
         self._kept = {"config.toml": configuration_text}  # texts by the names of their files
         self._lines: list[str] = []  # of the events
@@ -132,7 +134,7 @@ class RunFolder:
         """One row, in the order of the columns; nan becomes an empty field."""
         self.rows.append(values)
         with naming(self.part / "record.csv"):
-            self._record.write(_csv_line(values))
+            self._record.write(_csv_line(self.rows[-1]))
 
     def flush(self) -> None:
         self._write_again_if_deleted()
@@ -150,8 +152,7 @@ class RunFolder:
 
     def column(self, name: str) -> np.ndarray[Any, np.dtype[Any]]:
         """A column of the rows so far."""
-        k = self.columns.index(name)
-        return np.array([row[k] for row in self.rows])
+        return self.rows.column(self.columns.index(name))
 
     def note(self, **more: Any) -> None:
         """Add to the start of the document what is known only later (instruments, models, design)."""
@@ -245,7 +246,7 @@ def plain_json(value: Any) -> str:
     return json.dumps(_plain(value), indent=2)
 
 
-def write_netcdf(path: Path, columns: list[str], rows: list[tuple[Any, ...]]) -> None:
+def write_netcdf(path: Path, columns: list[str], rows: PackedRows) -> None:
     """The columns as NetCDF-3, which xarray, MATLAB and Origin open; the unit is the name's ending.
 
     A column of words becomes numbers with the CF attributes flag_values and flag_meanings.
@@ -257,13 +258,13 @@ def write_netcdf(path: Path, columns: list[str], rows: list[tuple[Any, ...]]) ->
         axis = columns[0]  # the time: its own coordinate
         file.createDimension(axis, len(rows))
         for k, name in enumerate(columns):
-            if rows and isinstance(rows[0][k], str):
-                words = list(dict.fromkeys(row[k] for row in rows))
+            words = rows.words(k)
+            if words is not None:
                 flags = file.createVariable(name, "i4", (axis,))
-                flags[:] = np.array([words.index(row[k]) for row in rows], dtype=np.int32)
+                flags[:] = rows.numbers(k).astype(np.int32)
                 setattr(flags, "flag_values", np.arange(len(words), dtype=np.int32))  # noqa: B010
                 setattr(flags, "flag_meanings", " ".join(words).encode())  # noqa: B010
                 continue
             variable = file.createVariable(name, "f8", (axis,))
-            variable[:] = np.array([row[k] for row in rows], dtype=np.float64)
+            variable[:] = rows.numbers(k)
             setattr(variable, "units", name.rpartition("_")[2].encode())  # noqa: B010

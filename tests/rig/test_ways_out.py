@@ -166,7 +166,8 @@ def test_rows_that_find_no_room_leave_no_file_open(tmp_path: Path) -> None:
     """The rows are refused only as their file is closed; whoever looks next at the events finds them whole."""
     folder = RunFolder(tmp_path / "run", {}, "", ["time_s"])
     folder.flush()
-    folder.row((0.1,) * 100)
+    for _ in range(100):
+        folder.row((0.1,))
     folder.event(0.1, "phase", "test")
     with no_file_above(60), pytest.raises(OSError, match=re.escape("record.csv")):
         folder.abandon()
