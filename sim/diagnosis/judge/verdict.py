@@ -191,20 +191,21 @@ def _worth(
     left = temperature if upstream else resistance
     if left is None or left.clean:
         return evidence, None
-    if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
-        if of_no_kind(chain, names):
-            return evidence, (weak, NO_KIND)
-        counts = evidence * _share_that_counts(chain, names)
-        if unseen is None or counts >= evidence_by_chance(chain):  # without such rows other records judge
-            return evidence, None
-        return evidence, (counts, MAY_DO_AS_MUCH)
-    value = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream)
+    beside = upstream and chain.first is not None and chain.first.channel.misfit > 1.0
+    if beside and of_no_kind(chain, names):
+        return evidence, (weak, NO_KIND)
+    if beside and unseen is None:  # the likelihood knows of what is left, and other records judge
+        return evidence, None
+    if beside:
+        value, needed = evidence * _share_that_counts(chain, names), evidence_by_chance(chain)
+    else:
+        value, needed = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream), SURVIVES
     now, before = _excess(chain, names, not upstream), _excess(chain, rest, not upstream)
     seen = unseen is None or unseen >= SEEN_BESIDE * evidence
     alone = now <= MOST_LEFT * before or (now <= LITTLE_LEFT and value >= CERTAIN and seen)
     bare = _excess(chain, chain.assumed, not upstream)
     together = now <= MOST_LEFT_OF_ALL * bare and value >= SURVIVES_BESIDE and seen
-    if value < SURVIVES or not (alone or together):
+    if value < needed or not (alone or together):
         return evidence, (min(value, evidence), MAY_DO_AS_MUCH)
     return min(evidence, value), None
 

@@ -207,11 +207,15 @@ class ResistanceSearch:
             best = replace(max((wider, plain), key=lambda f: f.score), plain=plain.parameters)
         return self.keep(best)
 
-    def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit:
+    def in_their_place(self, fit: ResistanceFit, name: str) -> ResistanceFit | None:
         """One more effect from where it does the most of the relays' work: beside a Prandtl-Ishlinskii film if that
-        leaves nothing, else beside the fit's relays; kept."""
+        leaves nothing, else beside the fit's relays; kept. None of an effect that does little of it, but for one in the
+        reading, of which relays hide that it does."""
         plain = self.quick(fit, name)
-        if self._gone(fit, plain) > SOME_OF_IT:
+        reading, some = isinstance(self.effects[name].form, Reading), self._gone(fit, plain) > SOME_OF_IT
+        if not some and not reading:
+            return None
+        if some:
             plain = self.plain(plain.parameters)
             if self.channel.mean_square(plain) <= RELAYS_FROM:
                 return self.keep(plain)

@@ -173,9 +173,8 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     tests = {n: search.score_test(fit, n, FINER) for n in others}
     likely = sorted((n for n in others if tests[n].gain > PASSES), key=lambda n: -tests[n].gain)
     found = [search.beside(fit, tests[n].start) for n in search.budget.in_time(likely[:TRIED])]
-    for name in search.budget.in_time(others):
-        if isinstance(search.effects[name].form, Reading):
-            found.append(search.in_their_place(fit, name))
+    instead = (search.in_their_place(fit, name) for name in search.budget.in_time(others))
+    found += [end for end in instead if end is not None]
     sound = [e for e in found if has_meaning(search, e)]
     return max(sound, key=lambda e: e.score) if sound else None
 
