@@ -9,6 +9,7 @@ import numpy as np
 
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import Inputs
+from compensator.control.model_error import FEWEST, lacking
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.inverse.inverse import Inverse
@@ -16,7 +17,8 @@ from compensator.thermal.plate import PlateModel
 
 
 def precompile() -> None:
-    """One step of each law, from a known and from an unknown memory, and one inversion, with a small film."""
+    """One step of each law, from a known and from an unknown memory, one inversion, and what a run taught, with a small
+    film."""
     film = FilmModel(
         np.array([0.1, 0.4]),
         np.array([0.6, 0.4]),
@@ -35,6 +37,7 @@ def precompile() -> None:
         law.step(law.start(58.0, None), inputs)
         if name == "full":
             law.step(law.start_anywhere(58.0, -4.3), inputs)
+    lacking(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
 
 
 if __name__ == "__main__":

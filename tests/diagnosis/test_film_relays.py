@@ -144,7 +144,7 @@ def test_a_film_of_the_class_behind_a_coarse_thermometer_needs_no_relays() -> No
     chain = Chain(record, effects, temperature_search(record, effects))
     chain = with_film(chain, chain.split(names)[0])
     apart = chain.score(names)
-    assert chain.fits(names)[1].parameters.has_relays  # type: ignore[union-attr]
+    assert not chain.fits(names)[1].parameters.has_relays  # type: ignore[union-attr]
     chain = replace(chain, together=True)
     joint = chain.joint(names)
     assert joint is not None
