@@ -66,6 +66,7 @@ class LakeShoreController(HeaterDrive):
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600, bytesize=7, parity="O")
     NAME = "a Lake Shore 335 or 336"
     has_ramp: ClassVar[bool] = True
+    confirms_off_by: ClassVar[str] = "its range read back twice, and the output that it shows"
 
     def __init__(
         self,

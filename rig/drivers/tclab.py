@@ -51,6 +51,7 @@ class TcLabController(HeaterDrive):
     """
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=115200)
+    confirms_off_by: ClassVar[str] = "both heaters read back twice as 0; it measures no current"
     NAME = "a TCLab"
 
     def __init__(

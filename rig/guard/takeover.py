@@ -146,9 +146,12 @@ def _named(held: Held, verdict: Verdict) -> Verdict:
 @contextlib.contextmanager
 def _unlocked(registry: ModuleType) -> Iterator[None]:
     """In this process, the guard's own, drivers open their ports without the lock."""
+    from rig.ports.open import settings_at
+
     with_lock = registry.open_port
 
     def open_port(port: str, settings: Any) -> Any:
+        settings = settings_at(port, settings)
         line = {name: getattr(settings, name) for name in ("baudrate", "bytesize", "parity", "stopbits", "xonxoff")}
         return serial.serial_for_url(port, **line, timeout=0, write_timeout=WRITE_TIMEOUT_S)
 
