@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
-MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 NOT_FIXED = "not fixed by this record"
@@ -94,7 +93,8 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
         elif channel is not None and _off_elsewhere(diagnosis, channel):
             times = channel.rmse_extended / _foreseen(diagnosis, channel)
             why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
-            lines.append(f"{what}: held-out rows are off by {times:.1f} times the noise: {why}")
+            noise = "the noise" if diagnosis.record.early > 0.0 else channel.foreseen
+            lines.append(f"{what}: held-out rows are off by {times:.1f} times {noise}: {why}")
     return lines
 
 
@@ -144,7 +144,7 @@ def _unseen(diagnosis: Diagnosis) -> str:
 def gain_line(what: str, unit: str, channel: Channel) -> str:
     """Held-out error before and after beside the noise."""
     besides = ""
-    if channel.expected > MORE * channel.noise:
+    if channel.leaves_open:
         besides = f", {number(channel.expected)} {unit} with what this record leaves open"
     return (
         f"{what}: {number(channel.rmse_base)} {unit} before, {number(channel.rmse_extended)} {unit} after, "

@@ -310,7 +310,7 @@ def _unexplained(
             continue
         times = everywhere[name] / found.expected
         if times > UNSEEN:
-            unexplained[name] = f"{ONLY_UNSEEN} {times:.2g} times worse than the noise"
+            unexplained[name] = f"{ONLY_UNSEEN} {times:.2g} times worse than {found.foreseen}"
     return unexplained
 
 

@@ -18,6 +18,7 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
 
+MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
 ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
 
 
@@ -45,6 +46,16 @@ class Channel:
     rmse_extended: float
     samples_holdout: int
     expected: float
+
+    @property
+    def leaves_open(self) -> bool:
+        """Whether more than the noise is to be expected of held-out rows."""
+        return self.expected > MORE * self.noise
+
+    @property
+    def foreseen(self) -> str:
+        """What is expected of them, in words."""
+        return "the noise and what this record leaves open" if self.leaves_open else "the noise"
 
 
 @dataclass(frozen=True, eq=False)
