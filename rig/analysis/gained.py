@@ -80,15 +80,24 @@ def same_target(one: Target, other: Target) -> bool:
 
 def gained(first: Followed | None, second: Followed | None) -> Gained | None:
     """None where one has no error, or they are too short for an interval."""
-    if first is None or second is None or first.unit != second.unit:
+    if first is None or second is None or first.unit != second.unit or second.time_s.size < FEWEST:
         return None
-    rows = min(first.error.size, second.error.size)
-    before, after = first.error[:rows], second.error[:rows]
+    before, after = first.error, _at_the_rows_of(first, second)
     both = np.isfinite(before) & np.isfinite(after)
     if int(np.sum(both)) < FEWEST:
         return None
     found = gain(before, after, both)
     return Gained(1.0 - found.rmse_after / found.rmse_before, found.reduction_ci95)
+
+
+def _at_the_rows_of(first: Followed, second: Followed) -> Array:
+    """The second's errors at the times of the first's rows: a tick that one of them missed is nan, and shifts no other
+    row."""
+    times = second.time_s
+    after = np.clip(np.searchsorted(times, first.time_s), 1, times.size - 1)
+    nearest = np.where(first.time_s - times[after - 1] < times[after] - first.time_s, after - 1, after)
+    near = np.abs(times[nearest] - first.time_s) <= 0.5 * float(np.median(np.diff(times)))
+    return np.where(near, second.error[nearest], np.nan)
 
 
 def news(effects: Sequence[Mapping[str, Any]], known: Sequence[Mapping[str, Any]]) -> list[str]:

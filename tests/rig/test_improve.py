@@ -8,10 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rig.__main__ import main
-from rig.analysis.gained import news
+from rig.analysis.gained import Followed, gained, news
 from rig.files.configuration import read_configuration
 from rig.files.extended_configuration import extended_configuration
 from rig.files.model_file import read_model
@@ -28,6 +29,16 @@ TARGET = '["start 20 kohm", "hold 10 s", "ramp to 5 kohm at 0.02 dec/s", "hold 1
 METER = '[bench.meter]\ndriver = "keithley2000"\nport = "sim://"\n'
 DELAY = '\n[[simulation.effects]]\nname = "actuator_delay"\ndelay_s = 0.8\n'
 LAG = '\n[[simulation.effects]]\nname = "film_lag"\ntau_s = 1.0\n'
+
+
+def test_ticks_that_a_run_missed_shift_no_other_row() -> None:
+    time = 0.1 * np.arange(600.0)
+    error = np.where(time < 20.0, 1.0, 0.1) * np.sin(time)
+    missed = np.delete(np.arange(600), slice(100, 130))
+    found = gained(Followed("K", time, error), Followed("K", time[missed] + 0.003, error[missed]))
+    assert found is not None
+    assert found.reduction == 0.0
+    assert found.ci95 == (0.0, 0.0)
 
 
 def write_profile(folder: Path, effects: str = "") -> Path:
