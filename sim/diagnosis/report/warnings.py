@@ -16,6 +16,7 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
 
 FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
+ALIKE = 0.1  # relative difference of two lags: instruments and films that do not know of each other differ by more
 LARGE = 0.8  # of the largest current
 
 
@@ -64,6 +65,7 @@ def warnings_of(
         found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
     if not film_not_described(chain, names):
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
+    found += as_late_as_each_other(chain, names)
     return found + film_in_steps(chain) + film_is_not_described(chain, names)
 
 
@@ -84,6 +86,20 @@ def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Warning:
         size = f"{parameter} {'above' if known.from_below else 'below'} {known.limit:.2g}"
         text = f"{name}: would not have shown with {size}: the film's own shape absorbs it"
     return Warning("absorbed_by_the_film", text)
+
+
+def as_late_as_each_other(chain: Chain, names: frozenset[str]) -> list[Warning]:
+    """Of a thermometer and a film that are as late as each other behind the plate, as one lag before it makes them."""
+    tau_s = {e.name: float(e.par[0]) for fit in chain.fits(names) if fit is not None for e in fit.effects}
+    thermometer = tau_s.get("sensor_lag")
+    for name in ("film_lag", "meter_lag"):
+        if thermometer is not None and name in tau_s and abs(tau_s[name] / thermometer - 1.0) < ALIKE:
+            text = (
+                f"sensor_lag and {name} are alike ({thermometer:.2g} and {tau_s[name]:.2g} s): one lag of the current, "
+                "before the plate, looks so in both; see how the driver follows its command first"
+            )
+            return [Warning("lags_alike", text)]
+    return []
 
 
 def film_in_steps(chain: Chain) -> list[Warning]:
