@@ -206,14 +206,18 @@ def _allowed(limit: UpperLimit) -> str:
 
 
 def limit_lines(diagnosis: Diagnosis) -> list[str]:
-    """What the record excludes whole, what it allows up to a size, and what may be there in any usual size."""
+    """What the record excludes whole, what it allows up to a size, and what may be there in any usual size. An effect
+    that may be there instead of one that is named is excluded beside that one only, and is listed there."""
     kinds: dict[str, list[str]] = {
         "not there, in any usual size (at 95 %)": [],
         "not seen, and at 95 % no larger than": [],
         "would not have shown at a usual size": [],
     }
     whole, to_a_size, unseen = kinds.values()
+    instead = {name for finding in diagnosis.findings for name in finding.indistinguishable_from}
     for limit in diagnosis.limits:
+        if limit.name in instead:
+            continue
         kind = whole if limit.excludes_all_met else unseen if limit.allows_all_met else to_a_size
         kind.append(limit.name if limit.limit is None else f"{limit.name} ({_allowed(limit)})")
     return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]

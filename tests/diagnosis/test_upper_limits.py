@@ -67,15 +67,18 @@ def test_what_jumps_has_a_limit_at_the_jump() -> None:
 
 
 def test_a_limit_is_read_beside_the_usual_sizes() -> None:
-    """What the record excludes whole is told apart from what it says nothing of."""
+    """What the record excludes whole is told apart from what it says nothing of; an effect that may be there instead of
+    one that is named is in neither."""
     limits = [
         UpperLimit("sink", "ratio", 300.0, True, (3.0, 30.0)),
         UpperLimit("leakage", "leakage_ohm", 2e4, True, (1e4, 1e6)),
         UpperLimit("series", "series_ohm", 5000.0, False, (1.0, 600.0)),
         UpperLimit("drift", "drift_K_per_h", 0.001, False, (0.01, 1.0)),
         UpperLimit("creep", "share", None, False, (0.01, 0.3)),
+        UpperLimit("lag", "tau_s", 0.1, False, (0.2, 10.0)),
     ]
-    assert limit_lines(cast(Any, SimpleNamespace(limits=limits))) == [
+    findings = [SimpleNamespace(indistinguishable_from=["lag"])]
+    assert limit_lines(cast(Any, SimpleNamespace(limits=limits, findings=findings))) == [
         "not there, in any usual size (at 95 %): sink (ratio above 300); drift (drift_K_per_h below 0.001)",
         "not seen, and at 95 % no larger than: leakage (leakage_ohm above 20,000)",
         "would not have shown at a usual size: series (series_ohm below 5,000); creep",
