@@ -103,8 +103,12 @@ class JobRun(Watcher):
 
     def abandon(self, why: BaseException, off_confirmed: bool) -> None:
         """End the job without its thread, which does not end: what that one still does is nobody's any more."""
-        self._pass.off_confirmed = off_confirmed
-        self._pass.void = why
+        desk = self._desk
+        with self._lock:  # a thread that begins its loop has done so before, or finds its pass void
+            self._pass.off_confirmed, self._pass.void = off_confirmed, why
+            if desk.in_loop:
+                desk.in_loop, desk.phase = False, None
+                desk.output, desk.confirmed = ("off", True) if off_confirmed else ("unknown", False)
         self._conclude(_end_by(why))
 
     def _do(self) -> None:
@@ -145,7 +149,8 @@ class JobRun(Watcher):
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
             if end.trip in NO_VOICE:
                 desk.after_off = None
-        if end.exit_status not in (0, NotConfirmedOff.exit_status) and part_of(job.out).is_dir():
+        told = end.exit_status in (0, NotConfirmedOff.exit_status) or self._pass.void is not None
+        if not told and part_of(job.out).is_dir():
             from rig.report.run import write_missing_reports
 
             write_missing_reports(part_of(job.out))
@@ -176,10 +181,10 @@ class JobRun(Watcher):
 
     def began(self) -> None:
         """The idle loop lets go of the bench."""
-        with self._idling:
+        with self._idling, self._lock:
             self._pass.check_void()
             self._desk.in_loop = True
-        self._desk.output, self._desk.confirmed = "on", True
+            self._desk.output, self._desk.confirmed = "on", True
         self._desk.changed()
 
     def expect(self, phases: Phases) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 import rig.daemon.job_run
 import rig.daemon.keeper
+from rig.core.errors import Disconnected
 from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
@@ -213,6 +214,21 @@ def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
     assert table(bench, second)["state"] == "running"
     assert bench.state()["trip"] is None
     bench.desk.cancel(second, "the test")
+
+
+def test_a_job_that_is_ended_without_its_thread_leaves_the_bench_to_the_idle_loop(bench: RunningBench) -> None:
+    number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
+    bench.until_phase("profile")
+    job = bench.keeper._job
+    assert job is not None
+    job.abandon(Disconnected("gone"), off_confirmed=False)
+    assert table(bench, number)["state"] == "failed"
+    assert bench.state()["trip"]["cause"] == "disconnected"
+    until(lambda: (bench.state()["output"], bench.state()["output_confirmed"]) == ("off", True), "the idle loop's off")
+    until(lambda: bench.keeper._job is None, "the thread's end")
+    assert table(bench, number)["reason"] == "gone"
+    bench.desk.reset("looked at")
+    bench.until_state("idle")
 
 
 def test_another_instrument_on_the_same_cable_is_waited_out(
