@@ -64,7 +64,7 @@ def _off(options: argparse.Namespace) -> int:
 
 def _controller(path: Path) -> Held:
     """What opens the controller, without the schema, which takes longer to load than the rest."""
-    from rig.drivers.registry import is_own
+    from rig.drivers.registry import beside
     from rig.files.toml_text import read_toml
     from rig.guard.takeover import Held
 
@@ -76,8 +76,7 @@ def _controller(path: Path) -> Held:
         raise fault(path, "bench.controller", "expected driver and port") from None
     if not (isinstance(driver, str) and isinstance(port, str)):
         raise fault(path, "bench.controller", "expected driver and port as text")
-    if is_own(driver):
-        driver = str((path.parent / driver).absolute())
+    driver = beside(driver, path.parent)
     if "baud" in table:
         more["baud"] = table["baud"]
     dead_man_s = table.get("dead_man_s", DEAD_MAN_S)

@@ -80,9 +80,9 @@ class Loop:
         bench: Bench,
         limits: Limits,
         folder: RunFolder,
+        signals: SignalStop,
         progress: Progress | None = None,
         on_tick: Callable[[Tick], None] | None = None,
-        signals: SignalStop | None = None,
     ) -> None:
         self.bench = bench
         self.limits = limits
@@ -94,7 +94,7 @@ class Loop:
         self._progress = progress
         self._acts_after_s = 0.0
         self._on_tick = on_tick
-        self._signals = signals if signals is not None else SignalStop()
+        self._signals = signals
         self._start_s = bench.clock.now_s()
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
         self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)

@@ -10,6 +10,7 @@ import gc
 import math
 import signal
 import threading
+from typing import NamedTuple
 
 from rig.bench.assembly import Bench, open_bench
 from rig.core.errors import Disconnected, InstrumentError, PortHeld, RigError
@@ -36,6 +37,13 @@ CHECK_OUTPUT_TICKS = 10
 JOB_ENDS_S = 10.0  # for a job's thread to notice that the gate is closed
 
 
+class _Running(NamedTuple):
+    """The job that runs. over: set when its thread has done with it."""
+
+    job: JobRun
+    over: threading.Event
+
+
 class Keeper:
     """Keeps the bench until a signal ends it."""
 
@@ -43,8 +51,7 @@ class Keeper:
         self._file, self._desk, self._notifier, self._guard = file, desk, notifier, guard
         self._idling = threading.RLock()
         self._worker = Worker("job")
-        self._job: JobRun | None = None  # that runs
-        self._over: threading.Event | None = None  # of the job that runs
+        self._running: _Running | None = None
         self._opened = False
         self._signals = SignalStop()
         self._ending = False
@@ -119,12 +126,11 @@ class Keeper:
         off = desk.gate.stop(error)
         if not off.confirmed:
             desk.output, desk.confirmed = "unknown", False
-        if self._over is not None:
-            if not self._over.wait(JOB_ENDS_S):
+        if self._running is not None:
+            if not self._running.over.wait(JOB_ENDS_S):
                 self._worker.abandon()
-                assert self._job is not None
-                self._job.abandon(error, off.confirmed)
-            self._job = self._over = None
+                self._running.job.abandon(error, off.confirmed)
+            self._running = None
         desk.gate.attach(None)
 
     def _lost(self, error: BaseException) -> None:
@@ -147,7 +153,7 @@ class Keeper:
             self._see_whether_to_end()
             if self._jobs(bench, controller):
                 due = clock.now_s()
-            busy = desk.in_loop or (bench.virtual and self._over is not None)
+            busy = desk.in_loop or (bench.virtual and self._running is not None)
             if clock.now_s() >= due:
                 if not busy:
                     with self._idling:
@@ -160,7 +166,7 @@ class Keeper:
                 self._notifier.cycle()
             if not bench.virtual:
                 self._pause(due - clock.now_s())
-            elif self._over is None:
+            elif self._running is None:
                 clock.sleep_until_s(due)
             else:
                 self._pause(0.02)
@@ -179,11 +185,11 @@ class Keeper:
 
     def _jobs(self, bench: Bench, controller: TemperatureController) -> bool:
         """See to the job that ended, and start the next where nothing is latched; whether one ended."""
-        desk, ended = self._desk, self._over is not None
-        if self._over is not None:
-            if not self._over.is_set():
+        desk, ended = self._desk, self._running is not None
+        if self._running is not None:
+            if not self._running.over.is_set():
                 return False
-            self._job = self._over = None
+            self._running = None
             self._tidy()
             limits = self._file.content.limits
             dead_man_s = self._file.content.bench.controller.dead_man_s
@@ -195,8 +201,8 @@ class Keeper:
             desk.gate.open()
             job = desk.queue.next()
         if job is not None:
-            self._job = JobRun(desk, bench, job, self._idling)
-            self._over = self._worker.begin(self._job.work)
+            run = JobRun(desk, bench, job, self._idling)
+            self._running = _Running(run, self._worker.begin(run.work))
         return ended
 
     def _tidy(self) -> None:

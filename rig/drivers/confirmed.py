@@ -6,8 +6,9 @@ import contextlib
 from collections.abc import Callable, Sequence
 
 from rig.core.clock import Clock
-from rig.core.errors import Refused
+from rig.core.errors import Disconnected, Refused
 from rig.drivers.controller import Status
+from rig.ports.transport import Transport
 
 OFF_S = 0.7  # for all of a controller's ways to switch off: what is sent later only feeds its dead man
 STATUS_S = 0.3  # a status that changes one control step (0.1 to 0.3 s) after the command is waited for
@@ -26,14 +27,19 @@ def confirmed(try_once: Callable[[int], bool], attempts: int, doubt: Callable[[]
     return False
 
 
+def _no_doubt() -> None:
+    """Of a protocol whose every answer proves what it belongs to."""
+
+
 def confirmed_off(
-    clock: Clock, ways: Sequence[tuple[Callable[[], bool], float]], recover: Callable[[Exception], None]
+    transport: Transport, ways: Sequence[tuple[Callable[[], bool], float]], doubt: Callable[[], None] = _no_doubt
 ) -> bool:
     """Whether the output is off by one of several ways, each stronger than the one before. Never raises.
 
     ways: what commands off and looks whether it is, and until when that is repeated (s from now; once at least).
-    recover: called with whatever went wrong.
+    doubt: called after whatever went wrong; a port whose device was gone is opened anew then.
     """
+    clock = transport.clock
     begin_s = clock.now_s()
     for command_and_look, until_s in ways:
         while True:
@@ -43,7 +49,9 @@ def confirmed_off(
                     return True
             except Exception as error:  # whatever it was, the next attempt matters more
                 with contextlib.suppress(Exception):  # a port that is gone stays gone: the next attempt tells
-                    recover(error)
+                    doubt()
+                    if isinstance(error, Disconnected):
+                        transport.reopen()
             now_s = clock.now_s()
             if now_s + max(LOOK_S, 0.5 * (now_s - trial_s)) >= begin_s + until_s:  # no room for another like it
                 break

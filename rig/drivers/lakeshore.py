@@ -26,7 +26,7 @@ from collections.abc import Callable
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Disconnected, Refused
+from rig.core.errors import Corrupt, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, confirmed_off
@@ -217,7 +217,7 @@ class LakeShoreController(HeaterDrive):
     def off(self) -> bool:
         """RANGE 0, at once, and again until the range and the output (HTR) say so: then it is True. Never raises."""
         self._armed_mode = None
-        return confirmed_off(self.transport.clock, ((self._off_once, OFF_S),), self._recover)
+        return confirmed_off(self.transport, ((self._off_once, OFF_S),), self.link.doubt)
 
     def _off_once(self) -> bool:
         """Without asking why, where no answer comes: time matters."""
@@ -227,11 +227,6 @@ class LakeShoreController(HeaterDrive):
         self.link.start(f"{command};RANGE? {self._output};RANGE? {self._output};HTR? {self._output}", trials=1)
         first, again, percent = self.link.finish().split(";")
         return first == again and _whole(first) == 0.0 and abs(_number(percent)) <= NO_OUTPUT_PERCENT
-
-    def _recover(self, error: Exception) -> None:
-        self.link.doubt()
-        if isinstance(error, Disconnected):
-            self.transport.reopen()
 
     # ---- settings -------------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ import struct
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.core.errors import Disconnected, InstrumentError, Refused
+from rig.core.errors import InstrumentError, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.confirmed import OFF_S, STATUS_S, comes_on, confirmed_off, waited_for
 from rig.drivers.controller import OwnLimits, Status
@@ -216,7 +216,7 @@ class MeerstetterController:
         """
         self._armed_source = None
         ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, ZERO_S), (self._emergency_stop, OFF_S))
-        return confirmed_off(self.transport.clock, ways, self._recover)
+        return confirmed_off(self.transport, ways)
 
     def _plainly_off(self) -> bool:
         self.link.write_int(2010, 0, trials=1)
@@ -242,10 +242,6 @@ class MeerstetterController:
             and (told or state == IN_ERROR)
             and abs(self.link.read_float(1020, trials=1)) <= NO_OUTPUT_A
         )
-
-    def _recover(self, error: Exception) -> None:
-        if isinstance(error, Disconnected):
-            self.transport.reopen()
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""

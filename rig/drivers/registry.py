@@ -85,6 +85,11 @@ def is_own(name: str) -> bool:
     return ".py:" in name
 
 
+def beside(name: str, folder: Path) -> str:
+    """A driver's name; where it is that of a file, with the file taken from beside a configuration in that folder."""
+    return str((folder / name).absolute()) if is_own(name) else name
+
+
 def driver_class(drivers: dict[str, tuple[str, str]], role: str, name: str) -> Any:
     """The class of a driver. ValueError where there is none."""
     if is_own(name):

@@ -20,7 +20,7 @@ import re
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Disconnected, InstrumentError, Refused
+from rig.core.errors import Corrupt, InstrumentError, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, confirmed_off, waited_for
@@ -202,7 +202,7 @@ class SrsLdc500Controller:
         """
         self._armed_mode = None
         ways = ((self._plainly_off, STATUS_S), (self._off_and_zero, OFF_S))
-        return confirmed_off(self.transport.clock, ways, self._recover)
+        return confirmed_off(self.transport, ways, self.link.doubt)
 
     def _plainly_off(self) -> bool:
         if self.link.in_doubt:
@@ -220,11 +220,6 @@ class SrsLdc500Controller:
         self.link.start("TEON 0;TEON?;TEON?;TIRD?", OFF_ANSWER_S, trials=1)
         on, again, current_A = self.link.finish().split(";")
         return on == again and _number(on) == 0.0 and abs(_number(current_A)) <= NO_OUTPUT_A
-
-    def _recover(self, error: Exception) -> None:
-        self.link.doubt()
-        if isinstance(error, Disconnected):
-            self.transport.reopen()
 
     def close(self) -> None:
         """Let go of the port; the output stays as it is."""

@@ -22,7 +22,7 @@ import re
 from math import nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Disconnected, Refused
+from rig.core.errors import Corrupt, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, confirmed_off
@@ -167,11 +167,11 @@ class TcLabController(HeaterDrive):
         """
         self._armed = False
         clock, ways = self.transport.clock, ((self._off_once, OFF_S),)
-        is_off = confirmed_off(clock, ways, self._recover)
+        is_off = confirmed_off(self.transport, ways, self.link.doubt)
         if is_off or clock.now_s() >= self.link.listens_s:
             return is_off
         clock.sleep_until_s(self.link.listens_s)
-        return confirmed_off(clock, ways, self._recover)
+        return confirmed_off(self.transport, ways, self.link.doubt)
 
     def _off_once(self) -> bool:
         if self.link.in_doubt:
@@ -179,11 +179,6 @@ class TcLabController(HeaterDrive):
             self.link.resynchronise(trials=1, boots=False)
         replies = self.link.ask("Q1 0", "Q2 0", "R1", "R2", "R1", "R2")
         return [self._number(reply) for reply in replies] == [0.0] * 6
-
-    def _recover(self, error: Exception) -> None:
-        self.link.doubt()
-        if isinstance(error, Disconnected):
-            self.transport.reopen()
 
     def _set(self, name: str, value: float) -> None:
         """Set; the reply is what the board has kept. A heater is asked again. Refused where that differs."""

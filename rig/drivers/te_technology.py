@@ -29,7 +29,7 @@ import re
 from math import isfinite, nan
 from typing import ClassVar
 
-from rig.core.errors import Corrupt, Disconnected, Refused, TimedOut
+from rig.core.errors import Corrupt, Refused, TimedOut
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
 from rig.drivers.confirmed import OFF_S, STARTED_S, STATUS_S, comes_on, confirmed_off, waited_for
@@ -263,7 +263,7 @@ class TeTechnologyController(SetpointOnly):
         """
         self._armed = False
         ways = ((self._off_once, STATUS_S), (self._shout_off, OFF_S))
-        return confirmed_off(self.transport.clock, ways, self._recover)
+        return confirmed_off(self.transport, ways, self.link.doubt)
 
     def _off_once(self) -> bool:
         if self.link.in_doubt:
@@ -277,11 +277,6 @@ class TeTechnologyController(SetpointOnly):
             raise TimedOut("no answer")
         off, read = (self._model.power_write, 0), (self._power_read, None)
         return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
-
-    def _recover(self, error: Exception) -> None:
-        self.link.doubt()
-        if isinstance(error, Disconnected):
-            self.transport.reopen()
 
     def _exchange(self, *requests: Request) -> list[int]:
         replies, arrivals_s = self.link.sequence(*requests), self.link.arrivals_s

@@ -75,7 +75,7 @@ def recorded(
     }
     folder = make_folder(path, start, file.text, _columns_of(bench))
     bench.guard.records(str(folder.part.absolute()))
-    loop = Loop(bench, limits_of(file), folder, progress, on_tick, signals)
+    loop = Loop(bench, limits_of(file), folder, signals, progress, on_tick)
     output = OutputOff(bench.controller, file.content.bench.controller, bench.guard, signals)
     try:
         with output:

@@ -288,14 +288,16 @@ def _effect_faults(file: ConfigurationFile) -> list[str]:
 
 def _with_own_drivers(path: Path, raw: dict[str, Any]) -> dict[str, Any]:
     """The same, with the files of drivers of the user's own taken from beside the configuration."""
+    from rig.drivers.registry import beside
+
     bench = raw.get("bench")
     if not isinstance(bench, dict):
         return raw
     found = dict(bench)
     for role in ("controller", "meter"):
         table = bench.get(role)
-        if isinstance(table, dict) and isinstance(table.get("driver"), str) and ".py:" in table["driver"]:
-            found[role] = {**table, "driver": str((path.parent / table["driver"]).absolute())}
+        if isinstance(table, dict) and isinstance(table.get("driver"), str):
+            found[role] = {**table, "driver": beside(table["driver"], path.parent)}
     return {**raw, "bench": found}
 
 

@@ -91,22 +91,22 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
         if text is not None:
             lines.append(f"{what}: {text}")
         elif channel is not None and _off_elsewhere(diagnosis, channel):
-            times = channel.rmse_extended / _foreseen(diagnosis, channel)
+            foreseen, words = _foreseen(diagnosis, channel)
+            times = channel.rmse_extended / foreseen
             why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
-            noise = "the noise" if diagnosis.record.early > 0.0 else channel.foreseen
-            lines.append(f"{what}: held-out rows are off by {times:.1f} times {noise}: {why}")
+            lines.append(f"{what}: held-out rows are off by {times:.1f} times {words}: {why}")
     return lines
 
 
 def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
     """Whether the fit is worse on held-out rows than is to be foreseen."""
-    return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)
+    return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)[0]
 
 
-def _foreseen(diagnosis: Diagnosis, channel: Channel) -> float:
-    """The noise and what the record leaves open; where currents were not logged, the noise alone, so that this is
-    said."""
-    return channel.noise if diagnosis.record.early > 0.0 else channel.expected
+def _foreseen(diagnosis: Diagnosis, channel: Channel) -> tuple[float, str]:
+    """The noise and what the record leaves open, and in words; where currents were not logged, the noise alone, so that
+    this is said."""
+    return (channel.noise, "the noise") if diagnosis.record.early > 0.0 else (channel.expected, channel.foreseen)
 
 
 def sentence(diagnosis: Diagnosis) -> str:

@@ -16,6 +16,7 @@ from rig.core.errors import Disconnected
 from rig.core.faults import Faults
 from rig.daemon.admission import admit, by_text
 from rig.daemon.answers import Answers, Refusal
+from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
 from rig.experiment.expected import still_to_come
 from rig.files.configuration import read_configuration
@@ -150,21 +151,30 @@ def test_a_job_can_be_taken_out_of_the_queue(bench: RunningBench) -> None:
     assert bench.desk.cancel("nobody", "a test") is None
 
 
+def unplugged(bench: RunningBench) -> TemperatureController:
+    """The controller, whose port is gone; another one is opened in its place."""
+    controller = bench.desk.gate._controller
+    assert controller is not None
+    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[attr-defined]
+    return controller
+
+
+def until_plugged_in(bench: RunningBench, before: TemperatureController) -> None:
+    until(lambda: bench.desk.online and bench.desk.gate._controller not in (before, None), "the instruments")
+
+
 def test_instruments_that_are_lost_end_the_job_and_come_back_with_the_output_off(
     bench: RunningBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rig.daemon.keeper.TRY_AGAIN_S", 0.05)
     number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
     bench.until_phase("profile")
-    controller = bench.desk.gate._controller
-    assert controller is not None
-
-    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[attr-defined]
+    controller = unplugged(bench)
     until(lambda: bench.state()["trip"], "the trip")
     assert bench.state()["trip"]["cause"] in ("not_confirmed_off", "disconnected")
     assert table(bench, number)["exit_status"] in (1, 11)
     assert bench.state()["memory_known"] is False
-    until(lambda: bench.desk.online and bench.desk.gate._controller not in (controller, None), "the instruments")
+    until_plugged_in(bench, controller)
     assert (bench.state()["output"], bench.state()["state"]) == ("off", "tripped")
     bench.desk.reset("plugged in again")
     bench.until_state("idle")
@@ -192,12 +202,10 @@ def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
     monkeypatch.setattr("rig.daemon.job_run.run_watched", run_watched)
     slow = submit(bench, '["start 0.5 A", "hold 60 s"]', "slow")
     until(computes.is_set, "the job")
-    controller = bench.desk.gate._controller
-    assert controller is not None
-    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[attr-defined]
+    controller = unplugged(bench)
     until(lambda: bench.state()["trip"], "the trip")
     assert table(bench, slow)["state"] == "failed"
-    until(lambda: bench.desk.online and bench.desk.gate._controller not in (controller, None), "the instruments")
+    until_plugged_in(bench, controller)
     bench.desk.reset("plugged in again")
     bench.until_state("idle")
     assert bench.state()["output"] == "off"
@@ -219,13 +227,13 @@ def test_a_job_that_computes_while_its_instruments_are_lost_never_heats(
 def test_a_job_that_is_ended_without_its_thread_leaves_the_bench_to_the_idle_loop(bench: RunningBench) -> None:
     number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
     bench.until_phase("profile")
-    job = bench.keeper._job
-    assert job is not None
-    job.abandon(Disconnected("gone"), off_confirmed=False)
+    running_now = bench.keeper._running
+    assert running_now is not None
+    running_now.job.abandon(Disconnected("gone"), off_confirmed=False)
     assert table(bench, number)["state"] == "failed"
     assert bench.state()["trip"]["cause"] == "disconnected"
     until(lambda: (bench.state()["output"], bench.state()["output_confirmed"]) == ("off", True), "the idle loop's off")
-    until(lambda: bench.keeper._job is None, "the thread's end")
+    until(lambda: bench.keeper._running is None, "the thread's end")
     assert table(bench, number)["reason"] == "gone"
     bench.desk.reset("looked at")
     bench.until_state("idle")
@@ -245,8 +253,7 @@ def test_another_instrument_on_the_same_cable_is_waited_out(
 
     monkeypatch.setattr("rig.daemon.keeper.open_bench", open_bench)
     another.set()
-    controller = bench.desk.gate._controller
-    unregister(controller.transport.port.portstr.removeprefix("sim://"))  # type: ignore[union-attr]
+    unplugged(bench)
     until(lambda: "113 answers" in bench.desk.offline_because, "the fault")
     another.clear()
     until(lambda: bench.desk.online, "the instruments")

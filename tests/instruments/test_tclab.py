@@ -278,9 +278,7 @@ def test_off_is_not_confirmed_by_a_heater_that_reads_on(controller: TcLabControl
     assert controller.off() is False
 
 
-def test_a_stop_does_not_wait_for_a_start(
-    attach: Attach, clock: VirtualClock, board: TcLab, plant: StillPlant
-) -> None:
+def test_a_stop_does_not_wait_for_a_start(attach: Attach, clock: VirtualClock, board: TcLab, plant: StillPlant) -> None:
     """A board that listens at once (a Leonardo, or one whose port was opened long ago) is off at once."""
     driver = open_controller("tclab", attach(board), clock, boot_s=9.0)
     assert driver.off() is True
@@ -300,9 +298,7 @@ def test_a_stop_does_not_wait_for_a_start(
     assert plant.current_A == 0.0
 
 
-def test_a_board_that_was_opened_just_now_is_asked_once_more(
-    attach: Attach, clock: VirtualClock, board: TcLab
-) -> None:
+def test_a_board_that_was_opened_just_now_is_asked_once_more(attach: Attach, clock: VirtualClock, board: TcLab) -> None:
     """An Uno, which the opening has restarted, listens two seconds later; without that no start would come about."""
     heard = board.receive
     board.receive = lambda data, time_s: heard(data, time_s) if time_s > 2.0 else None  # type: ignore[method-assign]

@@ -191,12 +191,11 @@ def _worth(
     left = temperature if upstream else resistance
     if left is None or left.clean:
         return evidence, None
-    beside = upstream and chain.first is not None and chain.first.channel.misfit > 1.0
-    if beside and of_no_kind(chain, names):
-        return evidence, (weak, NO_KIND)
-    if beside and unseen is None:  # the likelihood knows of what is left, and other records judge
-        return evidence, None
-    if beside:
+    if upstream and chain.first is not None and chain.first.channel.misfit > 1.0:
+        if of_no_kind(chain, names):
+            return evidence, (weak, NO_KIND)
+        if unseen is None:  # the likelihood knows of what is left, and other records judge
+            return evidence, None
         value, needed = evidence * _share_that_counts(chain, names), evidence_by_chance(chain)
     else:
         value, needed = _whitened(chain, names, not upstream) - _whitened(chain, rest, not upstream), SURVIVES

@@ -36,7 +36,7 @@ ROOM_DEGC: Final = (5.0, 45.0)  # where people and instruments work: most makers
 WIDE: Final = 3.0  # ratio of an interval's ends from which a parameter counts as not fixed
 WIDE_K: Final = 15.0  # the same of a room: more than summer and winter differ by in most laboratories
 MOST_ZT: Final = 3.0  # three times what modules reach: no module, whatever a fit gets wrong besides
-TOO_MUCH_LEFT: Final = 1.5  # times the noise: a plate that is understood leaves 0.9 to 1.2
+MISSES_MUCH: Final = 1.5  # times the noise: a plate that is understood leaves 0.9 to 1.2
 AT_THE_END: Final = 1e-3  # on the fit's scale: a thousandth of the value, or 0.01 K
 
 
@@ -68,7 +68,7 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     p, left = fit.parameters, root_mean_square(chain.first.channel.residual(fit))
     found: dict[str, tuple[float, Interval]] = {}
     doubts = []
-    if left > TOO_MUCH_LEFT:
+    if left > MISSES_MUCH:
         text = f"the plate leaves {left:.2g} times the noise of the temperature"
         doubts.append(f"every number: {text}, and what it lacks may have moved them by more than these intervals")
     for unknown, x, deviation in zip(p.base, p.x.tolist(), deviations.tolist(), strict=False):
