@@ -16,7 +16,7 @@ from rig.core.faults import Faults
 from rig.files.film_output import column_of, in_decades, shown_output, sign_of
 
 if TYPE_CHECKING:
-    from sim.model.film_mixing import PowerMean
+    from sim.model.film_mixing import PhaseMixing
 
 MOST_FAULTS = 10  # of a target: more of the same line say nothing more
 
@@ -58,7 +58,7 @@ def inverted(
     where: object,
     limits_degC: tuple[float, float] = (-50.0, 200.0),
     initial: Literal["cooled", "heated"] | None = None,
-    mixing: PowerMean | None = None,
+    mixing: PhaseMixing | None = None,
 ) -> Inversion:
     """target: shape (rows,), in the quantity's own unit. initial: the film's memory, None: the model's. mixing: of the
     film's phases, as in its model.
@@ -70,7 +70,7 @@ def inverted(
     inverse, memory = Inverse(film, *limits_degC), None
     rows: list[tuple[float, bool, float, float, int]] = []
     outputs = sign_of(film.output) * (np.log10(target) if in_decades(film.output) else target)
-    for wanted in outputs if mixing is None else mixing.inverse(outputs):
+    for wanted in outputs if mixing is None else mixing.unmixed(outputs):
         solution = inverse.first(float(wanted), initial) if memory is None else inverse.solve(float(wanted), memory)
         if solution.reachable:
             memory = solution.memory
@@ -88,7 +88,7 @@ def inverted(
     )
 
 
-def _shown(own: float, output: str, mixing: PowerMean | None) -> float:
+def _shown(own: float, output: str, mixing: PhaseMixing | None) -> float:
     """In the quantity's own unit."""
     return shown_output(own if mixing is None else float(mixing.mixed(np.array([own]))[0]), output)
 

@@ -19,7 +19,7 @@ from rig.files.written import write_text
 
 if TYPE_CHECKING:
     from sim.effects.effect import Switched
-    from sim.model.film_mixing import PowerMean
+    from sim.model.film_mixing import PhaseMixing
 
 LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no number any more
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -65,7 +65,7 @@ class MixingTable(Table):
     The ends are of the output's, where the film is all insulator and all metal."""
 
     exponent: Annotated[float, Field(ge=-10.0, le=10.0)]
-    tilt: Annotated[float, Field(ge=-10.0, le=10.0)] = 0.0
+    percolation: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
     low_dec: Number
     high_dec: Number
 
@@ -73,14 +73,12 @@ class MixingTable(Table):
     def _whole(self) -> MixingTable:
         if not self.low_dec < self.high_dec:
             raise ValueError(f"low_dec: {self.low_dec!r}: expected less than high_dec, {self.high_dec!r}")
-        if not self.mixing().rises:
-            raise ValueError(f"tilt: {self.tilt!r}: more metal would be more resistance; expected a smaller one")
         return self
 
-    def mixing(self) -> PowerMean:
-        from sim.model.film_mixing import PowerMean
+    def mixing(self) -> PhaseMixing:
+        from sim.model.film_mixing import PhaseMixing
 
-        return PowerMean(self.low_dec, self.high_dec, self.exponent, self.tilt)
+        return PhaseMixing(self.low_dec, self.high_dec, self.exponent, self.percolation)
 
 
 Drive = Literal["current", "temperature"]
@@ -186,7 +184,7 @@ class Model:
     plate: PlateModel | None
     effects: tuple[dict[str, float | str], ...] = ()
     drive: Drive | None = None
-    mixing: PowerMean | None = None
+    mixing: PhaseMixing | None = None
 
     def switched(self) -> tuple[Switched, ...]:
         """The mixing of the film's phases, and the effects with their values. Raises Faults where one is not in the
@@ -277,7 +275,7 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
     if model.film is not None:
         table["film"] = _film(model.film)
     if model.film is not None and model.mixing is not None:
-        names = ("exponent", "tilt", "low_dec", "high_dec")
+        names = ("exponent", "percolation", "low_dec", "high_dec")
         table["film"]["mixing"] = {name: float(getattr(model.mixing, name)) for name in names}
     if model.plate is not None:
         table["plate"] = plate_table(model.plate)

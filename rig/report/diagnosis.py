@@ -72,6 +72,7 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
         found.append((f"D(T): {diagnosis.film['memoryless']}", f"film of {diagnosis.film['operators']} operators"))
         if mixing := diagnosis.film.get("mixing"):
             found.append((f"{mixing['exponent']['value']:.2g}", "exponent of the phases' mixing; 0: logarithms add"))
+            found.append((f"{mixing['percolation']['value']:.2g}", "how sharply its metal percolates; 0: a power mean"))
     return found
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
+PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
 NOT_FIXED = "not fixed by this record"
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
 UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
@@ -250,10 +251,16 @@ def mixing_in_words(diagnosis: Diagnosis) -> str:
     if not found:
         return ""
     values = ", ".join(f"{name} {rough(each['value'])}" for name, each in found.items())
-    return (
-        f"its phases mix about as a power mean of resistances ({values}; exponent -1: domains in parallel, "
-        "0: logarithms add, 1: in series); model files leave out that the step between the phases changes"
-    )
+    exponent, percolation = (found[name]["value"] for name in ("exponent", "percolation"))
+    sharpness = math.hypot(exponent, math.sqrt(percolation))
+    how = "a power mean of resistances"
+    meaning = "exponent -1: domains in parallel, 0: logarithms add, 1: in series"
+    if percolation >= PERCOLATES:
+        how, threshold = "an effective medium", 0.5 * (1.0 + exponent / sharpness)
+        meaning = f"its metal percolates at a share of about {threshold:.1g}, with a critical exponent of about "
+        meaning += f"{1.0 / sharpness:.1g}"
+    left_out = "model files leave out that the step between the phases changes"
+    return f"its phases mix about as {how} ({values}; {meaning}); {left_out}"
 
 
 def _when(from_s: float | None, to_s: float | None) -> str:

@@ -29,7 +29,7 @@ from sim.diagnosis.fit.plate_parameters import PlateParameters
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
-from sim.model.film_mixing import PowerMean
+from sim.model.film_mixing import PhaseMixing
 
 FORMS = ("none", "linear", "arrhenius", "tanh", "polynomial", "sin", "cos")  # simplest first
 NEAR = 1.5  # times the best error: forms whose envelopes are fitted anew
@@ -52,7 +52,7 @@ class ExtendedModel:
     plate: PlateModel | None
     effects: list[dict[str, float | str]]
     rmse: float | None
-    mixing: PowerMean | None = None
+    mixing: PhaseMixing | None = None
 
 
 def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> ExtendedModel:

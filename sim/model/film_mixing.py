@@ -1,18 +1,21 @@
-"""How the phases of a film add up to one resistance: logarithms, conductances, resistances, or anything in between.
+"""How the phases of a film add up to one resistance: logarithms, conductances, resistances, a medium that percolates.
 
-A film of which a share s is metal, R_i(T) its insulator and R_m its metal, reads
+Where a share s of a film is metal and -log10 of its resistance is y, s is a straight function of
 
-    R^p = (1 - s) R_i(T)^p + s R_m^p        p = -1: domains in parallel; 1: in series; 0: logarithms add
+    F(y) = q sinh(q v) - p cosh(q v),    v = ln(10) (y - middle),    q^2 = p^2 + percolation
 
-(a power mean; G. Hardy, J. Littlewood, G. Polya, Inequalities, 1934, ch. 2). Where the metal percolates, p falls with
-its share: below the threshold of a plane's effective medium R_i (1 - 2 s) is left, domains in series, above it the
-metal's conductance times 2 s - 1, domains in parallel (D. Stroud, Phys. Rev. B 12 (1975) 3368). A model D(T) + N, N a
-sum of operators, is p = 0 with an insulator and a metal that change alike with temperature. Three numbers tell the
-rest: by how much the step from one phase to the other changes with temperature, p, and its tilt.
+percolation = 0 is a power mean, R^p = (1 - s) R_i^p + s R_m^p (p = -1: domains in parallel; 1: in series; 0: logarithms
+add; G. Hardy, J. Littlewood, G. Polya, Inequalities, 1934, ch. 2). q = 1 is an effective medium of d dimensions,
+p = 2 / d - 1, whose metal percolates at s = 1 / d: the root of its quadratic equation is exp(asinh(a straight function
+of s)) (D. Stroud, Phys. Rev. B 12 (1975) 3368). q = 1 / t is the general one of critical exponent t, where
+p = q (2 / d - 1) (D. McLachlan, J. Phys. C 20 (1987) 865). A model D(T) + N, N a sum of operators, is
+p = percolation = 0. One more number tells by how much the step between the phases changes with temperature:
 
-    u = D(T) + (1 + change (T - middle) / farthest) N        y = B(u)        p(s) = exponent + tilt (2 s - 1)
+    y = D(T) + B(exp(change (T - middle) / farthest) N)        B the inverse of F, a constant in N
 
-B takes the ends of a record's output to themselves, so that both change the form between them and no scale; beyond the
+(of a medium it goes with the root of R_i / R_m, which is an exponential of 1 / T, and D is half-way between them).
+
+B takes the ends of a record's output to themselves, so that it changes the form between them and no scale; beyond the
 ends it goes on straight.
 """
 
@@ -20,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -27,62 +31,51 @@ from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Reading, Switched
 from sim.model.ohmmeter import FARTHEST_DEC
 
-MOST_CHANGE = 0.8  # of either sign: the step between the phases does not turn round
+MOST_CHANGE = 0.8  # of either sign: an insulator of 0.5 eV, whose resistance changes by 5 % a kelvin, over 30 K
 MOST_EXPONENT = 1.5  # of either sign: domains in series or in parallel, and half as much
-MOST_TILT = 2.0  # of either sign: in series as long as few are metal, in parallel when most are, and as much again
-LOGARITHMS = 1e-7  # exponent below which logarithms add
-NEAR_END = 1e-6  # share, over which the slope beyond an end is taken
-PLACES = 1001  # of a table
-NEWTON_STEPS = 6  # from a table's place: digits double from three, and at an end the slope is of one side alone
+MOST_PERCOLATION = 2.25  # q = 1.5: half as much as an effective medium
+LOGARITHMS = 1e-6  # q times half the range, nepers, below which logarithms add: B bends by half of its square
 
 
 @dataclass(frozen=True)
-class PowerMean:
-    """B. low_dec, high_dec: ends of the output, which rises with the share that is metal; exponent, tilt: p's."""
+class PhaseMixing:
+    """B. low_dec, high_dec: ends of the output, which rises with the share that is metal; exponent: p; percolation."""
 
     low_dec: float
     high_dec: float
     exponent: float
-    tilt: float
+    percolation: float = 0.0
 
     def mixed(self, u: Array) -> Array:
         """The film's output, decades."""
         if self._logarithms:
             return u
-        share = self._share(u)
+        share = (u - self.low_dec) / self._range
         inside = np.clip(share, 0.0, 1.0)
-        ends = np.array([0.0, NEAR_END, 1.0 - NEAR_END, 1.0])
-        first, near_first, near_last, last = self._place(ends)
-        slope = np.where(share < 0.0, near_first - first, last - near_last) / NEAR_END
-        return self._output(self._place(inside) + (share - inside) * slope)
+        first, last = self._ends
+        f = first + inside * (last - first)
+        q = self._q
+        root = np.sqrt(f * f + self.percolation)
+        less, more = self._q_less_and_more_p
+        # the positive root of (q - p) E^2 - 2 f E - (q + p) = 0, E = exp(q v), in the form that cancels nothing
+        e = np.where(f >= 0.0, f + root, more) / np.where(f >= 0.0, less, root - f)
+        y = self._middle + np.log(e) / (q * math.log(10.0))
+        return np.asarray(y + (share - inside) / self._shares_per_dec(y), dtype=np.float64)
 
     def unmixed(self, y: Array) -> Array:
-        """u of an output, straight between `PLACES` of it; beyond the ends that of the end."""
+        """The u of which B is y."""
         if self._logarithms:
             return y
-        share = np.linspace(0.0, 1.0, PLACES)
-        there = np.maximum.accumulate(self._place(share))
-        return self._output(np.interp(self._share(y), there, share))
+        inside = np.clip(y, self.low_dec, self.high_dec)
+        first, last = self._ends
+        share = (self._f(inside) - first) / (last - first) + (y - inside) * self._shares_per_dec(inside)
+        return np.asarray(self.low_dec + self._range * share, dtype=np.float64)
 
-    def inverse(self, y: Array) -> Array:
-        """The u of which B is y, to 1e-12 of the ends' distance, straight beyond the ends; B has to rise."""
+    def slope(self, y: Array) -> Array:
+        """dB/du where B is y."""
         if self._logarithms:
-            return y
-        share = np.linspace(0.0, 1.0, PLACES)
-        wanted = self._share(y)
-        found = np.interp(wanted, self._place(share), share)
-        beyond = (wanted < 0.0) | (wanted > 1.0)
-        for _ in range(NEWTON_STEPS):
-            u = np.stack((found - NEAR_END, found, found + NEAR_END))
-            before, here, after = self._share(self.mixed(self._output(u)))
-            step = (wanted - here) * 2.0 * NEAR_END / (after - before)
-            found = np.where(beyond, found + step, np.clip(found + step, 0.0, 1.0))
-        return self._output(found)
-
-    @property
-    def rises(self) -> bool:
-        """Whether more metal is always less resistance: p that rises steeply with the share would undo that."""
-        return bool(np.all(np.diff(self._place(np.linspace(0.0, 1.0, PLACES))) > 0.0))
+            return np.ones_like(y)
+        return 1.0 / (self._range * self._shares_per_dec(np.clip(y, self.low_dec, self.high_dec)))
 
     def reading(self) -> Switched:
         """B as the first thing that happens to what the operators add up to, on its way to the ohmmeter."""
@@ -92,22 +85,47 @@ class PowerMean:
 
         return Switched(Effect("mixing of the film's phases", "ohmmeter", (), Reading(read), "", ""), np.empty(0))
 
+    @cached_property
+    def _q(self) -> float:
+        return math.sqrt(self.exponent**2 + self.percolation)
+
+    @property
+    def _q_less_and_more_p(self) -> tuple[float, float]:
+        """q - p and q + p, of which the smaller is the percolation over the other."""
+        larger = self._q + abs(self.exponent)
+        smaller = self.percolation / larger
+        return (smaller, larger) if self.exponent > 0.0 else (larger, smaller)
+
+    @property
+    def _range(self) -> float:
+        return self.high_dec - self.low_dec
+
+    @property
+    def _middle(self) -> float:
+        return 0.5 * (self.low_dec + self.high_dec)
+
     @property
     def _logarithms(self) -> bool:
-        return abs(self.exponent) + abs(self.tilt) < LOGARITHMS
+        return self._q * 0.5 * math.log(10.0) * self._range < LOGARITHMS
 
-    def _place(self, share: Array) -> Array:
-        """Of the output between its ends at a share from 0 to 1."""
-        rate = math.log(10.0) * (self.high_dec - self.low_dec) * (self.exponent + self.tilt * (2.0 * share - 1.0))
-        flat = np.abs(rate) < LOGARITHMS
-        rate = np.where(flat, 1.0, rate)
-        return np.where(flat, share, -np.log1p(share * np.expm1(-rate)) / rate)
+    @cached_property
+    def _ends(self) -> tuple[float, float]:
+        """F where the share is 0 and 1."""
+        first, last = self._f(np.array([self.low_dec, self.high_dec]))
+        return float(first), float(last)
 
-    def _share(self, dec: Array) -> Array:
-        return np.asarray((dec - self.low_dec) / (self.high_dec - self.low_dec), dtype=np.float64)
+    def _f(self, y: Array) -> Array:
+        qv = self._q * math.log(10.0) * (y - self._middle)
+        less, more = self._q_less_and_more_p
+        return np.asarray(0.5 * (less * np.exp(qv) - more * np.exp(-qv)), dtype=np.float64)
 
-    def _output(self, place: Array) -> Array:
-        return np.asarray(self.low_dec + (self.high_dec - self.low_dec) * place, dtype=np.float64)
+    def _shares_per_dec(self, y: Array) -> Array:
+        """d share / d y."""
+        qv = self._q * math.log(10.0) * (y - self._middle)
+        less, more = self._q_less_and_more_p
+        first, last = self._ends
+        slope = 0.5 * math.log(10.0) * self._q * (less * np.exp(qv) + more * np.exp(-qv))
+        return np.asarray(slope / (last - first), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -121,10 +139,10 @@ class FilmMixing:
     high_dec: float
 
     def step(self, change: float, film_degC: Array) -> Array:
-        """What the operators are multiplied by at the film's temperatures. change: of it over `farthest_K`."""
+        """What the operators are multiplied by at the film's temperatures. change: of its logarithm, over the range."""
         away = (film_degC - self.middle_degC) / self.farthest_K
-        return np.asarray(1.0 + change * np.clip(away, -1.0, 1.0), dtype=np.float64)
+        return np.asarray(np.exp(change * np.clip(away, -1.0, 1.0)), dtype=np.float64)
 
-    def mean(self, exponent: float, tilt: float) -> PowerMean:
+    def phases(self, exponent: float, percolation: float) -> PhaseMixing:
         """How the phases add up."""
-        return PowerMean(self.low_dec, self.high_dec, exponent, tilt)
+        return PhaseMixing(self.low_dec, self.high_dec, exponent, percolation)

@@ -52,7 +52,7 @@ def chain() -> Chain:
 def solved(
     channel: ResistanceChannel, base: FilmParameters, *names: str, mixing: tuple[float, float, float] | None = None
 ) -> tuple[FilmParameters, Point]:
-    """The best coefficients beside these effects, with relays. mixing: of the film's phases, change, exponent, tilt."""
+    """The best coefficients beside these effects, with relays. mixing: change, exponent, percolation."""
     known = catalogue()
     p = channel.extended(base.with_relays(RELAYS_DEC), [switched(known[n], EFFECTS[n]) for n in names])
     if mixing is not None:
@@ -64,7 +64,7 @@ def solved(
     return p, point
 
 
-@pytest.mark.parametrize("mixing", [None, (0.2, -0.3, -0.2)])
+@pytest.mark.parametrize("mixing", [None, (0.2, -0.3, 0.3)])
 @pytest.mark.parametrize("name", EFFECTS)
 def test_what_is_solved_for_is_what_is_predicted(
     chain: Chain, name: str, mixing: tuple[float, float, float] | None
@@ -79,7 +79,7 @@ def test_what_is_solved_for_is_what_is_predicted(
 def test_the_terminals_see_all_of_the_film(chain: Chain) -> None:
     search = chain.last(frozenset())
     _, point = solved(search.channel, search.base, "parallel_leakage")
-    ohm = 10.0**-point.film_output
+    ohm = 10.0**-point.unmixed
     expected = np.log10(1.0 / ohm + 1.0 / EFFECTS["parallel_leakage"]["leakage_ohm"])
     np.testing.assert_allclose(point.shown, expected, atol=2e-5, rtol=0.0)
 
@@ -196,18 +196,20 @@ def test_a_film_whose_logarithms_add_needs_no_mixing() -> None:
     assert not fit.parameters.is_mixed
 
 
-def test_a_trial_of_a_mixing_that_tears_the_output_has_a_cost(chain: Chain) -> None:
-    """At the ends of what mixing may be slopes are so large that products of columns round by more than the prior: a
-    descent that tries such a step goes back, and does not end."""
+def test_a_trial_of_a_mixing_at_its_bounds_has_a_cost_that_falls(chain: Chain) -> None:
+    """Of a film that mixes otherwise: what is far from linear is solved for on a way on which the cost falls, and what
+    is shown is what is predicted."""
     channel, (_, fit) = chain.film_channel(frozenset()), chain.fits(frozenset())
     assert fit is not None
     least = channel.point(fit.parameters, fit.parameters.x, fit.coefficients).cost
     p = replace(channel.extended(fit.parameters.with_relays(1.0), []), mixes=True)
-    p.x[ENVELOPES:SHAPE] = (0.8, -1.5, 2.0)
+    p.x[ENVELOPES:SHAPE] = (0.8, -1.5, 2.25)
     point = channel.point(p, p.x)
     for _ in range(3):
-        point = channel.point(p, p.x, point.coefficients)
-        assert point.cost > 1e3 * least
+        again = channel.point(p, p.x, point.coefficients)
+        assert 2.0 * least < again.cost <= point.cost
+        np.testing.assert_allclose(channel.predict(p, p.x, again), again.shown, atol=1e-9)
+        point = again
 
 
 def test_what_an_effect_changes_begins_at_nothing(chain: Chain) -> None:

@@ -226,7 +226,7 @@ def test_the_benchs_page_draws_the_loop_of_a_film_that_mixes_otherwise(tmp_path:
     ("wrong", "told"),
     [
         ("exponent = 0.5\nlow_dec = -3.0\nhigh_dec = -5.5", "low_dec: -3.0: expected less than high_dec, -5.5"),
-        ("exponent = 0.0\ntilt = 2.0\nlow_dec = -5.5\nhigh_dec = -3.0", "more metal would be more resistance"),
+        ("exponent = 0.0\npercolation = -1.0\nlow_dec = -5.5\nhigh_dec = -3.0", "film.mixing.percolation: "),
         ("exponent = 0.5\nlow_dec = -5.5", "film.mixing.high_dec: missing"),
     ],
 )

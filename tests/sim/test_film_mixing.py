@@ -1,67 +1,88 @@
-"""How the phases of a film mix: as a power mean says, back and forth, and straight beyond the ends."""
+"""How the phases of a film mix: power means and effective media, back and forth, and straight beyond the ends."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from sim.model.film_mixing import FilmMixing
+from compensator.hysteresis.functions import Array
+from sim.model.film_mixing import FilmMixing, PhaseMixing
 
 MIXING = FilmMixing(60.0, 40.0, -5.0, -2.5)
+INSULATOR_S, METAL_S = 10.0**-5.0, 10.0**-2.5
+SHARE = np.linspace(0.0, 1.0, 21)
+U = MIXING.low_dec + SHARE * (MIXING.high_dec - MIXING.low_dec)
+PHASES = [(-0.8, 0.0), (0.6, 0.0), (0.2, 1.2), (0.0, 0.0), (-1.5, 2.25), (0.0, 1.0), (1e-3, 0.0), (0.0, 1e-6)]
 
 
 @pytest.mark.parametrize("exponent", [-1.0, -0.3, 0.4, 1.0])
 def test_the_output_is_the_power_mean_of_both_ends(exponent: float) -> None:
-    share = np.linspace(0.0, 1.0, 11)
-    insulator, metal = 10.0**5.0, 10.0**2.5
-    ohm = ((1.0 - share) * insulator**exponent + share * metal**exponent) ** (1.0 / exponent)
-    u = MIXING.low_dec + share * (MIXING.high_dec - MIXING.low_dec)
-    np.testing.assert_allclose(MIXING.mean(exponent, 0.0).mixed(u), -np.log10(ohm), atol=1e-9)
-    np.testing.assert_allclose(MIXING.mean(exponent, 0.0).unmixed(-np.log10(ohm)), u, atol=1e-4)
-    read = MIXING.mean(exponent, 0.0).reading()
-    np.testing.assert_allclose(read.effect.form.read(read.par, 10.0**-u), ohm, rtol=1e-9)  # type: ignore[union-attr]
+    ohm = ((1.0 - SHARE) * INSULATOR_S**-exponent + SHARE * METAL_S**-exponent) ** (1.0 / exponent)
+    phases = MIXING.phases(exponent, 0.0)
+    np.testing.assert_allclose(phases.mixed(U), -np.log10(ohm), atol=1e-9)
+    np.testing.assert_allclose(phases.unmixed(-np.log10(ohm)), U, atol=1e-9)
+    read = phases.reading()
+    np.testing.assert_allclose(read.effect.form.read(read.par, 10.0**-U), ohm, rtol=1e-9)  # type: ignore[union-attr]
 
 
-def test_logarithms_add_at_an_exponent_of_0() -> None:
+def medium(threshold: float, critical_exponent: float) -> Array:
+    """-log10 of resistance of D. McLachlan's general effective medium at each share, from its own equation."""
+    a, t = (1.0 - threshold) / threshold, 1.0 / critical_exponent
+
+    def off(log10_s: float, share: float) -> float:
+        s, metal, insulator = 10.0 ** (t * log10_s), METAL_S**t, INSULATOR_S**t
+        return share * (metal - s) / (metal + a * s) + (1.0 - share) * (insulator - s) / (insulator + a * s)
+
+    return np.array([brentq(off, -5.1, -2.4, args=(share,), xtol=1e-13) for share in SHARE])
+
+
+@pytest.mark.parametrize(("dimensions", "critical_exponent"), [(2.0, 1.0), (3.0, 1.0), (2.0, 1.3), (3.0, 2.0)])
+def test_the_output_is_that_of_an_effective_medium(dimensions: float, critical_exponent: float) -> None:
+    q = 1.0 / critical_exponent
+    exponent = q * (2.0 / dimensions - 1.0)
+    phases = MIXING.phases(exponent, q**2 - exponent**2)
+    expected = medium(1.0 / dimensions, critical_exponent)
+    np.testing.assert_allclose(phases.mixed(U), expected, atol=1e-9)
+    np.testing.assert_allclose(phases.unmixed(expected), U, atol=1e-9)
+    assert np.max(np.abs(U - expected)) > 0.2  # what logarithms would be off by
+
+
+def test_logarithms_add_where_both_numbers_are_0() -> None:
     u = np.linspace(-6.0, -2.0, 9)
-    np.testing.assert_array_equal(MIXING.mean(0.0, 0.0).mixed(u), u)
-    np.testing.assert_allclose(MIXING.mean(1e-6, 0.0).mixed(u), u, atol=1e-5)
+    np.testing.assert_array_equal(MIXING.phases(0.0, 0.0).mixed(u), u)
+    np.testing.assert_allclose(MIXING.phases(1e-5, 0.0).mixed(u), u, atol=1e-4)
+    np.testing.assert_allclose(MIXING.phases(0.0, 1e-10).mixed(u), u, atol=1e-8)
 
 
-def test_a_plane_of_domains_percolates() -> None:
-    """In series as long as few are metal, in parallel when most are: Bruggeman's medium of two dimensions, within 0.15
-    of 2.5 decades."""
-    share = np.linspace(0.0, 1.0, 21)
-    b = (2.0 * share - 1.0) * (10.0**2.5 - 1.0)
-    conducts = 0.5 * (b + np.sqrt(b**2 + 4.0 * 10.0**2.5))  # over the insulator
-    u = MIXING.low_dec + share * 2.5
-    found = MIXING.mean(0.0, -1.1).mixed(u)
-    assert np.max(np.abs(found - (MIXING.low_dec + np.log10(conducts)))) < 0.15
-    assert np.max(np.abs(u - (MIXING.low_dec + np.log10(conducts)))) > 0.3
-    np.testing.assert_allclose(MIXING.mean(0.0, -1.1).unmixed(found), u, atol=1e-4)
-
-
-@pytest.mark.parametrize(("exponent", "tilt"), [(-0.8, 0.0), (0.6, 0.0), (0.2, -1.2)])
-def test_beyond_the_ends_it_goes_on_straight(exponent: float, tilt: float) -> None:
+@pytest.mark.parametrize(("exponent", "percolation"), PHASES)
+def test_beyond_the_ends_it_goes_on_straight(exponent: float, percolation: float) -> None:
+    phases = MIXING.phases(exponent, percolation)
     for end, out in ((MIXING.low_dec, -1.0), (MIXING.high_dec, 1.0)):
-        inside, at, beyond, further = MIXING.mean(exponent, tilt).mixed(end + out * np.array([-1e-6, 0.0, 1e-6, 2e-6]))
+        inside, at, beyond, further = phases.mixed(end + out * np.array([-1e-6, 0.0, 1e-6, 2e-6]))
         assert beyond - at == pytest.approx(at - inside, rel=1e-3)
         assert further - beyond == pytest.approx(beyond - at, rel=1e-6)
 
 
+@pytest.mark.parametrize(("exponent", "percolation"), PHASES)
+def test_it_comes_back_and_its_slope_is_its_own(exponent: float, percolation: float) -> None:
+    phases = MIXING.phases(exponent, percolation)
+    u = np.linspace(-5.3, -2.2, 311)
+    y = phases.mixed(u)
+    assert np.all(np.diff(y) > 0.0)
+    np.testing.assert_allclose(phases.unmixed(y), u, atol=1e-9)
+    inside = (u > -4.99) & (u < -2.51)
+    quotient = (phases.mixed(u + 1e-6) - phases.mixed(u - 1e-6)) / 2e-6
+    np.testing.assert_allclose(phases.slope(y)[inside], quotient[inside], rtol=1e-4)
+
+
+def test_the_ends_stay_where_they_are() -> None:
+    ends = np.array([-5.0, -2.5])
+    for exponent, percolation in PHASES:
+        np.testing.assert_allclose(PhaseMixing(-5.0, -2.5, exponent, percolation).mixed(ends), ends, atol=1e-9)
+
+
 def test_the_step_between_the_phases_changes_with_temperature_and_never_turns_round() -> None:
     assert MIXING.step(0.0, np.array([0.0, 200.0])) == pytest.approx([1.0, 1.0])
-    assert MIXING.step(-0.4, np.array([20.0, 60.0, 80.0, 300.0])) == pytest.approx([1.4, 1.0, 0.8, 0.6])
-
-
-@pytest.mark.parametrize(("exponent", "tilt"), [(-0.8, 0.0), (0.6, 0.0), (0.2, -1.2), (0.0, 0.0), (-1.5, 0.3)])
-def test_the_inverse_is_exact_inside_and_beyond_the_ends(exponent: float, tilt: float) -> None:
-    mean = MIXING.mean(exponent, tilt)
-    assert mean.rises
-    u = np.linspace(-5.3, -2.2, 311)
-    np.testing.assert_allclose(mean.inverse(mean.mixed(u)), u, atol=3e-10)
-    np.testing.assert_allclose(mean.mixed(mean.inverse(u)), u, atol=1e-10)
-
-
-def test_a_mean_that_falls_as_metal_grows_is_told() -> None:
-    assert not MIXING.mean(0.0, 2.0).rises
+    away = np.array([-1.0, 0.0, 0.5, 1.0])
+    assert MIXING.step(-0.4, np.array([20.0, 60.0, 80.0, 300.0])) == pytest.approx(np.exp(-0.4 * away))

@@ -16,7 +16,7 @@ from sim.model.plate_path import PlatePath
 OPERATORS = 96  # radii a hundredth of the loop apart: any weights are smooth on that scale
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
 ENVELOPES = 4  # unknowns of the two envelopes: log a and c of the rising one, then of the falling one
-SHAPE = ENVELOPES + 3  # and of how the phases of a film of another kind mix: change of their step, exponent, tilt
+SHAPE = ENVELOPES + 3  # and of how the phases of another film mix: change of their step, exponent, percolation
 MARGIN_K = 0.5  # beyond the plate's temperatures
 REACH = 4.5  # of the relays' centres to either side, times the range in which the middle half of the change is
 LEAST_REACH = 0.03  # the same, of the range of temperatures

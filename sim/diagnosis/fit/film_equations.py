@@ -1,6 +1,6 @@
 """The equations of the last links: plate temperature -> film -> ohmmeter, for given parameters and coefficients.
 
-    y = B(D(T_f) + step(T_f) (sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]))        then the ohmmeter's effects
+    y = D(T_f) + B(step(T_f) (c + sum_j p_j F_j[T_f] + sum_k n_k N_k[T_f]))        then the ohmmeter's effects
 
 F_j are play operators with one pair of envelopes (the model's class), N_k relays spread over the Preisach plane: they
 stand for whatever a film of another kind does besides. step and B are how the phases of such a film mix
@@ -33,7 +33,7 @@ from sim.diagnosis.fit.unknowns import (
 )
 from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns, operator_signal
-from sim.model.film_mixing import PowerMean
+from sim.model.film_mixing import PhaseMixing
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterCurrent, MeterPower
@@ -102,23 +102,27 @@ class FilmEquations:
         _, nodes = self.nodes(fit.parameters, fit.parameters.x)
         return nodes.film_degC[nodes.taken]
 
-    def power_mean(self, p: FilmParameters, x: Array) -> PowerMean:
+    def phases(self, p: FilmParameters, x: Array) -> PhaseMixing:
         """How the film's phases add up."""
-        return self.basis.mixing.mean(*(_exponents(x) if p.is_mixed else (0.0, 0.0)))
+        return self.basis.mixing.phases(*(_mixing(x) if p.is_mixed else (0.0, 0.0)))
 
-    def read_links(self, p: FilmParameters, x: Array, links: Links) -> Links:
-        """The effects with the mixing of the film's phases before those of the ohmmeter."""
+    def film_output(self, p: FilmParameters, point: Point) -> Array:
+        """The film's own output in all rows, its phases mixed."""
+        film, c = point.problem.film, point.coefficients
+        return self._mixed(p, point.x, self._curve(film, c), point.unmixed)[0]
+
+    def _curve(self, columns: Array, c: Array) -> Array:
+        """D of the film's columns times their coefficients."""
+        return np.asarray(columns[:, 1 : self.basis.free] @ c[1 : self.basis.free], dtype=np.float64)
+
+    def _mixed(self, p: FilmParameters, x: Array, curve: Array, whole: Array) -> tuple[Array, Array | None]:
+        """The film's own output where its columns add up to `whole`, D among them (`curve`); by how much it changes
+        with all but D, None: by as much."""
         if not p.is_mixed:
-            return links
-        return replace(links, ohmmeter=(self.power_mean(p, x).reading(), *links.ohmmeter))
-
-    def mixed(self, p: FilmParameters, x: Array, unmixed: Array) -> Array:
-        """The film's own output of what its operators add up to."""
-        return self.power_mean(p, x).mixed(unmixed)
-
-    def unmixed(self, p: FilmParameters, x: Array, own: Array) -> Array:
-        """What the operators have to add up to for an output of the film."""
-        return self.power_mean(p, x).unmixed(own)
+            return whole, None
+        phases = self.phases(p, x)
+        inside = phases.mixed(whole - curve)
+        return curve + inside, phases.slope(inside)
 
     def step(self, p: FilmParameters, x: Array, film_degC: Array) -> Array | None:
         """What the operators are multiplied by at temperatures of the film; None: by 1."""
@@ -142,7 +146,7 @@ class FilmEquations:
         step = self.step(p, x, nodes.film_degC[nodes.points])
         if step is not None:
             operators *= step[:, None]
-        parts = [np.ones((nodes.points.size, 1))]
+        parts = [np.ones((nodes.points.size, 1)) if step is None else step[:, None]]
         if self.basis.curve is not None:
             parts.append(self.basis.curve.columns(nodes.film_degC[nodes.points]))
         extra = []
@@ -156,11 +160,18 @@ class FilmEquations:
         floor, _ = radius_floor(x[:ENVELOPES])
         return np.asarray(floor + (1.0 - floor) * self.basis.fractions, dtype=np.float64)
 
-    def _unmixed(
-        self, p: FilmParameters, links: Links, nodes: FilmNodes, x: Array, c: Array, late_dec: Sequence[float]
+    def _output(
+        self,
+        p: FilmParameters,
+        links: Links,
+        nodes: FilmNodes,
+        x: Array,
+        c: Array,
+        late_dec: Sequence[float],
+        of_relays: Array,
     ) -> Array:
-        """The film's output before its phases mix, at the points: the columns of `_signals` times c, its coefficients.
-        late_dec: how far each filter of the hysteretic part is behind."""
+        """The film's own output at the points: the columns of `_signals` times c, its coefficients, and what the relays
+        add, mixed. late_dec: how far each filter of the hysteretic part is behind."""
         signal = operator_signal(nodes, x[:ENVELOPES], self._radii(x), c[self.basis.free : self.basis.columns])
         step = self.step(p, x, nodes.film_degC[nodes.points])
         if step is not None:
@@ -168,9 +179,11 @@ class FilmEquations:
         for effect, late in zip(links.hysteretic_part, late_dec, strict=True):
             signal = columns_followed(effect, nodes.points_s, signal[:, None])[:, 0]
             signal = signal + late * behind(effect, nodes.points_s)[:, 0]
+        curve = np.zeros(signal.size)
         if self.basis.curve is not None:
-            signal = signal + self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
-        return np.asarray(c[0] + signal, dtype=np.float64)
+            curve = self.basis.curve.values(nodes.film_degC[nodes.points], c[1 : self.basis.free])
+        constant = c[0] if step is None else c[0] * step
+        return self._mixed(p, x, curve, curve + constant + signal + of_relays)[0]
 
     def of_relays(self, p: FilmParameters, x: Array, point: Point) -> tuple[Links, FilmNodes, Array]:
         """Effects and film at another x, and what the relays add: all that the envelopes leave alone."""
@@ -186,8 +199,8 @@ class FilmEquations:
         c = point.coefficients
         creeps, lags = len(links.hysteretic_part), len(links.meter_lags)
         late = c[self.basis.columns : self.basis.columns + creeps + lags].tolist()
-        signal = self._unmixed(p, links, nodes, x, c, late[:creeps]) + of_relays
-        return shown_in_rows(self.read_links(p, x, links), nodes, signal, point.problem.range_of, late[creeps:])
+        signal = self._output(p, links, nodes, x, c, late[:creeps], of_relays)
+        return shown_in_rows(links, nodes, signal, point.problem.range_of, late[creeps:])
 
     def predict_from(
         self, p: FilmParameters, fit: ResistanceFit, late: Mapping[str, float] | None = None, near: Relays | None = None
@@ -199,11 +212,10 @@ class FilmEquations:
         c = fit.coefficients
         late = self.late_dec(fit) if late is None else late
         relays = c[c.size - self.relay_count(fit.parameters) :]
-        signal = self._unmixed(p, links, nodes, p.x, c, [late.get(e.name, 0.0) for e in links.hysteretic_part])
-        signal = signal + self._signal_of(p, p.x, links, nodes, relays, near)
-        read = self.read_links(p, p.x, links)
-        shown = shown_in_rows(read, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
-        return shown, self.mixed(p, p.x, nodes.of_rows(signal))
+        crept = [late.get(e.name, 0.0) for e in links.hysteretic_part]
+        signal = self._output(p, links, nodes, p.x, c, crept, self._signal_of(p, p.x, links, nodes, relays, near))
+        shown = shown_in_rows(links, nodes, signal, None, [late.get(e.name, 0.0) for e in links.meter_lags])
+        return shown, nodes.of_rows(signal)
 
     def _signal_of(
         self, p: FilmParameters, x: Array, links: Links, nodes: FilmNodes, coefficients: Array, near: Relays | None
@@ -245,6 +257,6 @@ class FilmEquations:
         return [*envelope_unknowns(self.path.plate_degC), *mixing, *unknowns_of(p.effects)]
 
 
-def _exponents(x: Array) -> tuple[float, float]:
-    """Exponent and tilt of how the phases mix."""
+def _mixing(x: Array) -> tuple[float, float]:
+    """Exponent and percolation of how the phases mix."""
     return float(x[ENVELOPES + 1]), float(x[ENVELOPES + 2])

@@ -111,8 +111,8 @@ class Point:
     factor: tuple[Array, bool]
 
     @property
-    def film_output(self) -> Array:
-        """The film's own before its phases mix, in all rows."""
+    def unmixed(self) -> Array:
+        """What the film's columns add up to, before its phases mix, in all rows."""
         film, relays, c = self.problem.film, self.problem.relays, self.coefficients
         return np.asarray(film @ c[: film.shape[1]] + relays.film @ c[self.problem.own.shape[1] :], dtype=np.float64)
 

@@ -2,8 +2,9 @@
 
 While it searches, the diagnosis gives D any smooth shape and the film any weights. Here the same temperatures of the
 film and the same effects are kept, and what lies between the film's output y and the ohmmeter is taken at its
-derivative, so that the weights are again a linear problem with p >= 0. How the phases mix (`PowerMean`) stands between
-y and the ohmmeter; that the step between them changes with temperature is left out: a model file has no place for it.
+derivative, so that the weights are again a linear problem with p >= 0. How the phases mix (`PhaseMixing`) stands
+between y and the ohmmeter, D(T) and all: there is one output of a model to invert. That the step between the phases
+changes with temperature is left out: a model file has no place for it.
 
     shown(y) ~ shown(y0) + L[d shown / d y (y - y0)],   L the ohmmeter's and the creep's filters
 """
@@ -91,10 +92,11 @@ class FilmRefit:
         self.channel, self.fit = channel, fit
         p = fit.parameters
         links, found = channel.nodes(p, p.x)
-        mean, quantity = channel.power_mean(p, p.x), channel.record.quantity
+        quantity = channel.record.quantity
         falls = quantity.is_resistance and not quantity.rises  # a model file has a mixing of no other output
-        self.mixing = mean if p.is_mixed and mean.rises and falls else None
-        self.links = links if self.mixing is None else channel.read_links(p, p.x, links)
+        self.mixing = channel.phases(p, p.x) if p.is_mixed and falls else None
+        first = () if self.mixing is None else (self.mixing.reading(),)
+        self.links = replace(links, ohmmeter=(*first, *links.ohmmeter))
         self.own = fit.film_output if self.mixing is None else self.mixing.unmixed(fit.film_output)
         self.nodes = nodes = found.everywhere()
         time = nodes.time_s

@@ -41,6 +41,7 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
+SHARES_OF_WAY = (0.5, 0.25, 0.1, 0.03, 0.01)  # to a solution that is worse than the guess it is linear about
 AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
@@ -90,29 +91,34 @@ class ResistanceChannel(FilmEquations):
         links, nodes = self.nodes(p, x)
         step = self.step(p, x, nodes.film_degC[nodes.taken])
         relays = self.plane.at(links, nodes, step) if self.relay_count(p) else self.plane.none
-        signals, links = self._signals(p, links, nodes, x), self.read_links(p, x, links)
+        signals = self._signals(p, links, nodes, x)
         rows, y, coefficients = self.rows, self.output, guess
         film = nodes.of_rows(signals)
-        if links.linear:
+        if links.linear and not p.is_mixed:
             at_rows = Ohmmeter(links, nodes, np.empty(0)).columns(signals)
             problem = LinearProblem.of(at_rows, np.zeros(y.size), film, relays, y, rows, self.whitening, None)
             return problem.solved(x, p.prior.precision(self.basis, problem))
-        least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if links.bends else (1, 1)
+        bends = links.bends or p.is_mixed
+        least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if bends else (1, 1)
         before = math.inf
         for turn in range(most):
             known = coefficients[: signals.shape[1]] if coefficients is not None else np.empty(0)
             guessed = known.size == signals.shape[1]
-            signal = np.interp(nodes.points_s, self.record.time_s, self.unmixed(p, x, self._film_output(p)))
             if coefficients is not None and guessed:
                 of_relays = coefficients[coefficients.size - relays.count :]
-                signal = signals @ known + nodes.at_points(relays.film @ of_relays)
+                whole = signals @ known + nodes.at_points(relays.film @ of_relays)
+                curve = self._curve(signals, known)
+            else:
+                own = np.interp(nodes.points_s, self.record.time_s, self._film_output(p))
+                whole, curve = self.phases(p, x).unmixed(own), np.zeros(own.size)
+            signal, slope = self._mixed(p, x, curve, whole)
             ohmmeter = Ohmmeter(links, nodes, signal)
-            shown = self._seen(relays, ohmmeter, links, nodes)
-            at_rows = ohmmeter.columns(signals)
+            shown = self._seen(relays, slope, ohmmeter, links, nodes)
+            at_rows = ohmmeter.columns(self._about(signals, slope))
             if coefficients is not None and guessed:
                 linear = at_rows[:, : known.size] @ known + shown.shown(of_relays)
             else:
-                linear = ohmmeter.plain(signal[:, None])[:, 0]
+                linear = ohmmeter.plain((whole if slope is None else whole * slope)[:, None])[:, 0]
             first, *other_ranges = self._ranges(links, nodes, signal)
             offset = shown_in_rows(links, nodes, signal, first) - linear
             problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.whitening, first)
@@ -121,32 +127,75 @@ class ResistanceChannel(FilmEquations):
                 offset = shown_in_rows(links, nodes, signal, range_of) - linear
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
-            coefficients = found.coefficients
-            if first is None and self._bent(links, nodes, signals, found) < AS_LINEAR:
+            if p.is_mixed:
+                found = self._nearer(p, links, nodes, signals, found, coefficients if guessed else None)
+            elif first is None and self._bent(p, links, nodes, signals, found) < AS_LINEAR:
                 break
+            coefficients, guessed = found.coefficients, True
             same = max(SAME_COST, SAME_SHARE * (found.cost - 0.5 * rows.size))
             if turn + 1 >= least and abs(found.cost - before) < same:
                 break
             before = found.cost
         return found
 
-    def _seen(self, relays: Relays, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes) -> Relays:
-        """The relays as the ohmmeter shows them about a signal."""
-        if ohmmeter.slope is None or not relays.count:
+    def _about(self, signals: Array, slope: Array | None) -> Array:
+        """The film's columns as its output changes with them about a guess. slope: with all but D, (points,)."""
+        if slope is None:
+            return signals
+        mixed = signals * slope[:, None]
+        mixed[:, 1 : self.basis.free] = signals[:, 1 : self.basis.free]
+        return mixed
+
+    def _seen(
+        self, relays: Relays, slope: Array | None, ohmmeter: Ohmmeter, links: Links, nodes: FilmNodes
+    ) -> Relays:
+        """The relays as the ohmmeter shows them about a signal. slope: of the film's output with them, (points,)."""
+        if not relays.count or (ohmmeter.slope is None and slope is None):
             return relays
         if not links.meter_lags:
-            return relays.seen_by(ohmmeter.slope[nodes.rows], self.rows, self.whitening)
-        every = ohmmeter.of_rows(relays.film, self.record.taken_s)
+            slopes = [each for each in (slope, ohmmeter.slope) if each is not None]
+            return relays.seen_by(np.prod(slopes, axis=0)[nodes.rows], self.rows, self.whitening)
+        film = relays.film if slope is None else relays.film * slope[nodes.rows, None]
+        every = ohmmeter.of_rows(film, self.record.taken_s)
         return replace(relays, every=every).seen_by(None, self.rows, self.whitening)
 
-    def _bent(self, links: Links, nodes: FilmNodes, signals: Array, found: Point) -> float:
+    def _bent(self, p: FilmParameters, links: Links, nodes: FilmNodes, signals: Array, found: Point) -> float:
         """By how much the cost of a problem's solution changes where the ohmmeter is not linear about a guess."""
-        problem, c = found.problem, found.coefficients
-        film, own = signals.shape[1], problem.own.shape[1]
-        signal = signals @ c[:film] + nodes.at_points(problem.relays.film @ c[own:])
-        shown = shown_in_rows(links, nodes, signal) + problem.at_rows[:, film:] @ c[film:own]
+        shown = self._shown(p, links, nodes, signals, found, found.coefficients)
         bent, straight = self._over_noise(shown), self._over_noise(found.shown)
         return abs(0.5 * float(bent @ bent) - 0.5 * float(straight @ straight))
+
+    def _shown(
+        self, p: FilmParameters, links: Links, nodes: FilmNodes, signals: Array, found: Point, c: Array
+    ) -> Array:
+        """What is shown in all rows with these coefficients, whatever bends it."""
+        problem = found.problem
+        film, own = signals.shape[1], problem.own.shape[1]
+        whole = signals @ c[:film] + nodes.at_points(problem.relays.film @ c[own:])
+        signal, _ = self._mixed(p, found.x, self._curve(signals, c), whole)
+        return shown_in_rows(links, nodes, signal, problem.range_of) + problem.at_rows[:, film:] @ c[film:own]
+
+    def _nearer(
+        self, p: FilmParameters, links: Links, nodes: FilmNodes, signals: Array, found: Point, guess: Array | None
+    ) -> Point:
+        """The solution of a linear problem with what it shows in truth, or so much of the way to it from the guess that
+        the cost falls: where much is left, a film that percolates bends more than a straight line tells."""
+
+        def at(c: Array) -> Point:
+            shown = self._shown(p, links, nodes, signals, found, c)
+            residual = self._over_noise(shown)
+            cost = 0.5 * float(residual @ residual) + 0.5 * float(found.prior @ c**2)
+            return replace(found, coefficients=c, shown=shown, cost=cost if math.isfinite(cost) else math.inf)
+
+        solution = at(found.coefficients)
+        if guess is None:
+            return solution
+        best, way = at(guess), found.coefficients - guess
+        for share in SHARES_OF_WAY:
+            if solution.cost < best.cost:
+                return solution
+            solution = at(guess + share * way)
+        return best
 
     def _ranges(self, links: Links, nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
@@ -192,7 +241,7 @@ class ResistanceChannel(FilmEquations):
             about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
             point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * settled)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
-                p = replace(p, film_output=self.mixed(p, point.x, point.film_output))
+                p = replace(p, film_output=self.film_output(p, point))
             if settle and iteration % EACH == EACH - 1:
                 point = self.point(p, point.x, point.coefficients)
                 p, point = self._settled(p, point, 1)
@@ -205,7 +254,7 @@ class ResistanceChannel(FilmEquations):
         return ResistanceFit(
             replace(p, effects=tuple(effects), x=point.x),
             point.shown,
-            self.mixed(p, point.x, point.film_output),
+            self.film_output(p, point),
             point.evidence,
             point.coefficients,
             jacobian.copy(),

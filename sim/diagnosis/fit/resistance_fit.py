@@ -15,9 +15,9 @@ from sim.model.record_own import FilmStart
 
 @dataclass(frozen=True, eq=False)
 class FilmParameters:
-    """x: envelopes (4), change, exponent and tilt of how the phases mix (0 where they do not), effects, how far film
-    filters are behind; film_output: of an earlier fit, (rows,), whose resistance the ohmmeter's current heats; None:
-    the one that was read. mixes: whether relays are mixed otherwise than in their logarithms."""
+    """x: envelopes (4), change, exponent and percolation of how the phases mix (0 where they do not), effects, how far
+    film filters are behind; film_output: of an earlier fit, (rows,), whose resistance the ohmmeter's current heats;
+    None: the one that was read. mixes: whether relays are mixed otherwise than in their logarithms."""
 
     effects: tuple[Switched, ...]
     x: Array

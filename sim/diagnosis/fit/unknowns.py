@@ -11,7 +11,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask
 from sim.effects.effect import Effect, Parameter, Switched
-from sim.model.film_mixing import MOST_CHANGE, MOST_EXPONENT, MOST_TILT
+from sim.model.film_mixing import MOST_CHANGE, MOST_EXPONENT, MOST_PERCOLATION
 
 LEAST_LEFT = 0.2  # of a value, after a step
 BEYOND, ABOVE = 30.0, 10.0  # times below and above the sizes met, where a fit may go
@@ -60,8 +60,9 @@ def envelope_unknowns(plate_degC: Array) -> list[Unknown]:
 
 def mixing_unknowns(mixed: bool) -> list[Unknown]:
     """How the phases of a film mix, or that they do not."""
-    largest = {"change": MOST_CHANGE, "exponent": MOST_EXPONENT, "tilt": MOST_TILT}
-    return [free(f"mixing.{name}", 1.0, -most * mixed, most * mixed) for name, most in largest.items()]
+    both = {"change": MOST_CHANGE, "exponent": MOST_EXPONENT}
+    signed = [free(f"mixing.{name}", 1.0, -most * mixed, most * mixed) for name, most in both.items()]
+    return [*signed, free("mixing.percolation", 1.0, 0.0, MOST_PERCOLATION * mixed)]
 
 
 def unknown_of(effect: Effect, parameter: Parameter) -> Unknown:

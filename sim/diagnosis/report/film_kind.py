@@ -1,13 +1,9 @@
 """What kind of film it is: of the class or not, how its phases mix, in which steps it switches.
 
-The phases of a film that does not add logarithms mix as
-
-    R^p = (1 - s) R_i^p + s R_m^p,   p = exponent + tilt (2 s - 1),
-
-s the share that is metal: -1 domains in parallel, 0 logarithms add, 1 in series (`sim.model.film_mixing`). Without
-intervals: of four films that an independent
-generator drew, three had exponents 0.2 to 0.3 beside what was found, outside the curvature's interval. R_i changes
-with temperature; here the step does so in proportion, and the three numbers make up for each other.
+The phases of a film that does not add logarithms mix by a power mean, or as a medium that percolates
+(`sim.model.film_mixing`). Without intervals: of four films that an independent generator drew, three had exponents 0.2
+to 0.3 beside what was found, outside the curvature's interval. The three numbers make up for each other, and D(T) for
+them.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.stepwise import ABSORBS
 
-NAMES: Final = ("step_change_per_K", "exponent", "exponent_tilt")  # in the order of the fit's unknowns
+NAMES: Final = ("step_change_per_K", "exponent", "percolation")  # in the order of the fit's unknowns
 
 
 def film_kind(chain: Chain, names: frozenset[str]) -> dict[str, Any] | None:
@@ -48,6 +44,6 @@ def _phase_mixing(chain: Chain, names: frozenset[str]) -> dict[str, float]:
     fit = chain.fits(names)[1]
     if fit is None or not fit.parameters.is_mixed:
         return {}
-    change, exponent, tilt = fit.parameters.x[ENVELOPES : ENVELOPES + len(NAMES)].tolist()
+    change, exponent, percolation = fit.parameters.x[ENVELOPES : ENVELOPES + len(NAMES)].tolist()
     farthest_K = chain.film_channel(names).basis.mixing.farthest_K
-    return dict(zip(NAMES, (change / farthest_K, exponent, tilt), strict=True))
+    return dict(zip(NAMES, (change / farthest_K, exponent, percolation), strict=True))

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.fit.film_basis import SHAPE
+from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.fit_steps import RELAY_STEPS, WHOLE_STEPS
 from sim.diagnosis.search.views import View
 from sim.effects.effect import at_the_terminals
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 WORTH: Final = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
 MUCH_LEFT: Final = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
+BEGUN: Final = (0.0, 1.0)  # percolation: in logarithms, or a medium that percolates
 FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is missing
 
 
@@ -53,10 +55,19 @@ def _otherwise(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit | 
     """The fit with another mixing, where that is worth it and no effect at the terminals does as well."""
     if View(search.channel, fit).gain_of_mixing() < WORTH:
         return None
-    other = search.channel.descend(replace(fit.parameters, mixes=True), WHOLE_STEPS)
+    begun = [_with(fit.parameters, percolation) for percolation in BEGUN]
+    best = max(begun, key=lambda p: search.channel.point(p, p.x).evidence)
+    other = search.channel.descend(best, WHOLE_STEPS)
     if other.score < fit.score + WORTH or other.score < _bent(search, fit) + WORTH:
         return None
     return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
+
+
+def _with(p: FilmParameters, percolation: float) -> FilmParameters:
+    """The same film with its phases mixed so."""
+    x = p.x.copy()
+    x[SHAPE - 1] = percolation
+    return replace(p, x=x, mixes=True)
 
 
 def _bent(search: ResistanceSearch, fit: ResistanceFit) -> float:

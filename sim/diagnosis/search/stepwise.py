@@ -22,6 +22,7 @@ TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
+PATH = 30.0  # log-likelihood that fits with relays differ by for how they were come by, twice what is left on their way
 MUCH_LEFT = 5.0  # mean square residual over noise beside a lag from which the lag may be another
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
@@ -180,19 +181,25 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
 
 
 def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
-    """With another lag or skew in the place of one that fits worse, the film as it is there: what alike effects were
-    fitted to may differ by more than they do."""
+    """With another lag or skew in the place of one that fits worse, the film as it is there, relays and all: what alike
+    effects were fitted to may differ by more than they do."""
     for name in sorted((names & TIMING) - search.assumed):
-        best = search.fit(names)
+        best = search.ended(search.fit(names))
         others = sorted((TIMING & search.effects.keys()) - names)
         if not others:
             return names
         anew = search.channel.mean_square(best) > MUCH_LEFT
         found = [search.instead(best, name, other, anew) for other in search.budget.in_time(others)]
-        sound = [f for f in found if has_meaning(search, f)]
-        better = max(sound, key=lambda f: f.score, default=best)
+        better = max((f for f in found if has_meaning(search, f)), key=lambda f: f.score, default=best)
         if better.score > best.score + 1.0:
-            names = frozenset(e.name for e in search.finish(better).effects)
+            better = search.finish(better)
+        elif best.parameters.has_relays:
+            starts = [next(e for e in f.effects if e.name == other) for f, other in zip(found, others, strict=False)]
+            near = [search.beside(best, start, name) for start in search.budget.in_time(starts)]
+            near = [search.ended(f) for f in near if f.score > best.score - PATH and has_meaning(search, f)]
+            better = max(near, key=lambda f: f.score, default=best)
+        if better.score > best.score + 1.0:
+            names = frozenset(e.name for e in better.effects)
     return names
 
 
