@@ -1,6 +1,6 @@
 """How noisy the two instruments are, and the heating that the plate model does not know of, as the law takes them.
 
-noise    of both readings, from their second differences: white noise on a smooth course
+noise    of both readings, from how far each is off the line through the two before it: white, on a smooth course
 
 Plate and unknown heat are told by `compensator.control.unknown_heat`, what the film model lacks by
 `compensator.control.disturbance`. Every function takes an estimate and returns the next one; none is changed.
@@ -20,12 +20,15 @@ STRANGE: Final = 16.0  # square of a reading's standard deviations off that coun
 
 
 class Noise(NamedTuple):
-    """Of one instrument: the variance of its readings, the last two of them, how many have counted."""
+    """Of one instrument: the variance of its readings, the last two of them, how many have counted; apart_s: the time
+    between those two; ago_s: since the last."""
 
     variance: float
     last: float = nan
     before: float = nan
     readings: float = 0.0
+    apart_s: float = nan
+    ago_s: float = 0.0
 
 
 class Estimate(NamedTuple):
@@ -40,14 +43,19 @@ class Estimate(NamedTuple):
 
 
 @njit(cache=True)
-def learned_noise(noise: Noise, value: float) -> Noise:
-    """One more reading: its noise's variance from its second difference, over some hundred readings."""
-    variance, readings = noise.variance, noise.readings
+def learned_noise(noise: Noise, value: float, since_s: float) -> Noise:
+    """since_s later one more reading, or nan: none. Its noise's variance from how far it is off the straight line
+    through the two before it (with even times that is their second difference), over some hundred readings."""
+    variance, readings, ago_s = noise.variance, noise.readings, noise.ago_s + since_s
+    if math.isnan(value):
+        return Noise(variance, noise.last, noise.before, readings, noise.apart_s, ago_s)
     if not math.isnan(noise.before):
-        bend = value - 2.0 * noise.last + noise.before
+        ratio = ago_s / noise.apart_s
+        bend = value - noise.last - ratio * (noise.last - noise.before)
         readings = min(readings + 1.0, NOISE_MANY)
-        variance += (bend * bend / 6.0 - variance) / (readings + NOISE_FIRST)
-    return Noise(variance, value, noise.last, readings)
+        own = bend * bend / (1.0 + (1.0 + ratio) ** 2 + ratio * ratio)
+        variance += (own - variance) / (readings + NOISE_FIRST)
+    return Noise(variance, value, noise.last, readings, ago_s, 0.0)
 
 
 @njit(cache=True)

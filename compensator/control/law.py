@@ -146,7 +146,7 @@ class Law:
         pid = PidState(integral=current_A if self.settings.name == "pid" else 0.0)
         errors = unknown_errors(self.rule.output_range) if self.film is not None else NONE
         known = memory.input_degC, memory.plays, pid, current_A
-        return LawState(t, t, now, *known, errors=errors, observer=observer)
+        return LawState(t, t, now, now, *known, errors=errors, observer=observer)
 
     def start_anywhere(self, temperature_degC: float, output: float, test_current_A: float = 0.0) -> LawState:
         """State at the first readings of a film whose memory nobody knows; output: as read, in the film's unit.

@@ -18,6 +18,7 @@ from compensator.control.disturbance import NONE as NO_ERRORS
 from compensator.control.disturbance import corrected, grown, moved_to, told
 from compensator.control.estimate import Estimate, learned_noise
 from compensator.control.packing import numbers_of, packed, unpacked
+from compensator.control.passed_time import led, passed_s
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import (
     FilmNow,
@@ -25,6 +26,7 @@ from compensator.control.reference_shaping import (
     Reach,
     Reference,
     Turn,
+    headed,
     left_for_later,
     limited,
     next_reference,
@@ -51,7 +53,8 @@ class Inputs(NamedTuple):
     output, target_now: in the film's output unit, as read and as wanted then. targets: shape (preview,), at
     `Law.preview_times_s` after the command acts; for the law "temperature" targets are degC. output_age_s: by how much
     the output was read before the temperature. acts_after_s: by how much the command acts after the temperature was
-    read. test_current_A: of the ohmmeter, while it read.
+    read. test_current_A: of the ohmmeter, while it read. elapsed_s: between the command before and this one, as they
+    act; nan: a period.
     """
 
     temperature_degC: float
@@ -61,6 +64,7 @@ class Inputs(NamedTuple):
     output_age_s: float = 0.0
     acts_after_s: float = 0.0
     test_current_A: float = 0.0
+    elapsed_s: float = nan
 
 
 class Command(NamedTuple):
@@ -80,8 +84,9 @@ class Command(NamedTuple):
 class LawState(NamedTuple):
     """All that a law carries from one step to the next; no step changes it.
 
-    temperature_degC, thermometer_degC: of the plate and of its thermometer, as estimated. reference: where film and
-    plate should be. input_degC, plays: the film's memory. current_A: in force. toward: sign of the output's last move;
+    temperature_degC, thermometer_degC: of the plate and of its thermometer, as estimated. left, reference: where film
+    and plate were to be as the last command acted, and where they should be a period later. input_degC, plays: the
+    film's memory. current_A: in force. toward: sign of the output's last move;
     moved: what the last step planned. warming_K: of the film above the plate, as last planned (nan: not yet). possible:
     the memories that the film may have, where nobody knows it (`compensator.control.unknown_memory`), plays then their
     mean; no rows where it is known. errors: what the film model may lack (`compensator.control.disturbance`). heats:
@@ -91,6 +96,7 @@ class LawState(NamedTuple):
 
     temperature_degC: float
     thermometer_degC: float
+    left: Reference
     reference: Reference
     input_degC: float
     plays: Array
@@ -154,12 +160,16 @@ def read_temperature(
 
     told: foretold for then; lag_s: of the thermometer behind the plate, as the model has it.
     """
-    reading = inputs.temperature_degC
+    reading, since_s = inputs.temperature_degC, passed_s(rule.period_s, inputs.elapsed_s)
+    own = rule.name == INSTRUMENT_PID or not rule.trusts_model  # the current is the controller's own: not foretold
     if math.isnan(reading) or rule.name == FEEDFORWARD:
-        return told.shown_degC, told.plate_degC, estimate, heats
-    if rule.name == INSTRUMENT_PID or not rule.trusts_model:  # the current is the controller's own
+        known = Estimate(estimate.drift_K_per_s, learned_noise(estimate.degC, nan, since_s), estimate.output)
+        if own:
+            return told.shown_before_degC, told.plate_before_degC, known, heats
+        return told.shown_degC, told.plate_degC, known, heats
+    if own:
         return reading, reading, estimate, heats
-    return corrected_temperature(estimate, heats, told, reading, rule.period_s, inputs.acts_after_s, lag_s)
+    return corrected_temperature(estimate, heats, told, reading, since_s, inputs.acts_after_s, lag_s)
 
 
 @njit(cache=True)
@@ -170,11 +180,12 @@ def read_output(
     was none. moved: by how much the output was to move since the reading before."""
     if rule.name not in (FULL, INSTRUMENT_PID):
         return estimate, errors
-    errors = grown(errors, rule.output_range, moved, rule.period_s)
-    if not math.isfinite(off):
-        return estimate, errors
-    noise = learned_noise(estimate.output, inputs.output)
+    since_s = passed_s(rule.period_s, inputs.elapsed_s)
+    errors = grown(errors, rule.output_range, moved, since_s)
+    noise = learned_noise(estimate.output, inputs.output if math.isfinite(off) else nan, since_s)
     known = Estimate(estimate.drift_K_per_s, estimate.degC, noise)
+    if not math.isfinite(off):
+        return known, errors
     return known, corrected(errors, off, noise.variance, rule.most_share)
 
 
@@ -189,6 +200,7 @@ def remembered(
     off: float,
     moved: float,
     film: Packed,
+    inputs: Inputs,
 ) -> tuple[Array, Array, Array]:
     """(possible memories, their mean, errors) after a reading, which is `off` the mean memory's output.
 
@@ -197,7 +209,7 @@ def remembered(
     """
     mean = np.empty(plays.size)
     if rule.name in (FULL, INSTRUMENT_PID) and math.isfinite(off):
-        doubt = told(grown(before, rule.output_range, moved, rule.period_s))[1]
+        doubt = told(grown(before, rule.output_range, moved, passed_s(rule.period_s, inputs.elapsed_s)))[1]
         variance = doubt + known.output.variance
         possible = weighed(possible, plays, off, doubt / variance, variance, film)
         errors = moved_to(errors, mean_of(possible, mean))
@@ -262,14 +274,6 @@ def driven(
 
 
 @njit(cache=True)
-def headed(toward: float, before: Reference, plan: Planned) -> float:
-    """The sign of the output's last move, with this plan's."""
-    if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:
-        return math.copysign(1.0, plan.move)
-    return toward
-
-
-@njit(cache=True)
 def on_the_output(
     rule: Rule, plate: Array, here: float, pid: PidState, current: float, inputs: Inputs
 ) -> tuple[float, PidState]:
@@ -304,7 +308,8 @@ def law_step(
     numbers: of `Known`."""
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
-    here = plate_step(plate, s.temperature_degC, s.current_A, period) + drift * period
+    since_s = passed_s(period, inputs.elapsed_s)
+    here = plate_step(plate, s.temperature_degC, s.current_A, since_s) + drift * since_s
     foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC)
     shown, here, known, heats = read_temperature(rule, s.estimate, heats, foretold, 0.0, inputs)
     plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
@@ -320,19 +325,22 @@ def law_step(
         before = errors
         known, errors = read_output(rule, known, errors, off, s.moved, inputs)
         if possible.shape[0] > 0:
-            possible, plays, errors = remembered(rule, before, errors, known, possible, plays, off, s.moved, film)
+            possible, plays, errors = remembered(
+                rule, before, errors, known, possible, plays, off, s.moved, film, inputs
+            )
             output = output_of(film, here, plays)
     disturbance, doubt = told(errors)
     if rule.name == PID:
         current, pid = on_the_output(rule, plate, here, s.pid, s.current_A, inputs)
-        after = Known(here, shown, s.reference, v, pid, current, s.toward, s.moved, nan, known)
+        after = Known(here, shown, s.left, s.reference, v, pid, current, s.toward, s.moved, nan, known)
         return (current, nan, nan, nan, True), packed(after, numbers.size), plays, possible, errors, heats
     there = FilmNow(v, plays, film, inverse)
     targets = inputs.targets - disturbance
-    plan = planned(rule, plate, here, 0.0, there, s.reference, s.toward, doubt, known.output.variance, targets)
-    now_degC, next_degC = s.reference.film_degC, plan.reference.film_degC
+    now = led(period, inputs.elapsed_s, s.left, s.reference, Reference(here, here))
+    plan = planned(rule, plate, here, 0.0, there, now, s.toward, doubt, known.output.variance, targets)
+    now_degC, next_degC = now.film_degC, plan.reference.film_degC
     current, pid = driven(rule, plate, here, now_degC, next_degC, s.pid)
-    toward = headed(s.toward, s.reference, plan)
-    after = Known(here, shown, plan.reference, v, pid, current, toward, plan.move, nan, known)
+    toward = headed(s.toward, now, plan)
+    after = Known(here, shown, now, plan.reference, v, pid, current, toward, plan.move, nan, known)
     answer = current, next_degC, now_degC, output, plan.reached
     return answer, packed(after, numbers.size), plays, possible, errors, heats

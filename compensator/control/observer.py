@@ -26,13 +26,13 @@ from compensator.control.law_step import (
     LawState,
     Rule,
     driven,
-    headed,
     planned,
     read_output,
     read_temperature,
     remembered,
 )
-from compensator.control.reference_shaping import FilmNow, Reference
+from compensator.control.passed_time import led, passed_s
+from compensator.control.reference_shaping import FilmNow, Reference, headed
 from compensator.control.unknown_heat import Foretold
 from compensator.control.unknown_memory import taken_along
 from compensator.hysteresis.film import Memory, Packed
@@ -91,8 +91,9 @@ class Observer(Protocol):
         """A current is commanded at the state's time."""
         ...
 
-    def predicted(self, state: Any, unknown_K_per_s: float = 0.0) -> Any:
-        """A period passes in driver, plate and thermometer; unknown_K_per_s: heating that the model does not know."""
+    def predicted(self, state: Any, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan) -> Any:
+        """Time passes in driver, plate and thermometer, a period where elapsed_s is nan; unknown_K_per_s: heating that
+        the model does not know."""
         ...
 
     def followed(self, state: Any, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0) -> Any:
@@ -133,7 +134,9 @@ def observed_step(
         memory = Memory(there.film_degC, np.zeros(1))
     there_now = FilmNow(there.film_degC, memory.plays.copy(), film, inverse)
     wanted = inputs.targets if rule.name == TEMPERATURE else observer.own(inputs.targets)
-    before = state.reference
+    here = Reference(there.film_degC, there.plate_degC + there.warming_K)
+    left, reference = Reference(*state.left), Reference(*state.reference)
+    before = led(rule.period_s, inputs.elapsed_s, left, reference, here)
     lag_s, (disturbance, doubt) = observer.film_lag_s, told(errors)
     targets, noise = wanted - disturbance, estimate.output.variance
     plan = planned(rule, plate, there.plate_degC, lag_s, there_now, before, state.toward, doubt, noise, targets)
@@ -146,6 +149,7 @@ def observed_step(
     return command, LawState(
         seen.plate_degC,
         seen.thermometer_degC,
+        before,
         Reference(*plan.reference),
         memory.input_degC,
         memory.plays,
@@ -168,7 +172,7 @@ def observed(
     """(the observer's state after both readings, the estimate, errors of the film model, unknown heats, the possible
     memories)."""
     before, possible = state.observer, state.possible
-    now = observer.predicted(before, state.estimate.drift_K_per_s)
+    now = observer.predicted(before, state.estimate.drift_K_per_s, inputs.elapsed_s)
     foretold = Foretold(now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC)
     lag_s = observer.thermometer_lag_s
     shown, plate, estimate, heats = read_temperature(rule, state.estimate, state.heats, foretold, lag_s, inputs)
@@ -181,13 +185,13 @@ def observed(
         return now, estimate, state.errors, heats, possible
     expected, last = (float(observer.own(each.shown_output)) for each in (now, before))
     output = float(observer.own(inputs.output))
-    passed = (expected - last) / rule.period_s * (inputs.output_age_s + inputs.acts_after_s)
+    passed = (expected - last) / passed_s(rule.period_s, inputs.elapsed_s) * (inputs.output_age_s + inputs.acts_after_s)
     off = output + (passed if math.isfinite(passed) else 0.0) - expected
     known, errors = read_output(rule, estimate, state.errors.copy(), off, state.moved, inputs)
     if possible.size > 0:
         plays = np.array(now.film_memory.plays)
         possible, plays, errors = remembered(
-            rule, state.errors.copy(), errors, known, possible, plays, off, state.moved, film
+            rule, state.errors.copy(), errors, known, possible, plays, off, state.moved, film, inputs
         )
         now = observer.remembering(now, Memory(now.film_degC, plays))
     possible.setflags(write=False)

@@ -258,3 +258,11 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
         if cost < cheapest:
             best, cheapest, best_output = first, cost, output
     return Planned(best, best_output, best_output - before, reached)
+
+
+@njit(cache=True)
+def headed(toward: float, before: Reference, plan: Planned) -> float:
+    """The sign of the output's last move, with this plan's."""
+    if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:
+        return math.copysign(1.0, plan.move)
+    return toward

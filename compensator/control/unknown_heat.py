@@ -198,7 +198,7 @@ def corrected_temperature(
 ) -> tuple[float, float, Estimate, Array]:
     """(thermometer, plate, both in degC, the estimate, heats) after a reading that was taken acts_after_s before the
     moment that is told. lag_s: of the thermometer behind the plate, as the model has it."""
-    noise = learned_noise(estimate.degC, reading_degC)
+    noise = learned_noise(estimate.degC, reading_degC, period_s)
     after = np.empty_like(heats)
     by = passage(-1.0, lag_s, period_s, told)
     for k in range(after.shape[0]):

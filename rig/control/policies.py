@@ -19,6 +19,8 @@ from rig.files.film_output import ohm
 from rig.files.target import Target
 
 MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
+SAME_READING_S: Final = 1e-6  # between the stamps of one reading that is given twice: rounding
+SOONEST: Final = 0.05  # of a period, from one command to the next: a late tick is followed by one in time
 LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on which the nearest temperature is right
 
 
@@ -82,12 +84,16 @@ class Follow:
         self.correction: Target | None = None
         self.estimates_memory = False
         self._memory = memory
+        self._tick_s, self._acted_s = math.inf, math.nan  # the tick before, and when its command acted, in the phase
+        self._read_s = math.nan  # the same of the output before
         self._ahead = law.preview_times_s()
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision:
         law = self.law
         at_s = time_s + read.after_s
         output -= self._lacking(at_s - read.output_age_s)
+        if self._given_before(at_s - read.output_age_s):
+            output = math.nan
         if self.state is None:
             if math.isnan(temperature_degC):
                 return Decision(0.0, wait=True)  # nothing is known yet
@@ -101,7 +107,8 @@ class Follow:
         if self.correction is not None:
             sign = -1.0 if self.correction.quantity == MODEL_LACKS else 1.0
             asked, coming = now + sign * float(self.correction.at(at_s)), coming + sign * self.correction.at(ahead_s)
-        read_so = read.output_age_s, read.acts_after_s, read.test_current_A
+        since_s = self._since_s(time_s, at_s + read.acts_after_s)
+        read_so = read.output_age_s, read.acts_after_s, read.test_current_A, since_s
         if metered:
             asked, coming = units.law(asked), units.law(coming)
         if self.branches is not None and metered:
@@ -120,6 +127,21 @@ class Follow:
             target_output=math.nan if ohms else wanted,
             predicted_output=math.nan if ohms else predicted,
         )
+
+    def _given_before(self, read_s: float) -> bool:
+        """Whether the output that was read then is the one that the meter gave at the tick before."""
+        again = abs(read_s - self._read_s) < SAME_READING_S
+        self._read_s = read_s
+        return again
+
+    def _since_s(self, tick_s: float, acts_s: float) -> float:
+        """Time from when the command before acted until then; nan: the first tick of a phase."""
+        since_s = acts_s - self._acted_s if tick_s > self._tick_s else math.nan
+        if since_s < SOONEST * self.law.settings.period_s:
+            since_s = SOONEST * self.law.settings.period_s
+            acts_s = self._acted_s + since_s
+        self._tick_s, self._acted_s = tick_s, acts_s
+        return since_s
 
     def _lacking(self, time_s: float) -> float:
         """What the model is known to lack of the output at a time: the law goes by a film without it."""
@@ -170,7 +192,7 @@ def handed_over(state: LawState, law: Law) -> LawState:
     )
     if law.observer is not None and seen is not None:
         now = Reference(seen.film_degC, seen.plate_degC + seen.warming_K)
-        fresh = fresh._replace(reference=now, warming_K=seen.warming_K, observer=seen)
+        fresh = fresh._replace(left=now, reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
         return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
     errors = state.errors if state.errors.size > 0 else fresh.errors  # a law of temperatures has none

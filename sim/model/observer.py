@@ -102,12 +102,15 @@ class Observer:
             on_the_way=state.on_the_way + tuple(pair for pair in pairs if pair[0] > state.time_s),
         )
 
-    def predicted(self, state: ObserverState, unknown_K_per_s: float = 0.0) -> ObserverState:
-        """A period passes in driver, plate and thermometer; film and ohmmeter stay where they were, until `followed`.
+    def predicted(
+        self, state: ObserverState, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan
+    ) -> ObserverState:
+        """Time passes in driver, plate and thermometer; film and ohmmeter stay where they were, until `followed`.
 
-        unknown_K_per_s: heating of the plate that the model does not know of.
+        unknown_K_per_s: heating of the plate that the model does not know of. elapsed_s: nan: a period.
         """
-        return self._predicted(state, state.time_s + self.period_s, unknown_K_per_s)
+        passes_s = self.period_s if math.isnan(elapsed_s) else elapsed_s
+        return self._predicted(state, state.time_s + passes_s, unknown_K_per_s)
 
     def followed(
         self, state: ObserverState, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0

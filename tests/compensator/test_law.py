@@ -34,7 +34,8 @@ class PlainEstimate:
 
     def __init__(self, output_range: float, degC: float) -> None:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
-        self.lately: dict[str, list[float]] = {"degC": [], "output": []}
+        self.lately: dict[str, list[tuple[int, float]]] = {"degC": [], "output": []}
+        self.tick = 0
         self.drift, self.range, self.sizes2 = 0.0, output_range, (SIZES * output_range) ** 2
         self.values, self.doubts, self.chances = np.zeros(SIZES.size), self.sizes2.copy(), np.ones(SIZES.size)
         self.shown, doubt = degC, np.array([[1e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 4e-4]])
@@ -43,11 +44,16 @@ class PlainEstimate:
         self.moved, self.toward = 0.0, 0.0
 
     def learn(self, which: str, value: float) -> None:
+        """By the line through the two readings before, however many ticks they are away."""
         past, noise = self.lately[which], self.noise[which]
         if len(past) == 2:
+            (first, one), (second, two) = past
+            slope = (two - one) / (second - first)
+            ratio = (self.tick - second) / (second - first)
+            off = value - (two + slope * (self.tick - second))
             noise[1] = min(noise[1] + 1, 300)
-            noise[0] += ((value - 2.0 * past[1] + past[0]) ** 2 / 6.0 - noise[0]) / (noise[1] + 20)
-        self.lately[which] = [*past, value][-2:]
+            noise[0] += (off**2 / (1.0 + (1.0 + ratio) ** 2 + ratio**2) - noise[0]) / (noise[1] + 20)
+        self.lately[which] = [*past, (self.tick, value)][-2:]
 
     def temperature(self, before: float, predicted: float, reading: float, period: float) -> float:
         """The plate; before, predicted: a period before, and now. Filters of thermometer, plate and heating rate."""
@@ -112,9 +118,10 @@ def plain_step(
 ) -> tuple[float, float, LawState, float]:
     """One period from the public parts, as the law's docstring says: (current, setpoint, state, disturbance)."""
     s, film, pid = law.settings, law.film, state.pid
+    known.tick += 1
     here = PLATE.step(state.temperature_degC, state.current_A, s.period_s) + known.drift * s.period_s
-    if s.name == "instrument_pid" and not math.isnan(reading):
-        here = reading
+    if s.name == "instrument_pid":
+        here = state.temperature_degC if math.isnan(reading) else reading
     elif s.name != "feedforward" and not math.isnan(reading):
         here = known.temperature(state.temperature_degC, here, reading, s.period_s)
     else:
@@ -162,7 +169,8 @@ def plain_step(
 
 def after(here: float, reference: float, memory: Memory, pid: PidState, current: float) -> LawState:
     """A state with what the plain step knows."""
-    return LawState(here, here, Reference(reference, reference), memory.input_degC, memory.plays, pid, current)
+    led = Reference(reference, reference)
+    return LawState(here, here, led, led, memory.input_degC, memory.plays, pid, current)
 
 
 @pytest.mark.parametrize("name", NAMES)
