@@ -59,6 +59,8 @@ def test_python_in_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.M
     for block in PYTHON.finditer(text):
         lines_above = text[: block.start(1)].count("\n")
         exec(compile("\n" * lines_above + block.group(1), name(page), "exec"), names)
+    if page.name == "README.md":  # the first thing that anybody sees is a film's transition
+        assert names["rig"].invert(names["found"], [30e3, 10e3]).reachable.all()  # type: ignore[attr-defined]
 
 
 def test_every_figure_is_shown_and_drawn() -> None:
