@@ -187,6 +187,19 @@ def test_how_the_phases_of_a_film_mix_is_found(exponent: float) -> None:
     assert fit.score > unmixed.score + 20.0
 
 
+@pytest.mark.parametrize("dimensions", [2.0, 3.0])
+def test_the_medium_in_which_a_film_s_metal_percolates_is_found(dimensions: float) -> None:
+    """From the first fit on, whatever is left without it: exponent 2 / d - 1, of steepness 1."""
+    film = draw_film(np.random.default_rng(8), "medium", form=0)
+    table = film.table.copy()
+    table[2] += 60.0 - np.mean(table[2])
+    table[4] = dimensions
+    fit = chain_of(replace(film, table=table)).last(frozenset()).fit(frozenset())
+    _, exponent, percolation = fit.parameters.x[ENVELOPES:SHAPE]
+    assert exponent == pytest.approx(2.0 / dimensions - 1.0, abs=0.05)
+    assert np.sqrt(exponent**2 + percolation) == pytest.approx(1.0, abs=0.03)
+
+
 def test_a_film_whose_logarithms_add_needs_no_mixing() -> None:
     film = draw_film(np.random.default_rng(8), "preisach", form=0)
     table = film.table.copy()

@@ -24,14 +24,20 @@ if TYPE_CHECKING:
 WORTH: Final = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
 MUCH_LEFT: Final = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
 BEGUN: Final = (0.0, 1.0)  # percolation: in logarithms, or a medium that percolates
+NEARLY_NOTHING: Final = 1.1  # the same, of what a mixing leaves that is all that was missing
 FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is missing
 
 
 def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
-    """A fit with relays, or a better one with another mixing, while little is left."""
-    if fit.parameters.is_mixed or search.channel.mean_square(fit) > MUCH_LEFT:
+    """A fit with relays, or a better one with another mixing, while little is left; where much is, and no effect is
+    there yet, one with a mixing that leaves next to nothing: a film that percolates, and no effect, does that."""
+    left = search.channel.mean_square(fit)
+    if fit.parameters.is_mixed or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
         return fit
-    return _otherwise(search, fit) or fit
+    other = _otherwise(search, fit)
+    if other is None or (left > MUCH_LEFT and search.channel.mean_square(other) > NEARLY_NOTHING):
+        return fit
+    return other
 
 
 def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str] | None:
