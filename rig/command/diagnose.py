@@ -23,6 +23,7 @@ from rig.command.record_arguments import (
     add_json_argument,
     add_output_argument,
     add_record_arguments,
+    read_each,
     read_records,
     writable_file,
     writable_folder,
@@ -102,7 +103,8 @@ def main(options: argparse.Namespace) -> int:
     base = _base(options)
     if options.initial != "fitted":
         print("--initial: the film's memory is fitted with the record", file=sys.stderr)
-    records = read_records(options.records, options)
+    each = read_each(options.records, options) if several else []
+    records = [] if several else read_records(options.records, options)
     holdout = read_records(options.holdout, options) if options.holdout else []
     from rig.report.diagnosed_record import Asked  # seconds: after what may be refused has been read
 
@@ -112,7 +114,7 @@ def main(options: argparse.Namespace) -> int:
         from rig.command.each_told import each_told
         from rig.report.diagnosed_record import diagnoses
 
-        return each_told(records, diagnoses(asked, holdout), options, voice)
+        return each_told(each, diagnoses(asked, holdout), options, voice)
     voice.report(_single(records, asked, holdout, options, voice))
     return 0
 

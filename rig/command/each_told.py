@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rig.command.many_arguments import engine_choice
 from rig.command.many_progress import ManyProgress
 from rig.command.say import Voice
 from rig.core.faults import Faults
+from rig.files.record import Record, Refused
 
 if TYPE_CHECKING:
-    from rig.files.record_file import Record
     from rig.report.many_records import Task
     from rig.report.told import Told
 
 
-def each_told(records: list[Record], task: Task, options: argparse.Namespace, voice: Voice) -> int:
+def each_told(records: Sequence[Record | Refused], task: Task, options: argparse.Namespace, voice: Voice) -> int:
     """Writes the documents, in the order of the records, as the verb's JSON, and returns its exit status: 2 where one
-    of the records has none, which was told. Raises Faults where none has."""
+    of the records has none, which is told at the end. Raises Faults where none has."""
     from rig.report.many_records import each_record
 
+    for record in records:
+        if isinstance(record, Refused):  # at once, for whoever had rather mend it first than wait for the others
+            print(f"{record.source}: is refused, the others go on; the end says why", file=sys.stderr, flush=True)
     with ManyProgress() as progress:
 
-        def tell(done: int, of: int, record: Record, found: Told) -> None:
+        def tell(done: int, of: int, source: str, found: Told) -> None:
             for line in found.faults:
                 progress.say(line)
             if found.lines:
                 progress.clear()
-                voice.say(f"{record.source}:")
+                voice.say(f"{source}:")
             for line in found.lines:
                 voice.say(line)
             progress.show(done, of)
@@ -36,6 +41,12 @@ def each_told(records: list[Record], task: Task, options: argparse.Namespace, vo
         documents, faults = each_record(records, task, options.report, engine_choice(options), tell)
     if not documents:
         raise Faults(faults)
+    for record in records:
+        for line in record.faults if isinstance(record, Refused) else ():
+            print(line, file=sys.stderr)
+    if len(documents) < len(records):
+        missing = len(records) - len(documents)
+        voice.say(f"{missing} of {len(records)} records could not be taken: stderr says why; the others are done")
     if options.report is not None:
         voice.say(f"report: {options.report / 'report.html'}")
     voice.report(documents)

@@ -15,6 +15,7 @@ from rig.command.record_arguments import (
     add_json_argument,
     add_output_argument,
     add_record_arguments,
+    read_each,
     read_records,
     writable_file,
     writable_folder,
@@ -62,7 +63,8 @@ def main(options: argparse.Namespace) -> int:
     if options.report is not None:
         writable_folder(options.report)
     voice = Voice(options.json)
-    records = read_records(options.records, options)
+    each = read_each(options.records, options) if options.each else []
+    records = [] if options.each else read_records(options.records, options)
     from rig.analysis.identified import AskedFit  # a second or two: after what may be refused has been read
     from rig.report.identified_records import identified_and_told
 
@@ -71,7 +73,7 @@ def main(options: argparse.Namespace) -> int:
         from rig.command.each_told import each_told
         from rig.report.identified_records import identifications
 
-        return each_told(records, identifications(asked), options, voice)
+        return each_told(each, identifications(asked), options, voice)
     folder = options.report
     if folder is not None:
         folder.mkdir(exist_ok=True)

@@ -14,7 +14,7 @@ from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
-    from rig.files.record import Record
+    from rig.files.record import Record, Refused
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,21 +36,48 @@ def read_records(
     paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
 ) -> list[Record]:
     """The records of a verb, by its arguments; what was taken for what is printed on stderr. Raises Faults, of all."""
+    records, refused = _read(read_each(paths, options, needs))
+    if refused:
+        raise Faults(line for one in refused for line in one.faults)
+    return records
+
+
+def read_each(
+    paths: Sequence[Path], options: argparse.Namespace, needs: Iterable[str] = ("temperature_degC",)
+) -> list[Record | Refused]:
+    """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
+    none is left."""
+    from rig.files.record import Refused
     from rig.files.record_file import ColumnMapping, read_record
 
     mappings = [ColumnMapping.parse(text) for text in options.column]
-    records, faults = [], []
+    found: list[Record | Refused] = []
     for path in paths:
         try:
-            records.append(read_record(path, mappings, needs, options.decimal))
-        except Faults as found:
-            faults += found.lines
+            found.append(read_record(path, mappings, needs, options.decimal))
+        except Faults as faults:
+            found.append(Refused(str(path), tuple(faults.lines)))
+    records, refused = _read(found)
     for record in records:
         for line in record.said:
             print(f"{record.source}: {line}", file=sys.stderr)
-    if faults:
-        raise Faults(faults)
-    return records
+    if not records:
+        raise Faults(line for one in refused for line in one.faults)
+    return found
+
+
+def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:
+    """Those that were read, and those that were refused."""
+    from rig.files.record import Refused
+
+    records: list[Record] = []
+    refused: list[Refused] = []
+    for one in found:
+        if isinstance(one, Refused):
+            refused.append(one)
+        else:
+            records.append(one)
+    return records, refused
 
 
 def add_effect_file_argument(parser: argparse.ArgumentParser, which: str = "") -> None:

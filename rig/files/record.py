@@ -12,7 +12,16 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 
-__all__ = ["Record", "unit_of"]
+__all__ = ["Record", "Refused", "unit_of"]
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A file that could not be read as a record, in its place among others. source: as it was named; faults: why, a
+    line each."""
+
+    source: str
+    faults: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

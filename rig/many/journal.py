@@ -55,6 +55,11 @@ class Journal:
         if time.monotonic() - self._written_s > TABLE_EVERY_S:
             self.write_table()
 
+    def note(self, number: int, values: Mapping[str, Cell]) -> None:
+        """A case of which nothing can be computed as it is: a row of the table, and no line, so that it is tried when
+        the command is given again."""
+        self.done[number] = (dict(values), 0.0)
+
     def missing(self) -> list[int]:
         """What is still to be done: cases without a line, and those whose process died of something else."""
         return [n for n in self._identities if n not in self.done or self.done[n][0].get("status") == LOST]

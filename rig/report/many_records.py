@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import fault
-from rig.files.record_file import Record
+from rig.files.record import Record, Refused
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, opened
 from rig.many.journal import LOST, Journal
@@ -30,7 +30,7 @@ from rig.safety.signals import SignalStop
 from rig.version import __version__
 
 Row = dict[str, Any]
-Tell = Callable[[int, int, Record, Told], None]
+Tell = Callable[[int, int, str, Told], None]
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,19 @@ class Task:
 
 
 def each_record(
-    records: Sequence[Record], task: Task, out: Path | None, choice: EngineChoice, tell: Tell
+    records: Sequence[Record | Refused], task: Task, out: Path | None, choice: EngineChoice, tell: Tell
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """(documents in the order of the records, a line a fault); tell(done, of, record, what came out) as each ends.
-    Raises Faults."""
+    """(documents in the order of the records, a line a fault); tell(done, of, source, what came out) as each ends.
+    Those that were refused have their faults, and their row in the table; nothing else is made of them. Raises Faults.
+    """
     names = folders_of(records)
     journal = Journal(out, task.table, _identities(records, names, task)) if out is not None else None
     documents, faults = _known(out, names, journal, task)
+    for number, record in enumerate(records):
+        if isinstance(record, Refused):
+            faults[number] = record.faults
+            if journal is not None:
+                journal.note(number, _row(Told(faults=record.faults), task))
     left = [number for number in range(len(records)) if number not in documents and number not in faults]
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:
@@ -82,7 +88,7 @@ def each_record(
                     found.write_files(out / names[ended.number])
                     row = _row(found, task) if not ended.fault else {"status": LOST, "text": ended.fault}
                     journal.add(ended.number, row, ended.seconds)
-                tell(len(documents) + len(faults), len(records), records[ended.number], found)
+                tell(len(documents) + len(faults), len(records), source, found)
     finally:
         if journal is not None:
             journal.close()
@@ -98,7 +104,7 @@ def _row(found: Told, task: Task) -> Row:
     return {"status": "done", **task.row(found.document)}
 
 
-def folders_of(records: Sequence[Record]) -> list[str]:
+def folders_of(records: Sequence[Record | Refused]) -> list[str]:
     """A folder's name for each record: its file's, with a number where two have the same."""
     names: list[str] = []
     for record in records:
@@ -111,12 +117,13 @@ def folders_of(records: Sequence[Record]) -> list[str]:
     return names
 
 
-def _identities(records: Sequence[Record], names: Sequence[str], task: Task) -> dict[int, Row]:
+def _identities(records: Sequence[Record | Refused], names: Sequence[str], task: Task) -> dict[int, Row]:
     """Of each case: its record, and a digest of all that decides what comes out."""
     of = pickle.dumps((task.asked, __version__, [other.columns for other in task.shared]))
     found = {}
     for number, record in enumerate(records):
-        digest = hashlib.sha256(of + pickle.dumps((record.columns, record.drive))).hexdigest()[:12]
+        holds = record.faults if isinstance(record, Refused) else (record.columns, record.drive)
+        digest = hashlib.sha256(of + pickle.dumps(holds)).hexdigest()[:12]
         found[number] = {"number": number, "record": record.source, "folder": names[number], "of": digest}
     return found
 
