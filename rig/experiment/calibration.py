@@ -24,6 +24,7 @@ from compensator.identification.film import FilmFit, identify_film
 from compensator.identification.heat_balance import Kind
 from compensator.identification.plate import PlateFit, identify_plate
 from compensator.identification.temperature_smoother import temperature_path
+from compensator.inverse.check import Finding, check_model
 from rig.analysis.film_numbers import FilmNumbers, numbers_of_run, plate_course
 from rig.control.loop import Loop
 from rig.control.policies import Follow, temperature_now, warmed_up
@@ -51,7 +52,8 @@ LEAST_COOLING_K_PER_S = 0.03  # of a heater at the cold end: the profile would t
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """What came out: the fits, the check on held-out rows, the model and where it was written; predicted_output:
-    -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model."""
+    -log10(R / 1 ohm) of each row by the model; numbers: what the rows tell of the film without a model; findings: what
+    to know of the film model before it is used."""
 
     film: FilmFit
     plate: PlateFit
@@ -65,6 +67,7 @@ class Calibration:
     check_rmse_K: float
     predicted_output: Array
     numbers: FilmNumbers | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 def calibration_range(configuration: Configuration) -> tuple[float, float]:
@@ -218,4 +221,5 @@ def identify_calibration(
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
         predicted_output=sign_of(name) * -predicted,
         numbers=numbers_of_run(folder, folder.path.name, plate_fit.lag_s),
+        findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))).findings,
     )

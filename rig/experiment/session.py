@@ -29,7 +29,7 @@ from rig.experiment.polarity import check_polarity
 from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
 from rig.experiment.run_record import Report, no_report, recorded
 from rig.experiment.steady_meter import allow_test_current, largest_test_current_A
-from rig.experiment.summaries import calibration_result, design_table
+from rig.experiment.summaries import calibration_notes, calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
 from rig.experiment.wanted import TRACKING, check_feasible, wanted
 from rig.files.configuration import ConfigurationFile
@@ -110,6 +110,8 @@ def _calibrated(session: Session, path: Path) -> Calibration:
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
     for line in result.numbers.lines() if result.numbers is not None else []:
+        say(line)
+    for line in calibration_notes(result):
         say(line)
     return result
 

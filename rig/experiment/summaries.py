@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from compensator.control.design import Design
+from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
 from rig.experiment.calibration import Calibration
 
 if TYPE_CHECKING:
@@ -38,9 +39,15 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
         "memoryless": film.model.memoryless.function,
         "operators": int((film.model.weights > 0.0).sum()),
         "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
-        "identifiability": [*film.identifiability, *plate.identifiability],
+        "identifiability": [*film.identifiability, *plate_notes(plate)],
         "lag_s": plate.lag_s,
     }
+
+
+def calibration_notes(result: Calibration) -> list[str]:
+    """What `peltier identify` says of the same rows, beside the transition's numbers: a line each."""
+    film = [*result.film.identifiability, *finding_notes(result.findings)]
+    return [*(f"film: {note}" for note in film), *(f"plate: {note}" for note in plate_notes(result.plate))]
 
 
 def calibration_summary(result: Calibration) -> dict[str, Any]:
@@ -55,7 +62,8 @@ def calibration_summary(result: Calibration) -> dict[str, Any]:
         "rows_fitted": result.rows_fitted,
         "rows_checked": result.rows_checked,
         "transition_degC": list(result.transition_degC),
-        "identifiability": result.film.identifiability,
+        "identifiability": [*result.film.identifiability, *plate_notes(result.plate)],
+        "check": finding_documents(result.findings),
         "transition": [result.numbers.document()] if result.numbers is not None else [],
     }
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from compensator.identification.covariance import NORMAL_95
+from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
 from rig.analysis.identified import AskedFit, Identified, identified, seen_degC
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from rig.report.identification import Compared
     from rig.report.plate_figure import ComparedPlate
 
-MISFIT = 2.0  # times the noise: beyond it a model does not describe its record
 Say = Callable[[str], None]
 
 
@@ -197,19 +197,9 @@ def _tell_lag(lag_s: float, numbers: Sequence[FilmNumbers], result: dict[str, An
 
 def _tell_findings(findings: Sequence[Finding], say: Say) -> list[dict[str, Any]]:
     """What to know of the model before it is used, between the temperatures seen; all of it is in the JSON."""
-    for finding in findings:
-        if not finding.kind.startswith("iteration"):  # the paper's method, which nothing here relies on
-            say(f"film: {finding.what}: {finding.advice}")
-    return [
-        {
-            "kind": finding.kind,
-            "what": finding.what,
-            "where_degC": list(finding.where_degC) if finding.where_degC else None,
-            "operators": list(finding.operators),
-            "advice": finding.advice,
-        }
-        for finding in findings
-    ]
+    for note in finding_notes(findings):
+        say(f"film: {note}")
+    return finding_documents(findings)
 
 
 def _tell_compression(found: Identified, small: Compression, unit: str, say: Say) -> dict[str, Any]:
@@ -233,14 +223,7 @@ def _tell_plate(fit: PlateFit, drive: str | None, say: Say) -> dict[str, Any]:
     say(f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         say(f"  {name} = {value:.6g} +- {NORMAL_95 * error:.2g} (95 %)")
-    notes = list(fit.identifiability)
-    if fit.rmse_K > MISFIT * fit.noise_K:
-        times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
-        notes.insert(
-            0,
-            f"The model leaves {times:.0f} times the thermometer's noise: something is missing, "
-            "such as a heat sink that warms up or a thermometer that lags, and the intervals above are too narrow.",
-        )
+    notes = plate_notes(fit)
     for note in notes:
         say(f"plate: {note}")
     return {

@@ -119,6 +119,27 @@ def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -
     assert np.min(model.film.order_margin()) >= -1e-9
 
 
+def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_path: Path) -> None:
+    """A heat sink warms up, which the plate model does not have: printed, in the JSON and in the report."""
+    more = "\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 6\n[simulation.heat_sink_warmup]\n"
+    more += "sink_capacity_ratio = 10.0\nsink_conductance_ratio_per_s = 0.4\n"
+    path = write_bench(tmp_path, more=more)
+    path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 25.0"))
+    folder = tmp_path / "cal"
+    status, out, _ = peltier("calibrate", path, "--out", folder, "--json", tmp_path / "c.json")
+    assert status == 0
+    note = "times the thermometer's noise: something is missing"
+    assert any(line.startswith("plate: The model leaves") and note in line for line in out.splitlines())
+    result = json.loads((tmp_path / "c.json").read_text())
+    assert any(note in one for one in result["identifiability"])
+    assert note.replace("'", "&#x27;") in (folder / "report.html").read_text()
+    status, identified, _ = peltier("identify", folder / "record.csv", "--json", tmp_path / "i.json")
+    assert status == 0
+    assert note in identified
+    for finding in result["check"]:
+        assert finding["kind"].startswith("iteration") or f"film: {finding['what']}: {finding['advice']}" in out
+
+
 def test_models_read_back_to_the_same_bits(tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     film = FilmModel(
