@@ -1,8 +1,11 @@
 """The major branches of a record: the rows on which the film is heated, or cooled, through its whole range at once.
 
 A run is what lies between two turning points of the temperature; reversals of less than `RIPPLE` of the range are none.
-A run is a major branch where it goes through `WHOLE` of the record's range, so that the film comes from saturation if
-the range is wide enough. Rows in which a ripple goes back are left out: the film is then inside a minor loop.
+A run is a major branch where it goes through `WHOLE` of the range that counts, so that the film comes from saturation
+if that is wide enough. What counts is the range that heating and cooling both reach, where both show `WHOLE` of all
+that the output does in the record: the way up from a room that the film is not cooled to again does not make the loop
+wider. Else the record's own range counts. Rows in which a ripple goes back are left out: the film is then inside a
+minor loop.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
 
 Sense = Literal["heating", "cooling"]
-WHOLE: Final = 0.85  # of the record's range: a first sweep from a room somewhat warmer than the cold end is one
+WHOLE: Final = 0.85  # of the range that counts: a first sweep from a room somewhat warmer than the cold end is one
 RIPPLE: Final = 0.02  # of the range: a controller's overshoot, no reversal that was meant
 RIPPLE_NOISE: Final = 3.0  # standard deviations of the thermometer's noise
 FEWEST_ROWS: Final = 20  # of a branch, below which it has no shape
@@ -74,12 +77,14 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
     good[lone_outliers(y, np.isfinite(y))] = False
     digit = last_digit(np.asarray(temperature_degC, dtype=np.float64))
     found: dict[Sense, MajorBranch] = {}
+    runs = runs_of(path)
+    low, high = _range_that_counts(runs, v, y, good)
     senses: tuple[Sense, Sense] = ("heating", "cooling")
     for sense in senses:
         whole = [
             run
-            for run in runs_of(path)
-            if run.heating == (sense == "heating") and abs(v[run.last] - v[run.first]) >= WHOLE * np.ptp(v)
+            for run in runs
+            if run.heating == (sense == "heating") and _overlap(_ends(run, v), (low, high)) >= WHOLE * (high - low)
         ]
         rows = [onward_rows(v, run) for run in whole]
         rows = [row[good[row]] for row in rows]
@@ -94,6 +99,34 @@ def major_branches(time_s: ArrayLike, temperature_degC: ArrayLike, output: Array
             rounding = np.stack([np.mean(errors[:, group], axis=1) for group in groups], axis=1)
         found[sense] = MajorBranch(sense, means[0], means[1], len(whole), float(np.median(rates)), rounding)
     return found
+
+
+def _ends(run: Run, v: Array) -> tuple[float, float]:
+    """The least and the largest temperature of a run, degC."""
+    return min(float(v[run.first]), float(v[run.last])), max(float(v[run.first]), float(v[run.last]))
+
+
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """How wide the part is that both ranges have, K; below 0 where they have none."""
+    return min(one[1], other[1]) - max(one[0], other[0])
+
+
+def _range_that_counts(runs: list[Run], v: Array, y: Array, good: NDArray[np.bool_]) -> tuple[float, float]:
+    """What a major branch has to go through, degC: what the widest run of either sense has in common with the widest of
+    the other, where each shows nearly all that the output does there; else the range of the record."""
+    whole = float(v.min()), float(v.max())
+    senses = ([run for run in runs if run.heating], [run for run in runs if not run.heating])
+    if not all(senses) or not np.any(good):
+        return whole
+    widest = [max(of, key=lambda run: abs(float(v[run.last] - v[run.first]))) for of in senses]
+    (one, other) = (_ends(run, v) for run in widest)
+    low, high = max(one[0], other[0]), min(one[1], other[1])
+    for run in widest:
+        rows = np.arange(run.first, run.last + 1)
+        seen = y[rows[good[rows] & (v[rows] >= low) & (v[rows] <= high)]]
+        if seen.size < FEWEST_ROWS or np.ptp(seen) < WHOLE * np.ptp(y[good]):
+            return whole
+    return low, high
 
 
 def _rate(time_s: Array, v: Array) -> float:

@@ -94,6 +94,9 @@ def test_reasons_where_the_record_cannot_tell() -> None:
     assert told([20.0, 95.0, 20.0]) == {}
     heated = told([20.0, 95.0])
     assert set(heated) >= {"cooling_degC", "hysteresis_K", "width_cooling_K"}
+    assert "no run of cooling" in told([20.0, 95.0, 88.0, 95.0])["cooling_degC"]  # only so far that nothing switches
+    assert "no run of cooling" in told([20.0, 95.0, 56.0])["cooling_degC"]  # nor all of it
+    assert "no run of heating" in told([95.0, 20.0, 50.0, 20.0])["heating_degC"]
     assert "no run of cooling" in heated["hysteresis_K"]
     assert "degC and the transition's foot is at" in told([45.0, 95.0, 45.0])["activation_energy_eV"]
     assert "where the record ends at 56.9 degC" in told([20.0, 57.0])["heating_degC"]
@@ -101,6 +104,20 @@ def test_reasons_where_the_record_cannot_tell() -> None:
     flat = sweep([20.0, 95.0, 20.0])
     nothing = transition(np.arange(flat.size) * 1.0, flat, 0.01 * random.standard_normal(flat.size))
     assert nothing.quantities["heating_degC"].value is None
+
+
+def test_the_way_up_from_the_room_does_not_make_the_loop_wider() -> None:
+    """A heater's record: up from the room once, then to and fro over the range that it was asked for."""
+    known = {}
+    for name, points in (("heater", [22.0, 85.0, 45.0, 85.0, 45.0]), ("loop", [45.0, 85.0, 45.0])):
+        degC = sweep(points)
+        log = film(degC) + 0.002 * np.random.default_rng(1).standard_normal(degC.size)
+        found = transition(np.arange(degC.size) * 0.5, degC, -log)
+        assert found.range_degC == pytest.approx((45.0, 85.0), abs=0.5)
+        known[name] = {key: found.quantities[key] for key in ASKED}
+    for key, quantity in known["heater"].items():
+        assert quantity.value == pytest.approx(known["loop"][key].value, abs=0.2)
+    assert known["heater"]["cooling_degC"].value == pytest.approx(55.0, abs=0.3)
 
 
 def test_activation_energy_and_a_lagging_thermometer() -> None:
