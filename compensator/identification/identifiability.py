@@ -9,6 +9,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
+from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.identification.multistart import transition
 from compensator.identification.rows import Path, Prepared
 
@@ -70,9 +71,8 @@ def film_notes(
     """
     notes = []
     weights = model.weights
-    jump = float(np.sum(weights * np.maximum(-model.order_margin(), 0.0)))
-    if jump > 1e-6 * float(np.sum(weights)):
-        count = int(np.sum(model.order_margin() < 0.0))
+    count, jump = reversal_jumps(model)
+    if count:
         notes.append(
             f"{count} of {weights.size} operators violate the order condition: the output jumps by up to {jump:.3g} "
             "where the temperature reverses inside the transition, and the inverse skips that interval."

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
+from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.inverse import Inverse
 from rig.core.faults import Faults
 from rig.files.film_output import column_of, in_decades, shown_output, sign_of
@@ -95,13 +96,12 @@ def _shown(own: float, output: str, mixing: PhaseMixing | None) -> float:
 
 def jump_warning(film: FilmModel, limits_degC: tuple[float, float], where: object) -> str | None:
     """A line where the model violates the order condition within the limits."""
-    violating = int(np.sum((film.order_margin(*limits_degC) < -1e-12) & (film.weights > 0.0)))
+    violating, _ = reversal_jumps(film, *limits_degC)
     if not violating:
         return None
-    return (
-        f"{where}: film.radii: {violating} operators violate the order condition: the output jumps at "
-        "reversals, and targets inside a jump are reported as not reachable"
-    )
+    who = "1 operator violates" if violating == 1 else f"{violating} operators violate"
+    text = f"{who} the order condition: the output jumps at reversals, and targets inside a jump are reported as not "
+    return f"{where}: film.radii: {text}reachable"
 
 
 def _require_targets(target: Array, output: str, where: object) -> None:

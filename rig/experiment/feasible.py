@@ -9,6 +9,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
+from compensator.hysteresis.reversal_jumps import reversal_jumps
 from compensator.inverse.branch_plan import branch_plan
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
@@ -163,13 +164,15 @@ def _slowest_rates(plate: PlateModel | None, configuration: Configuration) -> tu
 
 def order_warning(film: FilmModel, where: object) -> str | None:
     """A line where the model violates the order condition: the output jumps at reversals."""
-    violating = int(np.sum((film.order_margin() < -1e-12) & (film.weights > 0.0)))
+    violating, _ = reversal_jumps(film)
     if not violating:
         return None
-    return (
-        f"{where}: film.radii: {violating} operators of positive weight violate gamma_R - r <= gamma_L + r; "
-        "the output jumps at reversals"
+    who = (
+        "1 operator of positive weight violates"
+        if violating == 1
+        else f"{violating} operators of positive weight violate"
     )
+    return f"{where}: film.radii: {who} gamma_R - r <= gamma_L + r; the output jumps at reversals"
 
 
 def memory_warning(film: FilmModel, hot_degC: float, where: object, units: LawUnits) -> str | None:

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from rig.analysis.inverted import jump_warning
+from rig.experiment.feasible import order_warning
 from rig.files.configuration import read_configuration
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import read_record, write_columns
@@ -138,6 +140,22 @@ def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_pat
     assert note in identified
     for finding in result["check"]:
         assert finding["kind"].startswith("iteration") or f"film: {finding['what']}: {finding['advice']}" in out
+
+
+def test_one_that_keeps_the_order_condition_where_it_switches_is_not_said_to_jump() -> None:
+    """What identify wrote of a record from 51 to 85 degC: in the tails of the walls, at 32 degC, the lower one is 3e-8
+    above the other, which nothing shows. One whose radii are too small by a hundredth is told by all."""
+    walls = (
+        Envelope("tanh", 0.24208628843390656, -15.82616196214335),
+        Envelope("tanh", 0.3326836026623685, -18.77642820709753),
+    )
+    kept = FilmModel([0.0, 0.4], [0.5, 0.5], *walls)
+    assert -1e-7 < np.min(kept.order_margin()) < 0.0
+    assert order_warning(kept, "film.toml") is None
+    assert jump_warning(kept, (20.0, 90.0), "film.toml") is None
+    jumps = FilmModel([0.0, 0.4], [0.5, 0.5], Envelope("tanh", 0.2, -12.6), Envelope("tanh", 0.2, -12.62))
+    assert "1 operator of positive weight violates" in str(order_warning(jumps, "film.toml"))
+    assert "1 operator violates" in str(jump_warning(jumps, (20.0, 90.0), "film.toml"))
 
 
 def test_models_read_back_to_the_same_bits(tmp_path: Path) -> None:
