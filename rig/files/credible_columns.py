@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.files.column_mapping import typed
@@ -51,6 +52,7 @@ def faults_in(
     if time.size < 2:
         return [f"{table.source}: {time.size} rows: expected at least 2"]
     return [
+        *_exchanged(table, values),
         *_time_faults(table, time, chosen, names),
         *_resistance_faults(table, values, chosen, names),
         *_temperature_faults(table, values, chosen, names),
@@ -58,15 +60,41 @@ def faults_in(
     ]
 
 
-def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names: Sequence[str]) -> list[str]:
-    faults = []
-    for k in np.flatnonzero(~np.isfinite(time))[:MOST_FAULTS]:
-        faults.append(f"{table.source}: {table.at(int(k))}: time_s: expected a finite number")
+def _told(table: Table, name: str, rows: NDArray[np.intp], column: Array, expected: str) -> list[str]:
+    """Lines for the first rows with a fault, each with its number, and how many there are beside them."""
+    lines = [
+        f"{table.source}: {table.at(int(k))}: {name}: {float(column[k])!r}: {expected}" for k in rows[:MOST_FAULTS]
+    ]
+    return [*lines, *_more(table, name, rows.size)]
+
+
+def _more(table: Table, name: str, count: int) -> list[str]:
+    """How many rows have the fault that was told of the first of them."""
+    more = count - MOST_FAULTS
+    return (
+        [f"{table.source}: {name}: and {more} more {table.row_word}{'s' * (more > 1)} like these"] if more > 0 else []
+    )
+
+
+def _exchanged(table: Table, values: Mapping[str, Array]) -> list[str]:
+    """A line where another column goes on as times do, and the times do not."""
     with np.errstate(over="ignore", invalid="ignore"):
-        back = np.flatnonzero(np.diff(time) <= 0.0)[:MOST_FAULTS]
-    for k in back:
-        after = f"{float(time[k + 1])!r} after {float(time[k])!r}"
-        faults.append(f"{table.source}: {table.at(int(k) + 1)}: time_s: {after}: expected increasing times")
+        if np.all(np.diff(values["time_s"]) > 0.0):
+            return []
+        others = [name for name in ("temperature_degC", "resistance_ohm", "current_A") if name in values]
+        rising = [name for name in others if np.all(np.diff(values[name]) > 0.0)]
+    text = "do not increase, and those of {} do in every row: are two columns exchanged?"
+    return [f"{table.source}: time_s: its numbers {text.format(rising[0])}"] if rising else []
+
+
+def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names: Sequence[str]) -> list[str]:
+    faults = _told(table, "time_s", np.flatnonzero(~np.isfinite(time)), time, "expected a finite number")
+    with np.errstate(over="ignore", invalid="ignore"):
+        back = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    for k in back[:MOST_FAULTS]:
+        after = f"{float(time[k])!r} after {float(time[k - 1])!r}"
+        faults.append(f"{table.source}: {table.at(int(k))}: time_s: {after}: expected increasing times")
+    faults += _more(table, "time_s", back.size)
     if not faults and np.max(np.abs(time)) > MOST_S:
         what = typed("time_s", names, chosen["time_s"].index, "ms") if "time_s" in chosen else ""
         faults.append(
@@ -92,10 +120,8 @@ def _resistance_faults(
     resistance = values.get("resistance_ohm")
     if resistance is None:
         return []
-    faults = []
-    for k in np.flatnonzero(resistance <= 0.0)[:MOST_FAULTS]:
-        found = f"{float(resistance[k])!r}: expected > 0"
-        faults.append(f"{table.source}: {table.at(int(k))}: resistance_ohm: {found}")
+    below = np.flatnonzero(resistance <= 0.0)
+    faults = _told(table, "resistance_ohm", below, resistance, "expected > 0")
     finite = resistance[np.isfinite(resistance)]
     choice = chosen.get("resistance_ohm")
     if not faults and finite.size and choice is not None and not choice.unit_said and np.max(finite) < LEAST_OHM:
@@ -149,8 +175,8 @@ def _size_faults(table: Table, values: Mapping[str, Array]) -> list[str]:
         column = values.get(name)
         if column is None:
             continue
-        for k in np.flatnonzero(np.isfinite(column) & ((column < low) | (column > high)))[:MOST_FAULTS]:
-            bounds_told = f"at most {high:g}, or inf" if low == -math.inf else f"{low:g} to {high:g}, or an empty field"
-            found = f"{float(column[k])!r}: expected {bounds_told} for no reading"
-            faults.append(f"{table.source}: {table.at(int(k))}: {name}: {found}")
+        beyond = np.flatnonzero(np.isfinite(column) & ((column < low) | (column > high)))
+        bounds_told = f"at most {high:g}, or inf" if low == -math.inf else f"{low:g} to {high:g}, or an empty field"
+        expected = f"expected {bounds_told} for no reading"
+        faults += _told(table, name, beyond, column, expected)
     return faults

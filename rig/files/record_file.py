@@ -19,9 +19,10 @@ from typing import TextIO
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from rig.core.faults import fault
+from rig.core.faults import Faults, fault
 from rig.files.column_mapping import ColumnMapping
 from rig.files.decoded import decoded
+from rig.files.other_kind import other_kind
 from rig.files.record import Record, unit_of
 from rig.files.table import Table
 from rig.files.taken_columns import record_of
@@ -31,6 +32,8 @@ from rig.files.written import naming
 
 __all__ = ["UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
 
+WORKBOOKS, MATLAB = (".xlsx", ".xlsm"), ".mat"  # endings of files that are no text
+
 
 def read_record(
     path: Path,
@@ -39,12 +42,19 @@ def read_record(
     decimal: str = "",
     flags: bool = True,
 ) -> Record:
-    """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase.
+    """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase, a file
+    that is no table at all.
 
     needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file leaves open which sign
     stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type.
     """
-    return record_of(_table(path, decimal), mappings, needs, flags)
+    try:
+        return record_of(_table(path, decimal), mappings, needs, flags)
+    except Faults:
+        kind = other_kind(path) if path.suffix.lower() not in (*WORKBOOKS, MATLAB) else ""
+        if not kind:
+            raise
+    raise fault(path, "", f"this is no table of numbers: {kind}; expected columns of numbers below a line of names")
 
 
 def _fed(path: Path) -> bool:
@@ -61,11 +71,11 @@ def _table(path: Path, decimal: str) -> Table:
     except OSError as error:  # a name that is too long
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
     ending = path.suffix.lower()
-    if ending in (".xlsx", ".xlsm"):
+    if ending in WORKBOOKS:
         from rig.files.workbook_table import workbook_table
 
         return workbook_table(path, decimal)
-    if ending == ".mat":
+    if ending == MATLAB:
         from rig.files.array_table import matlab_table
 
         return matlab_table(path)

@@ -94,7 +94,9 @@ def _told_apart(other: list[tuple[int, int]], start: int, form: Form, path: Path
     for line, fields in other:
         if fields >= 2 and form.separator:
             hint = " (a decimal comma in a comma-separated file?)" if form.separator == "," else ""
-            text = f"{form.fields} fields, expected {fields}, the names in line {line + 1}{hint}"
+            text = (
+                f"{form.fields} field{'s' * (form.fields != 1)}, expected {fields}, the names in line {line + 1}{hint}"
+            )
             raise fault(path, f"line {start + 1}", text)
 
 

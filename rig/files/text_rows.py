@@ -87,6 +87,11 @@ def _reader(body: list[str], form: Form) -> Any:
     return csv.reader(body, delimiter=form.separator, skipinitialspace=True)
 
 
+def wrong_width(path: Path, line: int, fields: int, expected: int) -> str:
+    """A fault's line about a row with another number of fields."""
+    return f"{path}: line {line}: {fields} field{'s' * (fields != 1)}, expected {expected}"
+
+
 def _all_rows(body: list[str], start: int, form: Form) -> tuple[list[list[str]], list[int]]:
     """Every row with the line that it ends in."""
     reader = _reader(body, form)
@@ -125,6 +130,7 @@ def _sorted_out(
     kept: list[list[str]] = []
     places: list[int] = []
     faults: list[str] = []
+    more = 0
     said: list[str] = []
     again, end = 0, _end_of_numbers(rows, form)
     closing = [text for row in rows[end:] if (text := " ".join(" ".join(row).split()))]
@@ -144,9 +150,11 @@ def _sorted_out(
         elif k == len(rows) - 1 and len(row) < form.fields and not text.endswith(("\n", "\r")):
             said.append(f"line {line_of[k]} left out, it was cut off")
         elif len(faults) < MOST_FAULTS:
-            faults.append(f"{path}: line {line_of[k]}: {len(row)} fields, expected {form.fields}")
+            faults.append(wrong_width(path, line_of[k], len(row), form.fields))
+        else:
+            more += 1
     if faults:
-        raise Faults(faults)
+        raise Faults([*faults, *([f"{path}: and {more} more lines like these"] if more else [])])
     if again:
         said.append(f"names again among the rows ({again} lines)")
     return kept, places, said

@@ -11,7 +11,7 @@ from rig.files.field_numbers import Signs, signs_of
 from rig.files.table import Column, Table
 from rig.files.text_form import Form, divided_line, first_row, form_of, sample_of
 from rig.files.text_head import HEADER_LINES, head_of, names_and_units
-from rig.files.text_rows import MOST_FAULTS, Fields, columns_of
+from rig.files.text_rows import MOST_FAULTS, Fields, columns_of, wrong_width
 
 MOST_COLUMNS = 2000  # a logger's hundreds of channels and to spare; more is a picture or another separator
 
@@ -82,9 +82,10 @@ def _no_rows(lines: list[str], path: Path) -> Table:
     separator = max("\t;,", key=line.count)
     names = divided_line(line, separator)
     rows = [divided_line(each, separator) for each in lines[number + 1 :] if each.strip() and not each.startswith("#")]
-    faults = [f"{path}: line {number + 2 + k}: {len(r)} fields, expected {len(names)}" for k, r in enumerate(rows)
-              if len(r) != len(names)]  # fmt: skip
-    if faults:
-        raise Faults(faults[:MOST_FAULTS])
+    wrong = [(number + 2 + k, len(row)) for k, row in enumerate(rows) if len(row) != len(names)]
+    if wrong:
+        faults = [wrong_width(path, line, fields, len(names)) for line, fields in wrong[:MOST_FAULTS]]
+        more = len(wrong) - len(faults)
+        raise Faults([*faults, *([f"{path}: and {more} more lines like these"] if more else [])])
     columns = [Column(name, [row[k] for row in rows]) for k, name in enumerate(names)]
     return Table(str(path), f"line {number + 1}", columns, range(number + 2, number + 2 + len(rows)))

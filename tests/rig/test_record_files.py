@@ -159,7 +159,7 @@ def test_words_behind_the_last_row(file: Path, end: str) -> None:
 def test_words_between_rows_are_a_fault(file: Path) -> None:
     rows = "".join(f"{k},{25 + k},{1000 - k}\n" for k in range(20))
     said = refusal(file, f"time_s,temperature_degC,resistance_ohm\n{rows}paused\n21,45,980\n")
-    assert said.splitlines() == [f"{file}: line 22: 1 fields, expected 3"]
+    assert said.splitlines() == [f"{file}: line 22: 1 field, expected 3"]
 
 
 def test_exchanged_columns(file: Path) -> None:
@@ -344,7 +344,7 @@ HEAD = "time_s,temperature_degC,resistance_ohm\n"
         (f"{HEAD}0,20,5\n1,21,1e308\n", "line 3: resistance_ohm: 1e+308"),
         (f'{HEAD}0,20,"5\n' + "1,20,5\n" * 40000, "field larger than field limit"),
         ("1," * 200000, "400000 characters"),
-        ("a,b\n" + "1:" * 20 + "\n" * 3, "line 2: 1 fields, expected 2"),
+        ("a,b\n" + "1:" * 20 + "\n" * 3, "line 2: 1 field, expected 2"),
         (GARBAGE, ""),
         (b"\xff\xfe\x00", "expected UTF-16"),
         (b"\xef\xbb\xbf", "file is empty"),

@@ -1,0 +1,75 @@
+"""Files that are no records, and records with columns exchanged: what they are is told, and how many rows are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Peltier = Callable[..., tuple[int, str, str]]
+PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\5\0\0\0\3\x84\x08\3\0\0\0"
+PROSE = "Dear all,\nthe film was measured, yesterday, at noon.\nBest, X\n"
+PROGRAM = '#!/usr/bin/env python3\n"""Runs: slowly."""\nimport sys\n\nfor k in (1, 2):\n    print(k, sys.argv)\n'
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [
+        (PNG, "a picture (PNG)"),
+        (PROSE, "words without a row of numbers"),
+        (PROGRAM, "a Python program"),
+        ("# A rig.\n\n[bench]\ntime = 'virtual'\n", "a configuration (TOML)"),
+        ("[film]\nradii = [\n    0.1,\n    0.2,\n]\n", "a model file (TOML)"),
+        ('{"time_s": [0, 1], "temperature_degC": [20, 21]}', "a JSON file"),
+        ("<!DOCTYPE html>\n<html><body>\n<p>1, 2</p>\n</body></html>\n", "an HTML or XML page"),
+        (b"\x1f\x8b\x08\0" + bytes(range(1, 60)), "compressed (gzip)"),
+    ],
+)
+def test_what_is_no_table_is_told_as_what_it_is(
+    peltier: Peltier, tmp_path: Path, content: str | bytes, kind: str
+) -> None:
+    file = tmp_path / "record.csv"
+    file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    status, _, err = peltier("identify", file)
+    assert status == 2
+    (line,) = err.splitlines()
+    assert line.startswith(f"{file}: this is no table of numbers: {kind}")
+
+
+def test_a_table_with_a_fault_is_still_a_table(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "record.csv"
+    for text, said in (
+        ("t_s,T_K,R_ohm\n", "column 'time_s' missing; there are t_s, T_K, R_ohm"),
+        ("time_s,temperature_degC\nzero,warm\none,warmer\n", "'zero': expected a number"),
+        ("plate voltage,plate power\n0,1\n1,2\n", "column 'temperature_degC' missing"),
+    ):
+        file.write_text(text)
+        status, _, err = peltier("identify", file)
+        assert status == 2
+        assert said in err
+        assert "no table" not in err
+
+
+def test_many_wrong_rows_are_counted(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "record.csv"
+    head = "time_s,temperature_degC,resistance_ohm\n"
+    for rows, said in (
+        ([f"{k},20,-5" for k in range(248)], "resistance_ohm: and 243 more lines like these"),
+        ([f"{248 - k},20,5" for k in range(248)], "time_s: and 242 more lines like these"),
+        ([f"{k},-300,5" for k in range(248)], "temperature_degC: and 243 more lines like these"),
+        ([f"{k},20" if 3 < k < 30 else f"{k},20,5" for k in range(248)], "and 6 more lines like these"),
+    ):
+        file.write_text(head + "\n".join(rows) + "\n")
+        status, _, err = peltier("identify", file)
+        assert status == 2
+        assert err.splitlines()[-1].endswith(said), err
+
+
+def test_time_and_temperature_exchanged(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "record.csv"
+    rows = [f"{380 - 60 * abs(k / 100 - 1):.2f},{4.6 * k:.2f},{100 + k}" for k in range(200)]
+    file.write_text("\n".join(["T_K,t_s,R_ohm", *rows]).replace("T_K,t_s", "t_s,T_K") + "\n")
+    status, _, err = peltier("identify", file)
+    assert status == 2
+    assert "those of temperature_degC do in every row: are two columns exchanged?" in err.splitlines()[0]
