@@ -12,7 +12,7 @@ import unicodedata
 from dataclasses import dataclass, replace
 
 from rig.core.columns import OF_A_RECORD
-from rig.files.units import CONDUCTANCES, spelled, straightened
+from rig.files.units import CONDUCTANCES, OTHER_UNITS, spelled, straightened
 
 _QUANTITIES = {
     "time": "time zeit temps tiempo tempo elapsed timestamp datetime date datum uhrzeit clock heure t 時間 时间 時刻",
@@ -78,6 +78,19 @@ def meaning_of(name: str, below: str = "") -> Meaning:
     if bracket and below and spelled(bracket) != spelled(below):
         return replace(_meant(words, bracket), plain=False, doubt=f"two units, {bracket!r} and {below!r}")
     return _meant(words, unit)
+
+
+def other_unit(name: str, below: str, ending: str) -> str:
+    """The unit that a name says, or the line below it, where it is one that a column of ours that ends so cannot have;
+    '' where there is none."""
+    if name in OF_A_RECORD:
+        return ""
+    name = straightened(name.strip().strip("\"'")[:200])[:200]
+    unit = divided(name)[1] or below
+    if not unit and (match := re.fullmatch(r".*?(?:[_/(\[{<]|\s)\s*([^\s_/()\[\]{}<>]+)[)\]}>]?", name)):
+        unit = match[1] if match[1] in OTHER_UNITS else ""
+    found = spelled(unit)
+    return unit if unit in OTHER_UNITS or (found is not None and found[0] != ending) else ""
 
 
 def divided(name: str) -> tuple[str, str]:

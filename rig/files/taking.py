@@ -10,7 +10,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.core.columns import GUESSED, OF_A_RECORD
 from rig.files.column_mapping import ColumnMapping, ending_of, typed
-from rig.files.column_meaning import Meaning, meaning_of
+from rig.files.column_meaning import Meaning, meaning_of, other_unit
 from rig.files.field_numbers import Numbers, blank_like, read_numbers, tidied, within_range
 from rig.files.field_times import clock_alone, date_alone, time_like
 from rig.files.table import Column, Table
@@ -118,7 +118,18 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
             if not mapping.unit_said and meaning.unit in UNITS[ending_of(mapping.ours)] and meaning.unit != unit:
                 unit, note = str(meaning.unit), "as its name says"
             said = mapping.unit_said or bool(note)
+            if not said and meaning.ours != mapping.ours:
+                _refuse_other_unit(taking, mapping.ours, k)
             taking.chosen[mapping.ours] = Choice(k, unit, "typed", said, mapping.layout, note)
+
+
+def _refuse_other_unit(taking: Taking, ours: str, k: int) -> None:
+    """A name that says another quantity's unit than that of the column that it was typed for."""
+    unit = other_unit(taking.names[k], taking.table.columns[k].unit, ending_of(ours))
+    if unit:
+        what = typed(ours, taking.names, k, ending_of(ours))
+        text = f"{taking.shown[k]!r} was typed for {ours}, and its name says {unit}, which is no unit of that; "
+        taking.faults.append(taking.at_names(f"{text}expected another column, or {what} if it is so"))
 
 
 def take_own(taking: Taking) -> None:

@@ -106,6 +106,11 @@ _SIEMENS = {"": "S", "m": "mS", "μ": "uS", "u": "uS", "n": "nS", "milli": "mS",
 _AMPERE = {"": "A", "m": "mA", "μ": "uA", "u": "uA", "n": "nA", "milli": "mA", "micro": "uA", "nano": "nA"}
 
 
+# of quantities that no column of ours is: a name that ends in one says so
+_OTHER_UNITS = "V mV uV μV kV W mW kW Hz kHz MHz Pa hPa kPa MPa bar mbar Torr nm um μm mm"
+OTHER_UNITS = frozenset(_OTHER_UNITS.split())
+
+
 def straightened(text: str) -> str:
     """One way of writing for what looks the same: signs of unit, full-width letters, LaTeX."""
     text = unicodedata.normalize("NFKC", text)

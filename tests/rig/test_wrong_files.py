@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -73,3 +74,28 @@ def test_time_and_temperature_exchanged(peltier: Peltier, tmp_path: Path) -> Non
     status, _, err = peltier("identify", file)
     assert status == 2
     assert "those of temperature_degC do in every row: are two columns exchanged?" in err.splitlines()[0]
+
+
+def test_a_unit_in_the_name_that_is_another_quantitys_is_asked_about(peltier: Peltier, tmp_path: Path) -> None:
+    file = tmp_path / "record.csv"
+    file.write_text("t_s,u_V,R [ohm],T_K\n" + "".join(f"{k},{k % 9},{100 + k},{300 + k % 7}\n" for k in range(60)))
+    for column, unit in (("temperature_degC=u_V", "V"), ("current_A=u_V", "V"), ("temperature_degC=#3", "ohm")):
+        status, _, err = peltier("identify", file, "--column", column)
+        assert status == 2
+        ours = column.partition("=")[0]
+        assert f"was typed for {ours}, and its name says {unit}, which is no unit of that" in err
+    status, _, err = peltier("identify", file, "--column", "current_A=u_V@A", "--column", "R=R [ohm]")
+    assert status == 0, err
+
+
+def test_numbers_that_no_plate_has_are_fitted_without_a_word_from_numpy(peltier: Peltier, tmp_path: Path) -> None:
+    """Drive and temperature exchanged, both with their units typed: what comes of it is told by the fit's own notes."""
+    file = tmp_path / "record.csv"
+    rows = [f"{2 * k},{9 if k < 300 else 0},{129.32 + 40 * (1 - 0.99**k):.3f}" for k in range(600)]
+    file.write_text("\n".join(["t_s,u_V,y_C", *rows]) + "\n")
+    words = ("--column", "temperature_degC=u_V@degC", "--column", "current_A=y_C@A")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        status, out, _ = peltier("identify", file, *words)
+    assert status == 0
+    assert "something is missing" in out
