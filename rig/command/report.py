@@ -1,15 +1,21 @@
 """peltier report FOLDER [--out DIR]: the report of a run folder, written anew; of one that ended early too.
 
-FOLDER is what `run` or `calibrate` wrote, DIR or DIR.part. report.html and figures/ go there, or to --out DIR.
+FOLDER is what `run` or `calibrate` wrote, DIR or DIR.part. report.html and figures/ go there, or to --out DIR. Of a run
+that ended before its own rows began, as while it calibrated, the runs inside FOLDER are reported, each in its place.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rig.core.faults import fault
 from rig.files.toml_text import shown
+
+if TYPE_CHECKING:
+    from rig.report.run_rows import RunRows
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,10 +24,23 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from rig.report.run_rows import recorded_run
+    from rig.report.run_rows import recorded_inside, recorded_run
 
-    run = recorded_run(options.folder)
-    out = _made(options.out) if options.out is not None else options.folder
+    inside = recorded_inside(options.folder)
+    if not inside:
+        run = recorded_run(options.folder)
+        print(_written(run, _made(options.out) if options.out is not None else options.folder))
+        return 0
+    names = ", ".join(run.part.name for run in inside)
+    text = f"no run.json: the run ended before its own rows began; reported is what it had recorded until then: {names}"
+    print(f"{options.folder}: {text}", file=sys.stderr)
+    for run in inside:
+        print(_written(run, _made(options.out / run.path.name) if options.out is not None else run.part))
+    return 0
+
+
+def _written(run: RunRows, out: Path) -> Path:
+    """The page of a run, written into a folder that is there. Raises Faults."""
     from rig.report.run import write_run_report
 
     try:
@@ -31,8 +50,7 @@ def main(options: argparse.Namespace) -> int:
         raise fault(run.part / "run.json", "", f"is not that of a run ({shown(what)}); expected a run folder") from None
     except OSError as error:
         raise fault(out, "", f"cannot be written: {error.strerror or error}") from None
-    print(out / "report.html")
-    return 0
+    return out / "report.html"
 
 
 def _made(out: Path) -> Path:

@@ -70,6 +70,15 @@ def _columns_on_disk(path: Path) -> dict[str, Any]:
     return {**record.columns, **{name: np.array(texts) for name, texts in record.text_columns.items()}}
 
 
+def recorded_inside(folder: Path) -> list[RunRows]:
+    """The runs inside a folder that has no run.json of its own: of a run that ended before its own law began, as while
+    it calibrated. Empty where there are none, or where it has one. Raises Faults where one cannot be read."""
+    if not folder.is_dir() or any((folder / name).exists() for name in ("run.json", "run.json.new")):
+        return []
+    names = [f"{name}{ending}" for name in (CALIBRATION, *LAWS) for ending in ("", ".part")]
+    return [recorded_run(folder / name) for name in names if (folder / name / "run.json").is_file()]
+
+
 def recorded_run(folder: Path) -> RunRows:
     """The run in a folder. Raises Faults, a line, where there is none."""
     file = folder / "run.json"

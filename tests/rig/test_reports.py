@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,25 @@ def test_a_run_that_tripped_has_its_report(peltier: Peltier, tmp_path: Path) -> 
     status, _, err = peltier("report", tmp_path / "hot")
     assert status == 2
     assert f"did you mean {tmp_path / 'hot.part'}" in err
+
+
+def test_a_run_that_was_killed_while_it_calibrated(tracked: tuple[Path, str], peltier: Peltier, tmp_path: Path) -> None:
+    """It has no run.json of its own: what is inside is reported, there or below --out, and that is said."""
+    killed = tmp_path / "run.part"
+    killed.mkdir()
+    shutil.copytree(
+        tracked[0] / "feedforward", killed / "feedforward.part", ignore=shutil.ignore_patterns("report.html")
+    )
+    status, out, err = peltier("report", killed)
+    assert (status, out) == (0, f"{killed / 'feedforward.part' / 'report.html'}\n")
+    assert "no run.json: the run ended before its own rows began" in err
+    assert (killed / "feedforward.part" / "report.html").is_file()
+    assert (
+        peltier("report", killed, "--out", tmp_path / "r")[1] == f"{tmp_path / 'r' / 'feedforward' / 'report.html'}\n"
+    )
+    (killed / "feedforward.part").rename(killed / "another")
+    status, _, err = peltier("report", killed)
+    assert (status, err) == (2, f"{killed}: no run.json; expected a run folder\n")
 
 
 def spoiled(folder: Path, way: str) -> None:
