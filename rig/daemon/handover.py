@@ -14,6 +14,7 @@ import argparse
 import os
 import signal
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,27 @@ from rig.files.toml_text import read_toml
 from rig.safety.signals import SignalStop
 
 HOLDING = ("tripped", "stopped", "offline")
+NEVER_BEGAN = 1  # the exit status of a job that waited when its daemon ended: nothing of it needs to be off
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
+
+
+@dataclass
+class _Course:
+    """waited: whether the daemon last said that the job waits, for another one or for the bench, and never that it has
+    begun. Where it said neither, the job may have begun since."""
+
+    waited: bool = False
+    begun: bool = False
+
+    def take(self, event: str, data: dict[str, Any], number: str) -> None:
+        """What was told."""
+        if event == "state":
+            running = data["job"]["id"] if data["job"] is not None else None
+            self.begun = self.begun or running == number
+            self.waited = not self.begun and (running is not None or _held_by(data) is not None)
+        elif event == "job" or data.get("job", data.get("id")) == number:
+            self.begun = self.begun or event != "job" or (data["id"] == number and data.get("started_s") is not None)
+            self.waited = False
 
 
 def add_bench_argument(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +100,7 @@ def _ports(config: Path) -> set[str]:
 
 def _followed(verb: str, client: Client, told: Client, config: Path, out: Path | None, json_target: str | None) -> int:
     """`client` answers, `told` tells what happens. From the moment that there may be a job, a signal ends it."""
-    stream = teller(json_target)
+    stream, course = teller(json_target), _Course()
     events = told.events(SILENCE_S)
     next(events)  # the state: from here on nothing is missed
     more = {"out": str(out.absolute())} if out is not None else {}
@@ -90,7 +111,7 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
         try:
             job = checked(client.ask("submit", path=str(config.absolute()), **more))["job"]
         except NoDaemon as error:
-            return _not_confirmed(verb, f"{error}, which may have begun the job")
+            return _not_confirmed(verb, f"{error}, which may have begun the job; {_make_sure(config)}")
         try:
             signals.expose()
             print(
@@ -98,13 +119,30 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
                 file=stream,
                 flush=True,
             )
-            job = _until_it_ends(events, job, stream)
+            job = _until_it_ends(events, job, stream, course)
         except Stopped as stopped:
             signals.shield()
             return _ended_by(verb, client, job["id"], stopped.number)
         except NoDaemon as error:
-            return _not_confirmed(verb, f"{error} while the job ran")
+            if not course.waited or _answers(client):
+                return _not_confirmed(verb, f"{error} while the job ran; {_make_sure(config)}")
+            text = f"the job never began: {error} while it waited; give it again when the daemon runs again"
+            print(f"peltier {verb}: {text}; {_make_sure(config)}", file=sys.stderr)
+            return NEVER_BEGAN
     return _told_of_the_end(verb, client, job, json_target)
+
+
+def _answers(client: Client) -> bool:
+    """Whether the daemon is still there: what ended may be the connection that told what happens."""
+    try:
+        return bool(client.ask("state"))
+    except NoDaemon:
+        return False
+
+
+def _make_sure(config: Path) -> str:
+    """What to do where no daemon answers any more."""
+    return f"`peltier off {config}` switches the output off, if it is not, and confirms it"
 
 
 def _not_confirmed(verb: str, why: str) -> int:
@@ -150,7 +188,7 @@ def _output_now(client: Client) -> tuple[str, bool]:
     return f"output off, {off_in_words(state)}", True
 
 
-def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, Any]:
+def _until_it_ends(events: Any, job: dict[str, Any], stream: Any, course: _Course) -> dict[str, Any]:
     """What is said meanwhile, and the job as it ended; a line tells how far it is. Raises NoDaemon."""
     line, doing, told_s, held = TerminalLine(sys.stderr), None, 0.0, ""
 
@@ -161,6 +199,7 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any) -> dict[str, A
     try:
         for message in events:
             event, data = message["event"], message["data"]
+            course.take(event, data, job["id"])
             if event == "state":
                 mine = data["job"] is not None and data["job"]["id"] == job["id"]
                 doing = {**data["job"], "drive_unit": data["drive_unit"]} if mine else None

@@ -128,6 +128,48 @@ def test_a_daemon_that_goes_over_the_answer_may_have_begun_the_job(
     assert "OUTPUT NOT CONFIRMED OFF" in capsys.readouterr().err
 
 
+FREE = {**OFF, "no_job_because": [], "drive_unit": "A", "time_s": 3.0}
+WAITS = {**FREE, "state": "running", "job": {"id": "8"}}
+BEGUN = {**WAITS, "job": {"id": "7"}}
+HELD = {**FREE, "state": "tripped"}
+
+
+@pytest.mark.parametrize(
+    ("told", "status", "said"),
+    [
+        ([WAITS], 1, "the job never began: the daemon has ended while it waited"),
+        ([HELD], 1, "the job never began"),
+        ([BEGUN], 11, "OUTPUT NOT CONFIRMED OFF: the daemon has ended while the job ran"),
+        ([WAITS, BEGUN], 11, "while the job ran"),
+        ([WAITS, FREE], 11, "while the job ran"),  # it may have begun since
+        ([WAITS, None], 11, "while the job ran"),  # the other job has ended
+    ],
+)
+def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
+    told: list[dict[str, Any] | None],
+    status: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    class Killed(_Daemon):
+        def events(self, silence_s: float) -> Any:
+            yield {"event": "state", "data": OFF}
+            for state in told:
+                ended = {"id": "8", "started_s": 0.0, "ended_s": 1.0}
+                yield {"event": "job", "data": ended} if state is None else {"event": "state", "data": state}
+            raise NoDaemon("the daemon has ended")
+
+    stand_in(Killed(0, GONE), monkeypatch)
+    config = tmp_path / "config.toml"
+    assert handover.handed_over("run", config, None) == status
+    err = capsys.readouterr().err
+    assert said in err
+    assert f"`peltier off {config}` switches the output off" in err
+    assert ("give it again" in err) == (status == 1)
+
+
 class _Held:
     """The daemon as the client that a `with` gives."""
 
