@@ -46,11 +46,11 @@ def parsed_toml(text: str, where: Path) -> dict[str, Any]:
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise fault(where, "", f"is no TOML: {error}") from None
+        raise fault(where, "", f"is not valid TOML: {error}") from None
     except ValueError:  # Python's own bound on the digits of an integer
-        raise fault(where, "", "is no TOML: an integer of too many digits; expected at most 64 bits") from None
+        raise fault(where, "", "is not valid TOML: an integer of too many digits; expected at most 64 bits") from None
     except RecursionError:
-        raise fault(where, "", f"is no TOML: nested too deeply; expected at most {DEEPEST} levels") from None
+        raise fault(where, "", f"is not valid TOML: nested too deeply; expected at most {DEEPEST} levels") from None
     lines = [f"{where}: {line}" for line in _unusable(content)]
     if lines:
         raise Faults(lines[:20])

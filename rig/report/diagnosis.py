@@ -56,7 +56,7 @@ def _facts(diagnosis: Diagnosis, source: str) -> str:
     length = f"{hours:.2g} h" if hours >= 1.0 else f"{record.time_s[-1]:.0f} s"
     text = f"{source}: {record.rows} rows over {length}, one each {record.interval_s:.3g} s"
     gaps = record.first_rows.size - 1
-    return f"{text}, {gaps} gaps." if gaps else f"{text}."
+    return f"{text}, {gaps} gap{'s' * (gaps > 1)}." if gaps else f"{text}."
 
 
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:

@@ -50,7 +50,7 @@ def punctuality(ticks: Mapping[str, float]) -> str:
         return ""
     text = f"{ticks['done']} ticks, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.0f} ms late"
     if "unwatched_s" in ticks:
-        gaps = f", {ticks['gaps']} gaps" if ticks["gaps"] else ""
+        gaps = f", {ticks['gaps']} gap{'s' * (ticks['gaps'] > 1)}" if ticks["gaps"] else ""
         text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
     return text + "."
 

@@ -31,7 +31,7 @@ LEAST_K: Final = 2.0  # a draught, a neighbour's heat
 STEPS, SIGMAS = 2.0, 8.0  # of the thermometer
 WARM_SINK_K, COLD_SINK_K = 50.0, 25.0  # that a heat sink may be from the model's ambient, either way
 HIDDEN_K = 2.0  # above the limit
-OTHER_PLATE: Final = " If all is well with it, the plate is another than the model's: calibrate."
+OTHER_PLATE: Final = " If all is well with it, the plate is another than the model's: calibrate anew"
 FULL = 0.9  # of the useful current
 LEAST_SHARE, LEAST_PREDICTED_K, AGAINST_K = 0.1, 3.0, 1.0
 NOISE_SHARE, BEND = 0.02, 1.95  # of a second difference, whose mean size is so many times the noise
@@ -255,10 +255,11 @@ class PlateWatch:
 
     def _trip_unseen(self, now_s: float, seen: _Seen, off_K: float, bound_K: float) -> None:
         of_a_model = self.known is not None and self.known.doubt is OF_A_MODEL
+        off, bound = told_apart(abs(off_K), bound_K)
         text = (
             f"the thermometer shows {seen.reading_degC:.2f} degC, where the current that was sent and the plate give "
-            f"{seen.shown_degC:.2f} degC: {abs(off_K):.1f} K {'less' if off_K < 0.0 else 'more'}, more than the "
-            f"{bound_K:.1f} K that the plate model may be wrong by: thermometer fallen off or stuck, polarity, or "
+            f"{seen.shown_degC:.2f} degC: {off} K {'less' if off_K < 0.0 else 'more'}, more than the "
+            f"{bound} K that the plate model may be wrong by: thermometer fallen off or stuck, polarity, or "
             f"something else that heats or cools?{OTHER_PLATE if of_a_model else ''}"
         )
         raise Tripped("unseen_heat", text, now_s)
@@ -296,6 +297,15 @@ class PlateWatch:
             )
             raise Tripped("runaway", text, now_s)
         self._full = (sign, now_s, reading_degC)
+
+
+def told_apart(more: float, less: float) -> tuple[str, str]:
+    """Two numbers, one above the other, with as many digits as show it: at least one, at most three."""
+    for digits in (1, 2, 3):
+        texts = f"{more:.{digits}f}", f"{less:.{digits}f}"
+        if texts[0] != texts[1]:
+            break
+    return texts
 
 
 def watchable_rate_K_per_s(known: KnownPlate) -> float:

@@ -26,7 +26,7 @@ STATE = {
     "limits", "dead_man_s", "instruments", "ticks", "memory_known", "viewers", "warnings",
 }  # fmt: skip
 READING = {"time_s", "temperature_degC", "setpoint_degC", "current_A", "resistance_ohm", "target_ohm", "quality"}
-JOB = {"id", "name", "kind", "state", "queued_s", "started_s", "ended_s", "reason", "folder", "report"}
+JOB = {"id", "name", "kind", "state", "queued_s", "started_s", "ended_s", "reason", "folder", "report", "exit_status"}
 
 
 @pytest.fixture(scope="module")

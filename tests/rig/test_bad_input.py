@@ -43,7 +43,7 @@ def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -
         ('"start 20 kohm", ', "", "experiment.target"),
         ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kfoo at 0.1 dec/s"', "experiment.target[2]"),
         ('"ramp to 5 kohm at 0.1 dec/s"', '"ramp to 5 kohm at 0.1 dec/s", "dwell"', "experiment.target[3]"),
-        ("[limits]", "[limits", "is no TOML"),
+        ("[limits]", "[limits", "is not valid TOML"),
     ],
 )
 def test_one_wrong_value(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:
