@@ -124,9 +124,14 @@ def choose_form(
 
 
 def without_strays(rows: Rows, starts: Sequence[Start], problem: Problem, solution: Solution) -> Rows:
-    """The rows without those readings that stand alone among their residuals; the same rows if there are none."""
+    """The rows without those readings that stand alone among their residuals; the same rows if there are none.
+
+    The residuals are those of a fit to all rows, held-out ones too: of a sparse loop a row that no fit has seen may be
+    the only one in its flank.
+    """
     path = build_path(rows.records, starts)
-    residual = path.output - predict(problem, solution, path)
+    _, whole = refine_plain(path, problem.structure, problem.form, solution.theta)
+    residual = whole.residual
     cleaned, changed = [], False
     for number, record in enumerate(rows.records):
         mine = path.record == number

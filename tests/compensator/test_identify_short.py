@@ -1,0 +1,39 @@
+"""Identification of short records: what few rows tell is used, what they cannot tell is said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.identification.film import identify_film
+
+SHARP = FilmModel(
+    np.linspace(0.2, 0.95, 12),
+    np.full(12, 0.12),
+    Envelope("tanh", 0.5, -0.5 * 66.0),
+    Envelope("tanh", 0.5, -0.5 * 62.0),
+    Memoryless("arrhenius", -1100.0, offset=-0.5),
+)
+
+
+def one_loop(first_degC: float, step_K: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Temperatures (degC) down to 22 and back, and the output of SHARP with noise of 0.002."""
+    down = np.arange(first_degC, 22.0, -step_K)
+    v = np.concatenate([down, down[-2::-1]])
+    y = SHARP.simulate(v, SHARP.initial_memory(float(v[0]), "cooled"))[0]
+    return v, y + 0.002 * np.random.default_rng(seed).standard_normal(v.size)
+
+
+@pytest.mark.parametrize(("first_degC", "seed"), [(84.2, 0), (86.0, 1), (83.6, 2), (87.0, 3)])
+def test_true_readings_of_a_sparse_loop_are_kept(first_degC: float, seed: int) -> None:
+    v, y = one_loop(first_degC, 6.0, seed)
+    fit = identify_film(60.0 * np.arange(v.size), v, y)
+    assert fit.outliers[0].size == 0
+
+
+def test_true_strays_are_still_left_out() -> None:
+    v, y = one_loop(88.0, 0.5, 0)
+    y[[60, 140, 200]] += [0.05, -0.04, 0.06]
+    fit = identify_film(60.0 * np.arange(v.size), v, y)
+    assert list(fit.outliers[0]) == [60, 140, 200]
