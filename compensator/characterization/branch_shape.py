@@ -34,6 +34,7 @@ MIDDLE_SHARE: Final = 0.5  # of the window, for a value: a derivative's window b
 MIDDLE_DEGREE: Final = 3
 END_DEGREE: Final = 2  # where a window has readings to one side only, higher ones run away
 UNSURE: Final = 0.5  # of the width: a steepest place that is known no better is none
+FEWEST_STEPS: Final = 2.0  # from row to row: a step of the output itself, in a sweep, looks 3.7 of them wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +106,8 @@ def shape_of(branch: MajorBranch, seed: int = 0) -> BranchShape:
         end = low if peak - low < high - peak else high
         text = f"it is steepest at {peak:.1f} degC, where the record ends at {end:.1f} degC"
         steepest = steepest if steepest.value is None else untold(text)
+    standstill = _standstill(x, near, around)
+    steepest = untold(standstill) if standstill else steepest
     return BranchShape(
         branch,
         window,
@@ -202,7 +205,25 @@ def _width(x: Array, slope: Array, drawn: Array) -> Quantity:
         side = x[0] if _half_way(x[:k][::-1], slope[:k][::-1], slope[k]) is None else x[-1]
         return untold(f"the derivative is above half of its maximum still at {side:.1f} degC, where the record ends")
     draws = [_full_width(x, one) for one in drawn]
-    return told(found, np.array([found if one is None else one for one in draws]))
+    quantity = told(found, np.array([found if one is None else one for one in draws]))
+    assert quantity.ci95 is not None
+    if quantity.ci95[0] <= 0.0:
+        return untold(f"noise: the width is {found:.2g} +- {found - quantity.ci95[0]:.2g} K, which may be none")
+    return quantity
+
+
+def _standstill(temperature_degC: Array, near: Array, slope: Array) -> str:
+    """Why the steepest place is none of the film's, where the output changed while the temperature hardly moved; else
+    empty. A sweep cannot show a peak of so few of its rows; a plate that rests while the output goes on can."""
+    step = float(np.median(np.abs(np.diff(temperature_degC))))
+    width = _full_width(near, slope)
+    if width is None or width >= FEWEST_STEPS * step:
+        return ""
+    place = float(near[np.argmax(slope)])
+    return (
+        f"the output changes most at {place:.1f} degC while the temperature hardly moves ({width:.2g} K; rows of the "
+        f"sweep are {step:.2g} K apart): the plate stands still there, or the film follows it late"
+    )
 
 
 def _full_width(x: Array, slope: Array) -> float | None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from benchmarks._transition_films import Known, draw_known
 from benchmarks.transition import ASKED, judged
@@ -166,3 +167,21 @@ def test_too_few_reversal_curves_are_no_diagram() -> None:
     found = forc(known.time_s, known.temperature_degC, -known.log_ohm)
     assert "expected at least 7" in found.reason
     assert found.peak() is None
+
+
+def test_a_standstill_of_the_plate_is_no_transition() -> None:
+    """A film that is 2 s late relaxes while the plate is held at 52.5 degC for 20 s."""
+    legs = [(30.0, 88.0, 323), (88.0, 52.5, 198), (52.5, 52.5, 200), (52.5, 30.0, 126)]
+    v = np.concatenate([np.linspace(first, last, rows) for first, last, rows in legs])
+    heating = np.arange(v.size) < 323
+    at_once = np.tanh((v - np.where(heating, 66.0, 58.0)) / 2.0)
+    late = np.exp(-0.1 / 2.0)
+    output = lfilter([1.0 - late], [1.0, -late], at_once - at_once[0])
+    random = np.random.default_rng(0)
+    shown = v + 0.005 * random.standard_normal(v.size)
+    read = output + 0.003 * random.standard_normal(v.size)
+    found = transition(0.1 * np.arange(v.size), shown, read, in_decades=False).quantities
+    assert found["heating_degC"].value is not None
+    for name in ("cooling_degC", "width_cooling_K", "hysteresis_K"):
+        assert found[name].value is None
+        assert "the temperature hardly moves" in found[name].reason
