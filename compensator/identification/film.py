@@ -39,12 +39,14 @@ from compensator.identification.model_selection import (
     without_strays,
 )
 from compensator.identification.multistart import choose_starts, refine_starts, search, start_candidates
+from compensator.identification.output_sense import output_sense
 from compensator.identification.prediction_bands import Linearized, uncertainty
 from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
 from compensator.identification.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
 
 MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
-FALLING: Final = -0.8  # correlation with temperature: the output has the wrong sign
+FALLING: Final = -0.2  # of `output_sense`, which noise alone moves by less than 0.1: the output has the wrong sign
+FALLING_WITH_D: Final = -0.8  # the same where D may fall: only if nearly nothing of the output rises
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
@@ -74,7 +76,7 @@ def identify_film(
     memory before the first row. monotone: D increases with v; None: unless the form is sin or cos. ordered: every
     radius keeps the order condition below paper eq (6); without it the output jumps where a record reverses inside
     the transition. temperature_noise_K: None estimates it, 0 takes the temperature as it is.
-    Raises ValueError with one line for a record that cannot be used.
+    Raises ValueError with one line for a record that cannot be used, such as one whose output falls.
     """
     return identify_film_records(
         [FilmRecord(time_s, temperature_degC, output, output_time_s=output_time_s)],
@@ -115,11 +117,11 @@ def identify_film_records(
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
     prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
-    _check_outputs(prepared)
     low = min(float(np.min(record.inputs)) for record in prepared)
     high = max(float(np.max(record.inputs)) for record in prepared)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
     increasing = monotone if monotone is not None else form not in ("sin", "cos")
+    _check_outputs(prepared, increasing)
     forms = [Form(name, increasing, low, high) for name in names]
     structure = equal_structure(operators, 1, ordered)
     with threadpool_limits(limits=1):  # see `triangle`
@@ -165,12 +167,13 @@ def _identified(
     return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
 
 
-def _check_outputs(records: Sequence[Prepared]) -> None:
-    v = np.concatenate([record.inputs[record.used] for record in records])
+def _check_outputs(records: Sequence[Prepared], increasing: bool) -> None:
+    """Raise ValueError for an output that is constant or falls; increasing: whether D may only rise."""
     y = np.concatenate([record.output[record.used] for record in records])
     if np.ptp(y) <= 1e-9 * (1.0 + float(np.max(np.abs(y)))):
         raise ValueError(f"output: constant at {y[0]:g}, expected one that changes with temperature")
-    if np.corrcoef(v, y)[0, 1] < FALLING:
+    sense = output_sense([(record.inputs[record.used], record.output[record.used]) for record in records])
+    if sense < (FALLING if increasing else FALLING_WITH_D):
         raise ValueError("output: falls as temperature rises, expected one that rises, such as -log10(R / 1 ohm)")
 
 
@@ -237,6 +240,11 @@ def _finish_plain(
     train = refine_plain(build_path(rows.records, starts, rows.train), structure, form, solution.theta)
     error = rms(held.output - predict(*train, held))
     problem, final = refine_plain(build_path(rows.records, starts), structure, form, train[1].theta)
+    if not np.any(final.weights > 0.0) and not np.any(final.coefficients):
+        raise ValueError(
+            "output: nothing in it rises with temperature, so that no model explains it better than a constant; "
+            "expected one that rises, such as -log10(R / 1 ohm)"
+        )
     model = plain_model(problem, final, kind, output_name, starts[0].initial)
     return _fit(rows, starts, model, PlainFit(problem, final), final.residual, error, candidates)
 

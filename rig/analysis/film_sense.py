@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
+from compensator.identification.output_sense import output_sense
 from rig.core.faults import Faults
 from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
 from rig.files.record_file import Record
 
-FALLS = -0.5  # correlation with temperature, below which the output's other sign is taken: a model's output rises
+FALLS = -0.2  # sense (-1 to 1) below which the output's other sign is taken; noise alone moves it by less than 0.1
 
 
 def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -> str:
@@ -18,11 +17,7 @@ def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -
     if output != FALLING_RESISTANCE and not any(record.has_output(output) for record in records):
         raise Faults([_missing(record, output) for record in records])
     pairs = [(r["temperature_degC"], r.output(output)) for r in records if r.has_output(output)]
-    v, y = (np.concatenate(columns) for columns in zip(*pairs, strict=True)) if pairs else (np.empty(0), np.empty(0))
-    good = np.isfinite(v) & np.isfinite(y)
-    if int(np.sum(good)) < 3 or np.ptp(v[good]) == 0.0 or np.ptp(y[good]) == 0.0:
-        return output
-    if float(np.corrcoef(v[good], y[good])[0, 1]) >= FALLS:
+    if output_sense(pairs) >= FALLS:
         return output
     other = other_sense(output)
     say(f"film: {output} falls as temperature rises: the model's output is {other}")

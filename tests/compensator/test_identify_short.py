@@ -7,6 +7,8 @@ import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
 from compensator.identification.film import identify_film
+from compensator.identification.output_sense import output_sense
+from tests.compensator.identification_films import through
 
 SHARP = FilmModel(
     np.linspace(0.2, 0.95, 12),
@@ -37,3 +39,30 @@ def test_true_strays_are_still_left_out() -> None:
     y[[60, 140, 200]] += [0.05, -0.04, 0.06]
     fit = identify_film(60.0 * np.arange(v.size), v, y)
     assert list(fit.outliers[0]) == [60, 140, 200]
+
+
+WIDE = FilmModel(
+    np.linspace(0.55, 0.98, 12),
+    np.full(12, 0.12),
+    Envelope("tanh", 0.15, -0.15 * 70.0),
+    Envelope("tanh", 0.15, -0.15 * 55.0),
+    Memoryless("linear", 1.0, 0.002, 0.0, -4.0),
+)
+
+
+def test_a_falling_output_with_a_wide_loop_is_refused_and_a_rising_one_taken() -> None:
+    """A loop of 15 K run through between 45 and 80 degC: the output falls, its correlation is -0.46 only."""
+    v = through([80.0, 45.0, 80.0, 45.0, 80.0, 45.0], 1200)
+    noise = 0.002 * np.random.default_rng(0).standard_normal(v.size)
+    y = WIDE.simulate(v, WIDE.initial_memory(80.0, "cooled"))[0] + noise
+    with pytest.raises(ValueError, match="falls as temperature rises"):
+        identify_film(0.5 * np.arange(v.size), v, -y)
+    assert output_sense([(v, y)]) > 0.9
+    assert output_sense([(v, noise)]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_model_without_any_weight_is_refused() -> None:
+    """An output that ripples as it falls: no play operator, whose output rises, brings anything."""
+    v = np.linspace(20.0, 90.0, 300)
+    with pytest.raises(ValueError, match="nothing in it rises"):
+        identify_film(np.arange(v.size), v, 0.05 * np.sin(v) - 0.02 * v, form="none", monotone=False)
