@@ -18,7 +18,8 @@ from compensator.identification.temperature_smoother import temperature_path
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading."""
+    """Output, shape (samples,), and half the width of its 95 % bands: of the model's curve, and of a reading; inf where
+    the records do not fix the branch that the film is on."""
 
     output: Array
     half_width: Array

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
-from compensator.identification.film import identify_film
+from compensator.identification.film import Start, identify_film
 from compensator.identification.output_sense import output_sense
 from tests.compensator.identification_films import through
 
@@ -66,3 +66,20 @@ def test_a_model_without_any_weight_is_refused() -> None:
     v = np.linspace(20.0, 90.0, 300)
     with pytest.raises(ValueError, match="nothing in it rises"):
         identify_film(np.arange(v.size), v, 0.05 * np.sin(v) - 0.02 * v, form="none", monotone=False)
+
+
+def test_the_band_is_infinite_where_the_path_takes_a_branch_that_no_record_has() -> None:
+    v = through([25.0, 85.0], 400)
+    random = np.random.default_rng(0)
+    y = SHARP.simulate(v, SHARP.initial_memory(25.0, "heated"))[0] + 0.002 * random.standard_normal(v.size)
+    fit = identify_film(0.5 * np.arange(v.size), v, y)
+    assert np.all(np.isfinite(fit.predict(0.5 * np.arange(v.size), v).half_width))
+    loop = through([25.0, 70.0, 50.0, 85.0], 400)
+    half = fit.predict(0.5 * np.arange(loop.size), loop, temperature_noise_K=0.0).half_width
+    falls = np.flatnonzero(np.diff(loop) < 0.0) + 1
+    back = np.flatnonzero(loop > 70.0)  # beyond the reversal the film has forgotten it
+    assert np.all(np.isfinite(half[: falls[0]]))
+    assert np.all(np.isfinite(half[back[back > falls[-1]]]))
+    assert np.all(np.isinf(half[falls]))
+    cooled = fit.predict([0.0, 1.0, 2.0], [85.0, 60.0, 50.0], start=Start("cooled"), temperature_noise_K=0.0)
+    assert np.all(np.isinf([cooled.half_width, cooled.half_width_reading]))
