@@ -20,6 +20,7 @@ The paper's own iteration, eq (20), is `compensator.inverse.iteration`; it says 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal
@@ -30,7 +31,8 @@ from numpy.typing import ArrayLike
 from compensator.hysteresis.film import FilmModel, Initial, Memory, memory_owning, writable
 from compensator.hysteresis.functions import Array
 from compensator.inverse.monotone_intervals import SLOPE_ROW, pieces
-from compensator.inverse.solve import Settings, output_range, solutions_on_branch, trajectory
+from compensator.inverse.plateau import FLAT_K
+from compensator.inverse.solve import BOUND, Settings, output_range, solutions_on_branch, trajectory
 
 LOW_DEGC, HIGH_DEGC = -50.0, 200.0  # limits of the search where none are given: no VO2 film switches beyond
 TOLERANCE = 5e-10  # of the output: 1e-9 decades are promised
@@ -48,7 +50,8 @@ class Solution:
     there is none the present temperature. residual: model minus target, in the output's unit. Where the target
     cannot be reached, intervals are the outputs that can, (low, high) each and in order - more than one where the
     order condition fails and the output jumps at a reversal -, interval is from the least to the largest of them,
-    and nearest the near end; else nearest is the target. evaluations: of D and the envelopes at one temperature.
+    and nearest the near end (nan of a target that is nan); else nearest is the target. evaluations: of D and the
+    envelopes at one temperature.
     """
 
     reachable: bool
@@ -130,7 +133,7 @@ class Inverse:
             return Solution(True, v, float(rows[1, 0]), target, None, count, memory_owning(v, plays))
         intervals = self.reachable_intervals(memory)
         ends = [end for interval in intervals for end in interval]
-        nearest = min(ends, key=lambda end: abs(end - target))
+        nearest = _nearest(target, ends)
         residual = self.model.output_at(memory) - target
         return Solution(False, before, residual, nearest, (ends[0], ends[-1]), count, memory, intervals)
 
@@ -154,22 +157,54 @@ class Inverse:
         return np.sort(np.concatenate(found)) if found else np.empty(0), count
 
     def first(self, target: float, initial: Initial | None = None) -> Solution:
-        """The lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output."""
+        """The lowest temperature at which a film with `initial` memory ("cooled" or "heated") has the output; none
+        (reachable is False) for a target that is no finite number."""
         initial = initial or self.model.initial
         film, saturated = self.model.packed, self.model.saturated(initial)
         side, start, end = 1.0, self.low_degC, self.high_degC
         if initial == "cooled":
             side, start, end = -1.0, end, start
-        roots = np.empty(1 if side > 0.0 or self.least_slope >= 0.0 else MOST_SOLUTIONS)
-        found, count = solutions_on_branch(side, target, start, end, film, self._settings, saturated, roots)
-        if found:
-            v = float(roots[found - 1])
+        v, count = self._lowest(target, initial) if math.isfinite(target) else (math.nan, 0)
+        if not math.isnan(v):
             memory = self.model.initial_memory(v, initial)
             return Solution(True, v, self.model.output_at(memory) - target, target, None, count, memory)
         low, high = output_range(side, start, end, film, self._settings, saturated)
-        nearest = low if abs(target - low) <= abs(target - high) else high
+        nearest = _nearest(target, [low, high])
         rest = self.model.initial_memory(self.low_degC, initial)
         return Solution(False, math.nan, math.nan, nearest, (low, high), count, rest, ((low, high),))
+
+    def _lowest(self, target: float, initial: Initial) -> tuple[float, int]:
+        """The temperature of `first`, nan where there is none, and evaluations."""
+
+        def misses(v: float) -> bool:
+            return abs(self.model.output_at(self.model.initial_memory(v, initial)) - target) > self.bound
+
+        if not misses(self.low_degC):
+            return self.low_degC, 1
+        v, count = self._lowest_root(target, initial, self.bound)
+        if math.isnan(v) or misses(v - FLAT_K):
+            return v, count + 1
+        for goal in (target - 0.5 * self.bound, target + 0.5 * self.bound):  # a plateau: one of its ends
+            root, more = self._lowest_root(goal, initial, 0.25 * self.bound)
+            count += more
+            if root < v and not misses(root):
+                v = root
+        return v, count + 1
+
+    def _lowest_root(self, target: float, initial: Initial, bound: float) -> tuple[float, int]:
+        """The lowest temperature at which the search along the branch of an initial memory finds the output."""
+        side, start, end = 1.0, self.low_degC, self.high_degC
+        if initial == "cooled":
+            side, start, end = -1.0, end, start
+        roots = np.empty(1 if side > 0.0 or self.least_slope >= 0.0 else MOST_SOLUTIONS)
+        limits, table = self._settings
+        limits = limits.copy()
+        limits[BOUND] = bound
+        saturated = self.model.saturated(initial)
+        found, count = solutions_on_branch(
+            side, target, start, end, self.model.packed, (limits, table), saturated, roots
+        )
+        return (float(roots[found - 1]) if found else math.nan), count
 
     def reachable_intervals(self, memory: Memory) -> tuple[tuple[float, float], ...]:
         """The outputs that can be reached from this memory without turning round, as intervals in order.
@@ -203,3 +238,11 @@ class Inverse:
         plays = memory.plays.copy()
         v = trajectory(wanted, memory.input_degC, plays, self.model.packed, self._settings, rows, counts)
         return rows[0], Memory(v, plays)
+
+
+def _nearest(target: float, ends: Sequence[float]) -> float:
+    """The nearest of some outputs, in order from the least; nan for a target that is none."""
+    if math.isnan(target):
+        return math.nan
+    within = min(max(target, ends[0]), ends[-1])
+    return min(ends, key=lambda end: abs(end - within))

@@ -17,6 +17,7 @@ from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, envelope, lean, memoryless
 from compensator.inverse.bracket import FOUND, FOUND_UP, HERE, common_root, copy_row
 from compensator.inverse.branch import E1, E2, GAMMA, SLOPE, D, F, Work, Z, evaluate, place_common, workspace
+from compensator.inverse.plateau import FLAT_K, plateau_start, plateau_start_common
 from compensator.inverse.search import largest, search
 
 # what the compiled loops need beside the film: (limits and costs: see `Inverse.settings`, pieces of D)
@@ -122,6 +123,10 @@ def solve_monotone(
                 bound,
             )
             count += more
+            if found and points[FOUND, E1] * FLAT_K <= bound:
+                count += plateau_start_common(
+                    side, side * target, bound, envelopes, radii, weights, code, par, memory, points, held, parts
+                )
             v_found, residual = side * points[FOUND, Z], side * points[FOUND, F] - target
         elif side * v < end and points[HERE, F] - side * target <= bound:  # the jump ends at the target
             v_found = _place_next(side, v, envelopes, radii, weights, code, par, memory, points, parts)
@@ -145,9 +150,11 @@ def solve_any(
     up, up_residual, down, down_residual = math.nan, math.nan, math.nan, math.nan
     if v < limits[HIGH] and (target > rest or not monotone):
         evaluate(HERE, 1.0, v, film, memory, work)
+        here = points[HERE, F]
         found, more = search(1.0, target, limits[HIGH], film, table, least_slope, memory, work, bound, root)
         count += more
         if found > 0:
+            count += plateau_start(1.0, target, here, v, film, table, least_slope, memory, work, bound, root)
             up, up_residual = points[FOUND, Z], points[FOUND, F] - target
     stop = limits[LOW]
     if not math.isnan(up):
@@ -156,9 +163,11 @@ def solve_any(
         if not math.isnan(up):
             copy_row(FOUND, FOUND_UP, work)
         evaluate(HERE, -1.0, -v, film, memory, work)
+        here = points[HERE, F]
         found, more = search(-1.0, -target, -stop, film, table, least_slope, memory, work, bound, root)
         count += more
         if found > 0:
+            count += plateau_start(-1.0, -target, here, -v, film, table, least_slope, memory, work, bound, root)
             down, down_residual = -points[FOUND, Z], -points[FOUND, F] - target
         elif not math.isnan(up):
             copy_row(FOUND_UP, FOUND, work)

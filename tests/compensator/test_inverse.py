@@ -6,6 +6,8 @@ outputs a hair inside and outside an extreme (double roots); a dense scan of bot
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -194,3 +196,38 @@ def test_flat_models_are_at_rest_or_unreachable() -> None:
     inverse, memory = Inverse(model), model.initial_memory(30.0)
     assert inverse.solve(0.0, memory).temperature_degC == 30.0
     assert not inverse.solve(0.1, memory).reachable
+
+
+FALLING_D = Memoryless("tanh", -1e-13, 0.5, -30.0, -4.0)  # so little that it shows in nothing
+SATURATED = FilmModel(
+    np.arange(0, 10) / 10.0,
+    np.full(10, 0.1),
+    Envelope("tanh", 0.6, -0.6 * 66.0),
+    Envelope("tanh", 0.6, -0.6 * 60.0),
+    Memoryless("none", offset=-4.0),
+)
+
+
+@pytest.mark.parametrize("model", [SATURATED, replace(SATURATED, memoryless=FALLING_D)])
+@pytest.mark.parametrize("limits", [(-50.0, 200.0), (10.0, 95.0)])
+def test_of_a_plateau_the_nearest_and_the_lowest_temperature(model: FilmModel, limits: tuple[float, float]) -> None:
+    """Within the bound the output stands still from 84.4 degC on; of a film that was cooled down to 76.6 degC."""
+    inverse = Inverse(model, *limits)
+    memory = model.initial_memory(70.0, "heated")
+    target = float(model.simulate([limits[1]], memory)[0][0])
+    nearest, lowest = inverse.solve(target, memory), inverse.first(target, "cooled")
+    assert 84.3 < nearest.temperature_degC < 85.1
+    assert 76.4 < lowest.temperature_degC < 77.2
+    assert max(abs(nearest.residual), abs(lowest.residual)) <= inverse.bound
+    assert nearest.evaluations <= 20
+
+
+@pytest.mark.parametrize("initial", ["cooled", "heated"])
+def test_a_target_that_is_no_number_is_not_reachable(initial: str) -> None:
+    inverse = Inverse(SATURATED)
+    memory = SATURATED.initial_memory(60.0, "cooled")
+    for solve in (lambda target: inverse.solve(target, memory), lambda target: inverse.first(target, initial)):  # type: ignore[arg-type]
+        low, high = solve(-np.inf), solve(np.inf)
+        assert not any(solution.reachable for solution in (solve(np.nan), low, high))
+        assert low.interval is not None
+        assert (low.nearest, high.nearest) == low.interval
