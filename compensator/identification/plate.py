@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -56,6 +56,9 @@ UNUSUAL: Final = 6.0  # squared spreads from a usual plate
 LAG_STARTS_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
 SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
+FAR_OFF: Final = 10.0  # times the noise: beyond it intervals, which know the noise alone, say next to nothing
+LEAST_NOISE_K: Final = 1e-3  # a noise told smaller is that of a record without any, or of a coarse last digit
+TURNED: Final = 0.2  # of the error: with the current's sign turned a fit that is so much better is the right one
 MORE_THAN_NOISE: Final = 1.2  # times the noise: its estimate from neighbouring rows is good to some tenths
 
 
@@ -95,6 +98,11 @@ class PlateFit:
     identifiability: tuple[str, ...]
     lag_s: float = 0.0
 
+    @property
+    def far_off(self) -> bool:
+        """Whether the model is off by far more than the thermometer's noise; the first of `identifiability` says so."""
+        return self.rmse_K > FAR_OFF * max(self.noise_K, LEAST_NOISE_K)
+
 
 def identify_plate(
     time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier", lag: bool = False
@@ -116,6 +124,26 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
         raise ValueError("records: none given, expected at least one")
+    with np.errstate(over="ignore", invalid="ignore"):  # of trial plates that run away: they are refused
+        fit = _fitted(records, kind, lag)
+        if not fit.far_off:
+            return fit
+        times = fit.rmse_K / max(fit.noise_K, LEAST_NOISE_K)
+        note = (
+            f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
+            "missing, such as a heat sink that warms up or a thermometer that lags, or a column is not what it is "
+            "taken for. The numbers are off by more than their intervals say."
+        )
+        if kind == "peltier":
+            turned = [replace(record, current_A=-np.asarray(record.current_A, dtype=np.float64)) for record in records]
+            less_K = _fitted(turned, kind, lag).rmse_K
+            if less_K < TURNED * fit.rmse_K:
+                note += f" With the current's sign reversed it is off by {less_K:.2g} K only: the sign may be turned."
+    return replace(fit, identifiability=(note, *fit.identifiability))
+
+
+def _fitted(records: Sequence[PlateRecord], kind: Kind, lag: bool) -> PlateFit:
+    """The plate of the records as they are."""
     stretches: list[Stretch] = []
     outliers, noises = 0, []
     for number, record in enumerate(records):
@@ -266,7 +294,10 @@ def plate_notes(
         )
     for name, value, error in zip(names, values, errors, strict=True):
         if not math.isfinite(error) or error > (100.0 if name == "ambient_degC" else 3.0 * abs(value)):
-            notes.append(f"{name} is not determined by this record: the value is that of a usual plate.")
+            notes.append(
+                f"{name} is not determined by this record: {value:.3g}, as the model has it, is one of many values "
+                "that explain it as well."
+            )
         elif name == "ambient_degC" and error > 3.0:
             known = f"+- {NORMAL_95 * error:.1f} K (95 %)"
             notes.append(f"ambient_degC is known to {known} only; a rest at zero current would fix it.")

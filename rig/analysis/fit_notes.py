@@ -15,7 +15,7 @@ MISFIT: Final = 2.0  # times the noise: beyond it a model does not describe its 
 def plate_notes(fit: PlateFit) -> list[str]:
     """What the record does not fix of its plate, and first whether the model describes the record at all."""
     notes = list(fit.identifiability)
-    if fit.rmse_K > MISFIT * fit.noise_K:
+    if fit.rmse_K > MISFIT * fit.noise_K and not fit.far_off:  # of which the first note tells
         times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
         notes.insert(
             0,

@@ -105,6 +105,28 @@ def test_what_a_record_leaves_open_is_told_and_stays_plausible() -> None:
     assert any("one sign" in note for note in one_sign.identifiability)
 
 
+def test_a_current_of_the_other_sign_is_told() -> None:
+    time, current = profile(1000.0)
+    readings = PLATE.simulate(24.0, time, current) + 0.01 * np.random.default_rng(0).normal(size=time.size)
+    fit = identify_plate(time, readings, -current)
+    assert fit.far_off
+    assert "something is missing" in fit.identifiability[0]
+    assert "the sign may be turned" in fit.identifiability[0]
+    assert not any("usual" in note for note in fit.identifiability)
+    heater = identify_plate(time, readings, np.abs(current) / 4.0, kind="heater")
+    assert "something is missing" in heater.identifiability[0]
+
+
+def test_a_number_that_is_not_determined_is_called_one_of_many() -> None:
+    time, _ = profile()
+    current = np.full(time.size, 2.0)
+    fit = identify_plate(time, PLATE.simulate(24.0, time, current), current)
+    ambient = fit.values[fit.names.index("ambient_degC")]
+    told = [note for note in fit.identifiability if "not determined" in note]
+    assert any(note.startswith("ambient_degC") and f"{ambient:.3g}" in note for note in told)
+    assert all("one of many values" in note for note in told)
+
+
 def test_unusable_records_are_refused_in_one_line() -> None:
     time, current = profile(100.0)
     readings = PLATE.simulate(24.0, time, current)
