@@ -224,12 +224,13 @@ class FilmModel:
         return Memory(input_degC, np.maximum(saturated, gamma - self.radii))
 
     def simulate(self, inputs_degC: ArrayLike, memory: Memory) -> tuple[Array, Memory]:
-        """Outputs for a sequence of temperatures, shape (samples,), and the memory after the last."""
+        """Outputs for a sequence of temperatures, shape (samples,), and the memory after the last. At a temperature of
+        nan the output is nan and the film rests at the last known one."""
         inputs = writable(inputs_degC)
         outputs = np.empty(inputs.size)
         plays = memory.plays.copy()
-        play.run(inputs, memory.input_degC, plays, self.packed, outputs)
-        return outputs, memory_owning(float(inputs[-1]) if inputs.size else memory.input_degC, plays)
+        last_degC = play.run(inputs, memory.input_degC, plays, self.packed, outputs)
+        return outputs, memory_owning(float(last_degC), plays)
 
     def step(self, input_degC: float, memory: Memory) -> tuple[float, Memory]:
         """One sample: the output and the new memory. The same compiled loop as `simulate`, so the same bits."""

@@ -79,8 +79,10 @@ def run(
     memory: Array,
     film: tuple[Array, Array, Array, int, Array],
     outputs: Array,
-) -> None:
-    """Outputs u for a sequence of inputs v (degC), eq (9); `memory` is left at the last sample.
+) -> float:
+    """Outputs u for a sequence of inputs v (degC), eq (9); `memory` is left at the last sample. Returns the last input.
+
+    At an input of nan the output is nan, the operators rest, and the next input moves them from the last known one.
 
     film: (envelopes, radii, weights, code of D, parameters of D).
     """
@@ -90,8 +92,11 @@ def run(
             v = inputs[i]
             advance(v, v_before, envelopes, radii, memory)
             outputs[i] = memoryless_value(code, par, v) + weighted_sum(weights, memory)
-            v_before = v
-        return
+            if v == v:
+                v_before = v
+            else:
+                outputs[i] = v
+        return v_before
     code_r, a_r, b_r = (
         envelopes[0, 0],
         envelopes[0, 1],
@@ -105,7 +110,11 @@ def run(
         elif v < v_before:
             move(-1.0, envelope_value(code_l, a_l, b_l, v), radii, memory)
         outputs[i] = memoryless_value(code, par, v) + weighted_sum(weights, memory)
-        v_before = v
+        if v == v:
+            v_before = v
+        else:
+            outputs[i] = v
+    return v_before
 
 
 @njit(cache=True)
@@ -113,6 +122,7 @@ def play_outputs(inputs: Array, v_before: float, memory: Array, envelopes: Array
     """Output of each operator for a sequence of inputs: outputs has the shape (samples, operators)."""
     for i in range(inputs.size):
         advance(inputs[i], v_before, envelopes, radii, memory)
-        v_before = inputs[i]
+        if inputs[i] == inputs[i]:
+            v_before = inputs[i]
         for j in range(radii.size):
             outputs[i, j] = memory[j]
