@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import checked_columns
 from compensator.identification.covariance import NORMAL_95
 from compensator.identification.model_selection import Candidate
 from compensator.identification.prediction_bands import Uncertainty
@@ -73,14 +74,21 @@ class FilmFit:
         start: Start | None = None,
         temperature_noise_K: float | None = None,
     ) -> Prediction:
-        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's."""
+        """The output over a record, driven by the path behind its temperature; `start` defaults to the model's.
+
+        time_s (increasing), temperature_degC (nan: no reading): shape (samples,). Raises ValueError with one line for
+        columns that cannot be used.
+        """
+        time = checked_columns({"time_s": time_s, "temperature_degC": temperature_degC})["time_s"]
+        if not np.any(np.isfinite(np.asarray(temperature_degC, dtype=np.float64))):
+            raise ValueError(f"temperature_degC: no finite number in {time.size} rows, expected degC")
         path = temperature_path(time_s, temperature_degC, noise_K=temperature_noise_K)
         v = path.temperature_degC
         start = start or Start(self.model.initial)
         output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
         every = np.ones(v.size, dtype=np.bool_)
         none = np.empty(0, dtype=np.int64)
-        record = Prepared("record", np.asarray(time_s, dtype=np.float64), path, np.zeros(v.size), every, none, 0)
+        record = Prepared("record", time, path, np.zeros(v.size), every, none, 0)
         half_width = self.uncertainty.half_width(build_path([record], [start]))
         return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 

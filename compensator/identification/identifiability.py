@@ -15,6 +15,7 @@ from compensator.identification.rows import Path, Prepared
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
+BEYOND: Final = 0.1  # of the transition's width: by so much a record that crosses it goes on at either end
 TRANSITION_PER_HALF_WIDTH: Final = 1.25  # from the central 80 % of the change to nearly all of it
 
 
@@ -92,10 +93,9 @@ def film_notes(
             )
     notes += one_way
     if not one_way and memoryless_rms(path) < 1.3 * rmse:
-        notes.append(
-            f"No hysteresis is seen between {low:.1f} and {high:.1f} degC: the record does not cross the transition, "
-            "and neither envelopes nor weights are fixed. Sweep from well below to well above it and back."
-        )
+        beyond = BEYOND * (inside[1] - inside[0])
+        crossed_it = low < inside[0] - beyond and high > inside[1] + beyond
+        notes.append(_no_hysteresis(low, high, middle if crossed_it else None))
     else:
         known = determined_combinations(operators, weights, rmse)
         notes += _minor_loops(reversals_inside(records, *inside), inside, bool(one_way), known, weights.size)
@@ -111,6 +111,20 @@ def film_notes(
                 "taken as monotone; an excursion inside a gap would have changed the film's memory without a trace."
             )
     return tuple(notes)
+
+
+def _no_hysteresis(low: float, high: float, middle: float | None) -> str:
+    """Between the ends of a record, degC; middle: of the transition, None where it is not seen as a whole."""
+    seen = f"No hysteresis larger than the noise is seen between {low:.1f} and {high:.1f} degC"
+    if middle is not None:
+        return (
+            f"{seen}, though the output changes about {middle:.1f} degC and little at either end: the film has none, "
+            "or less than this noise shows. Temperature alone tells the output; envelopes and weights are not fixed."
+        )
+    return (
+        f"{seen}: the film has none, or the record does not cross the transition, and neither envelopes nor weights "
+        "are fixed. Sweep from well below to well above it and back."
+    )
 
 
 def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, known: int, weights: int) -> list[str]:

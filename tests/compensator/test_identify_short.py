@@ -83,3 +83,27 @@ def test_the_band_is_infinite_where_the_path_takes_a_branch_that_no_record_has()
     assert np.all(np.isinf(half[falls]))
     cooled = fit.predict([0.0, 1.0, 2.0], [85.0, 60.0, 50.0], start=Start("cooled"), temperature_noise_K=0.0)
     assert np.all(np.isinf([cooled.half_width, cooled.half_width_reading]))
+
+
+def test_a_film_without_hysteresis_is_not_told_to_sweep_further() -> None:
+    v = through([25.0, 85.0, 25.0, 85.0], 600)
+    noise = 0.002 * np.random.default_rng(0).standard_normal(v.size)
+    across = identify_film(0.5 * np.arange(v.size), v, np.tanh(0.3 * (v - 62.0)) + noise)
+    (note,) = [note for note in across.identifiability if "hysteresis" in note]
+    assert "No hysteresis larger than the noise" in note
+    assert "cross" not in note
+    below = through([25.0, 50.0, 25.0, 50.0], 600)
+    short = identify_film(0.5 * np.arange(v.size), below, 0.01 * below + noise)
+    assert any("does not cross the transition" in note for note in short.identifiability)
+
+
+def test_a_prediction_checks_its_columns() -> None:
+    v = through([85.0, 25.0, 85.0, 40.0, 70.0], 300)
+    fit = identify_film(0.5 * np.arange(v.size), v, SHARP.simulate(v, SHARP.initial_memory(85.0, "cooled"))[0])
+    with pytest.raises(ValueError, match="same length"):
+        fit.predict([0.0, 1.0, 2.0], [60.0, 70.0])
+    with pytest.raises(ValueError, match="increasing"):
+        fit.predict([1.0, 0.0], [60.0, 70.0])
+    for temperatures in ([], [np.nan, np.nan]):
+        with pytest.raises(ValueError, match="no finite number"):
+            fit.predict(np.arange(len(temperatures)), temperatures)
