@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from rig.core.errors import RigError
+from rig.core.extras import to_install
 from rig.core.faults import fault
 from rig.daemon.client import Client, NoDaemon
 from rig.epics.access import access_list, listen
@@ -22,7 +23,7 @@ from rig.files.configuration import ConfigurationFile
 
 SILENCE_S = 7.5  # the daemon says its state at least every 5 s
 AGAIN_S = 1.0
-MISSING = "needs softioc, which is not installed: pip install 'peltier-rig[epics]'"
+MISSING = f"needs softioc, which is not installed: {to_install('epics')}"
 Take = Callable[[str, dict[str, Any]], None]
 
 

@@ -9,6 +9,7 @@ from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
+from rig.core.extras import to_install
 from rig.core.faults import Faults, fault
 from rig.files.table import Table
 from rig.files.text_table import text_table
@@ -23,7 +24,7 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     try:
         from openpyxl import load_workbook
     except ModuleNotFoundError:
-        text = "an Excel workbook, which needs openpyxl: pip install 'peltier-rig[files]'; or save it as CSV"
+        text = f"an Excel workbook, which needs openpyxl: {to_install('files')}; or save it as CSV"
         raise fault(path, "", text) from None
     try:
         with zipfile.ZipFile(path) as package:

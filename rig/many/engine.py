@@ -25,6 +25,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
+from rig.core.extras import to_install
 from rig.core.faults import fault
 from rig.safety.signals import CAUGHT
 
@@ -207,9 +208,7 @@ class _Dask:
         try:
             import distributed
         except ImportError:
-            raise fault(
-                "--engine", "'dask'", "expected the extra 'cluster': pip install 'peltier-rig[cluster]'"
-            ) from None
+            raise fault("--engine", "'dask'", f"needs distributed: {to_install('cluster')}") from None
         self._distributed = distributed
         self._address = choice.address
         self._count = max(1, min(choice.workers or os.cpu_count() or 1, at_most))

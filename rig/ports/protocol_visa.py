@@ -22,12 +22,14 @@ from typing import Any
 
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, SerialTimeoutException
 
+from rig.core.extras import to_install
+
 OPEN_TIMEOUT_MS = 2000  # as VISA counts; an instrument on the bus locks within milliseconds
 EVER_MS = 3_600_000.0  # for a port without a time-out
 ABORTS = re.compile(rb"[\x03\x18]")
 TIMED_OUT, NO_SUCH_OPERATION = "VI_ERROR_TMO", "VI_ERROR_NSUP_OPER"
 HELD = ("VI_ERROR_RSRC_BUSY", "VI_ERROR_RSRC_LOCKED")
-MISSING = "PyVISA is not installed: pip install 'peltier-rig[visa]'"
+MISSING = f"PyVISA is not installed: {to_install('visa')}"
 
 
 class Serial(SerialBase):

@@ -21,7 +21,7 @@ from tests.daemon.benches import SERVE, RunningBench, running, until, write_curr
 from tests.epics.servers import CaClient, PvaClient, epics_table, serving
 
 for library in ("softioc", "p4p", "epics"):
-    pytest.importorskip(library, reason=f"{library} is not installed (pip install 'peltier-rig[epics]' p4p pyepics)")
+    pytest.importorskip(library, reason=f"{library} is not installed (pip install softioc p4p pyepics)")
 
 NO_ALARM, MAJOR, INVALID = 0, 2, 3
 OURSELVES = pwd.getpwuid(os.getuid()).pw_name
@@ -221,7 +221,7 @@ def test_a_port_that_is_taken_and_a_missing_library_are_told_in_a_line(tmp_path:
     code = f"import sys; sys.modules['softioc'] = None; from rig.__main__ import main; sys.exit(main({words[3:]!r}))"
     missing = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert missing.returncode == 2
-    assert "pip install 'peltier-rig[epics]'" in missing.stderr
+    assert "pip install 'softioc>=4.7'" in missing.stderr
     assert missing.stderr.count("\n") == 1
 
 
