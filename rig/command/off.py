@@ -44,12 +44,12 @@ def main(options: argparse.Namespace) -> int:
 
 def _off(options: argparse.Namespace) -> int:
     """Stop the daemons, or open the controller. Raises Faults, PortHeld; then nothing was sent."""
+    held = _controller(options.config) if options.config is not None else None
     clients = daemons()
-    if options.config is None:
+    if held is None:
         if not clients:
             raise fault("peltier off", "", f"{NONE_RUNS}; expected CONFIG, to switch its controller off")
         return max(stopped(client, "peltier off", options.json) for client in clients)
-    held = _controller(options.config)
     holders = [client for client in clients if _holds(client, held.port)]
     for client in clients:
         if client not in holders:
