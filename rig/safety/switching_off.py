@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from rig.core.errors import Disconnected
+from rig.core.outcome import Stopped
 from rig.drivers.controller import TemperatureController
 
 MARGIN_S: Final = 0.3  # beyond the dead man's time: its clock is not ours, and it acts at its next control step
@@ -55,18 +56,24 @@ def off_confirmed(controller: Any, when: str = "") -> str:
 def switch_off(
     controller: TemperatureController, dead_man_s: float | None = None, alive: Callable[[], None] = _nothing
 ) -> Verdict:
-    """Off, and where that is not confirmed, silence and a look. Never raises an Exception.
+    """Off, and where that is not confirmed, silence and a look. Raises nothing but what a signal becomes.
 
     dead_man_s: of the controller; by default what this program has configured it to. alive: called twice a second.
     """
-    confirmed = controller.off()
+    confirmed, why = False, NOT_CONFIRMED
+    try:
+        confirmed = controller.off()
+    except Stopped:  # a signal: whoever ends the run switches off again
+        raise
+    except Exception as error:  # a driver of the user's own may do anything
+        why = f"{NOT_CONFIRMED}: {error}"
     said_s = controller.transport.clock.now_s()
     if confirmed:
         return Verdict(True, "", said_s)
     if dead_man_s is None:
         dead_man_s = float(getattr(controller, "dead_man_s", 0.0))
     if not (controller.has_dead_man and dead_man_s > 0.0):
-        return Verdict(False, NOT_CONFIRMED, said_s)
+        return Verdict(False, why, said_s)
     return look_after_silence(controller, dead_man_s, said_s, alive)
 
 

@@ -78,6 +78,24 @@ def test_the_emergency_stop_counts_where_it_is_obeyed(armed: Bench) -> None:
     assert "emergency stop" in controller.status().meaning
 
 
+def test_a_driver_whose_off_fails_is_not_confirmed_and_its_dead_man_is_waited_for(
+    armed: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller, _, plant, clock = armed("meerstetter", "deaf")
+
+    def fails() -> bool:
+        raise RuntimeError("out of order")
+
+    monkeypatch.setattr(controller, "off", fails)
+    begin_s = clock.now_s()
+    assert switch_off(controller).text == BY_ITS_DEAD_MAN
+    assert gone_after_s(plant, begin_s) < DEAD_MAN_S + 1.0
+    monkeypatch.setattr(type(controller), "has_dead_man", False)
+    verdict = switch_off(controller)
+    assert not verdict.confirmed
+    assert "out of order" in verdict.text
+
+
 def test_no_dead_man_no_silence(armed: Bench) -> None:
     """A TE Technology that is deaf: at once not confirmed; it has nobody who would switch it off."""
     controller, _, plant, clock = armed("te_technology", "deaf")
