@@ -110,7 +110,8 @@ def _point(law: Law, timing: Timing, noise_K: float, own: OwnPid | None, way: in
     aged = timing.output_age_s, timing.acts_after_s
     for k in range(steps):
         wanted = output + speed * (k * h + aged[1] + ahead)
-        _, state = law.step(state, Inputs(math.nan, math.nan, output + speed * k * h, wanted, *aged))
+        degC_read = _unread(law, state)
+        _, state = law.step(state, Inputs(degC_read, math.nan, output + speed * k * h, wanted, *aged))
         state = state._replace(estimate=settled, errors=one_error(state.disturbance, QUIET[1]), heats=heats)
     inputs = _read(law, state, steps * h, output, speed, aged)
     linear = linearized(law, state, inputs)
@@ -133,12 +134,19 @@ def _held(observer: Observer, state: Any, degC: float, current_A: float, period_
     return state
 
 
+def _unread(law: Law, state: LawState) -> float:
+    """What a law goes by that reads nothing, degC: nan, its model; one that leaves the current to the controller, where
+    the controller is to be by then."""
+    own = law.settings.name == "instrument_pid" or not law.settings.trusts_model
+    return state.reference_degC if own else math.nan
+
+
 def _read(law: Law, state: LawState, now_s: float, output: float, speed: float, aged: tuple[float, float]) -> Inputs:
     """Readings that the law expects, and the targets of then; at rest the wanted output lies on the far side of the
     film's last move, where the law lets it stand."""
     ahead = law.preview_times_s()
     wanted = output + speed * (now_s + aged[1] + ahead)
-    blind = Inputs(math.nan, math.nan, output + speed * now_s, wanted, *aged)
+    blind = Inputs(_unread(law, state), math.nan, output + speed * now_s, wanted, *aged)
     command, after = law.step(state, blind)
     moving = (after.temperature_degC - state.temperature_degC) / law.settings.period_s
     shown = after.observer.thermometer_degC if after.observer is not None else after.temperature_degC
