@@ -235,7 +235,7 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
         return imported(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(Disconnected, match=r"pip install 'peltier-rig\[visa\]'") as told:
+    with pytest.raises(Disconnected, match=r"pip install 'pyvisa>=") as told:
         open_port(GPIB, LineSettings())
     assert "\n" not in str(told.value)
 
