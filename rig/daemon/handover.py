@@ -235,7 +235,7 @@ def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
         return _not_confirmed(verb, str(error))
-    if job.get("state") == "stopped":  # at once: it still waited
+    if job.get("state") == "stopped" and job.get("started_s") is None:  # it still waited
         print(f"peltier {verb}: taken out of the queue by {name}: the job had not begun", file=sys.stderr)
         return 128 + signal_number
     another = state.get("job") is not None and state["job"]["id"] != number
