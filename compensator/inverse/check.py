@@ -29,6 +29,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array, envelope, envelope_inverse, memoryless
+from compensator.hysteresis.reversal_jumps import LEAST_JUMP
 from compensator.inverse.inverse import Inverse
 
 Kind = Literal["order", "not_monotone", "stands_still", "iteration", "iteration_undefined"]
@@ -119,8 +120,10 @@ def _order(model: FilmModel, margin: Array, least: Array, worst: Array) -> list[
     failing = np.flatnonzero((margin < -ROUNDING) & (model.weights > 0.0))
     if not failing.size:
         return []
-    k = int(failing[np.argmin(margin[failing])])
     jump = float(np.sum(model.weights[failing] * -margin[failing]))
+    if jump <= LEAST_JUMP * float(np.sum(model.weights)):
+        return []
+    k = int(failing[np.argmin(margin[failing])])
     what = (
         f"{failing.size} operators of positive weight violate the order condition, radius {model.radii[k]:g} by most "
         f"({-margin[k]:.3g} at {worst[k]:.1f} degC): the output jumps by up to {jump:.3g} at a reversal, and targets "

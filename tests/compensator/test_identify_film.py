@@ -214,6 +214,7 @@ def test_a_curvature_with_a_sine_is_found() -> None:
     assert fit.rmse < 2.1
 
 
+@pytest.mark.long
 def test_what_a_major_loop_leaves_open_is_told() -> None:
     film = is_prandtl_ishlinskii(0)
     v = through([95.0, 25.0, 95.0], 1200)

@@ -32,6 +32,7 @@ def branches(known: Known, temperature_degC: np.ndarray, log_ohm: np.ndarray) ->
     return {name: quantity.value for name, quantity in found.quantities.items()}
 
 
+@pytest.mark.long
 def test_a_shifted_scaled_and_mirrored_record() -> None:
     known = draw_known(10)
     one = branches(known, known.temperature_degC, known.log_ohm)

@@ -113,6 +113,7 @@ def test_a_noisier_record_hides_more() -> None:
     assert np.isnan(loud[1]) or loud[1] > 1.5 * quiet[1]
 
 
+@pytest.mark.long
 def test_a_size_beside_relays_is_that_of_the_largest_marginal_likelihood() -> None:
     """Of the penalized cost alone it would be 108 ohm, of 273. The film's phases are held to mix in their logarithms,
     as they do: what another mixing does is much like what leads in series do."""

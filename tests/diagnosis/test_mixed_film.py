@@ -48,6 +48,7 @@ def search_of(record: Record) -> ResistanceSearch:
     return with_film(Chain(record, dict(catalogue()), None), frozenset()).last(frozenset())
 
 
+@pytest.mark.long
 def test_another_mixing_is_tried_at_last_where_much_is_left() -> None:
     """Without it the film leaves more than an effect that is missing would, so that it is not tried on the way."""
     search = search_of(record_of(10.0, 1.5e-3))

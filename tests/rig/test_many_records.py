@@ -31,9 +31,10 @@ def records(tmp_path: Path) -> list[Path]:
     return [_plate_record(tmp_path / f"night{k}" / "record.csv", k, 0.3 + 0.1 * k) for k in (1, 2)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("verb", "document"),
-    [("identify", "identification.json"), pytest.param("diagnose", "diagnosis.json", marks=pytest.mark.long)],
+    [("identify", "identification.json"), ("diagnose", "diagnosis.json")],
 )
 def test_each_is_as_if_it_were_alone(
     verb: str, document: str, records: list[Path], tmp_path: Path, peltier: Peltier
