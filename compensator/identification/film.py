@@ -39,14 +39,13 @@ from compensator.identification.model_selection import (
     without_strays,
 )
 from compensator.identification.multistart import choose_starts, refine_starts, search, start_candidates
-from compensator.identification.output_sense import output_sense
+from compensator.identification.output_sense import FALLING, output_sense
 from compensator.identification.prediction_bands import Linearized, uncertainty
 from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
 from compensator.identification.variable_projection import PlainFit, Problem, Solution, Structure, equal_structure
 
 MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
-FALLING: Final = -0.2  # of `output_sense`, which noise alone moves by less than 0.1: the output has the wrong sign
-FALLING_WITH_D: Final = -0.8  # the same where D may fall: only if nearly nothing of the output rises
+FALLING_WITH_D: Final = -0.8  # of `output_sense`, where D may fall: only if nearly nothing of the output rises
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]

@@ -174,7 +174,6 @@ class SimulationError:
         slopes[1, 0] = -r / (pump * max(float(s), 1e-7) * USUAL_SHARE[1])
         return np.array(values), slopes[:, self.places]
 
-    @np.errstate(over="ignore", invalid="ignore")  # of currents that no plate has, beyond all floats: no gain
     def evaluate(self, par: Array) -> Trial:
         """Residuals and derivatives, each stretch's first temperature at its best."""
         residuals, weights, jacobians, firsts = [], [], [], []
@@ -215,7 +214,6 @@ class SimulationError:
 
         return descend(best, steps, lambda at: at.cost, self._linearized, settled)
 
-    @np.errstate(over="ignore", invalid="ignore")
     def _linearized(self, at: Trial) -> Linearized[Trial]:
         weighted = at.weights[:, None] * at.jacobian
         normal, gradient = weighted.T @ at.jacobian, weighted.T @ at.residual

@@ -99,8 +99,7 @@ def damped_step(
     least_gain: of the cost, that a step has to promise to be tried (g' step - 1/2 step' N step): at a minimum none
     does, and each of `trials` would be in vain. So would be one that more damping has hardly changed."""
     norm = np.sqrt(about.scale)
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers of another size by far: no gain
-        scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
+    scaled, gradient = about.normal / np.outer(norm, norm), about.gradient / norm
     before, trials = cost(at), 0
     failed: Array | None = None
     while trials < damping.trials:

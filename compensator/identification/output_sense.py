@@ -14,6 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 
+FALLING: Final = -0.2  # below it an output falls: noise alone moves the share by less than 0.1
 STEP: Final = 0.02  # of the range: some fifty steps in a sweep, each far above a thermometer's noise
 MOST_ROWS: Final = 20_000  # of a record that are looked at: a hundred to a step of a loop
 

@@ -124,7 +124,8 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
     if not records:
         raise ValueError("records: none given, expected at least one")
-    with np.errstate(over="ignore", invalid="ignore"):  # of trial plates that run away: they are refused
+    # of trial plates that run away, and of currents that no plate has: they bring no gain and are refused
+    with np.errstate(over="ignore", invalid="ignore"):
         fit = _fitted(records, kind, lag)
         if not fit.far_off:
             return fit
