@@ -41,7 +41,7 @@ GAP = 4.0  # times the noise that the errors of two ranges are apart, from which
 FEWEST_ROUNDS, MOST_ROUNDS = 2, 6  # of a problem that is linear only about a solution
 SAME_COST = 1.0  # by which another round changes it, from which the solution stays
 SAME_SHARE = 3e-3  # the same of what the cost is beyond the noise's own
-SHARES_OF_WAY = (0.5, 0.25, 0.1, 0.03, 0.01)  # to a solution that is worse than the guess it is linear about
+SHARES_OF_WAY = (0.5, 0.25, 0.1, 0.03)  # to a solution that is worse than the guess it is linear about
 AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
@@ -195,7 +195,7 @@ class ResistanceChannel(FilmEquations):
             if solution.cost < best.cost:
                 return solution
             solution = at(guess + share * way)
-        return best
+        return solution if solution.cost < best.cost else best
 
     def _ranges(self, links: Links, nodes: FilmNodes, signal: Array) -> list[Array | None]:
         """The outputs by which the ohmmeter may choose its range: those of the model, and those that it shows, which is
