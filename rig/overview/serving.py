@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rig.overview.app import application
 from rig.overview.configuration import Overview
-from rig.web.serving import PAGE_CONNECTIONS, server_of, tell_where
+from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of, tell_where
 
 
 async def serve(content: Overview, told: Callable[[str], None]) -> int:
@@ -15,6 +15,6 @@ async def serve(content: Overview, told: Callable[[str], None]) -> int:
     table = content.overview
     server = server_of(application(content), table.address, table.port, PAGE_CONNECTIONS)
     telling = asyncio.create_task(tell_where(server, told))
-    await server.serve()
+    await serve_and_close(server)
     telling.cancel()
     return 0 if server.started else 1

@@ -39,7 +39,7 @@ async def serve(
     server = server_of(application, settings["address"], settings["port"], most)
     telling = asyncio.create_task(tell_where(server, told)) if listener is None else None
     ending = asyncio.create_task(_end_with(link, server, ends))
-    await server.serve([listener] if listener is not None else None)
+    await serve_and_close(server, [listener] if listener is not None else None)
     if telling is not None:
         telling.cancel()
     ending.cancel()
@@ -74,6 +74,15 @@ def server_of(application: Any, address: str, port: int, most: int) -> uvicorn.S
     )
     quieten()
     return uvicorn.Server(config)
+
+
+async def serve_and_close(server: uvicorn.Server, listeners: list[socket.socket] | None = None) -> None:
+    """Serve until the server is told to end. What a caller still has open after uvicorn's grace, uvicorn leaves to the
+    interpreter's end; here it is closed."""
+    await server.serve(listeners)
+    for connection in list(server.server_state.connections):
+        connection.transport.abort()
+    await asyncio.sleep(0)  # each one's end is told in the event loop's next turn
 
 
 async def tell_where(server: uvicorn.Server, told: Callable[[str], None]) -> None:

@@ -25,6 +25,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from rig.page import CONTENT_SECURITY_POLICY, STATIC
+from rig.web.serving import serve_and_close
 from tests.page.fake_rig import PERIOD_S, FakeRig
 
 TEXT = """# a loop, slowly
@@ -312,7 +313,7 @@ class Server:
         )
         self.bench = bench
         self._server = uvicorn.Server(settings)
-        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._thread = threading.Thread(target=lambda: asyncio.run(serve_and_close(self._server)), daemon=True)
         self._thread.start()
         deadline_s = time.monotonic() + 10
         while not self._server.started and time.monotonic() < deadline_s:
