@@ -205,7 +205,6 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         gains = {c: gain(smooth[c], shown[c], held_out.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
     unexplained = _unexplained(chain, judged, channels, everywhere)
-    sparse = chain.facts.sparse if chain.facts is not None else None
     next_experiment = next_experiments(
         chain.effects,
         [f.name for f in findings],
@@ -218,11 +217,11 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     )
     if turns := only_turns(chain, names, unexplained):
         unexplained["resistance_dec"] = TURNS
-    verdict = verdict_of(findings, unexplained, sparse is not None or turns)
+    verdict = verdict_of(findings, unexplained, chain.sparse is not None or turns)
     hidden = hidden_by_the_film(chain, names)
     limits = upper_limits(chain, names, hidden)
-    if verdict == "too_short" and sparse is not None:
-        next_experiment = [f"record {sparse.missing}", *next_experiment]
+    if verdict == "too_short" and chain.sparse is not None:
+        next_experiment = [f"record {chain.sparse.missing}", *next_experiment]
     return Diagnosis(
         verdict,
         findings,

@@ -34,8 +34,7 @@ ROUNDS: Final = 3  # of domains and effects: each makes the other clearer
 def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Progress) -> tuple[Chain, Verdict]:
     """The chain with the film's domains and what is said then, or both as they are where the film shows none. names:
     the effects that the search had found."""
-    facts = chain.facts
-    if judged.resistance is None or facts is None or facts.sparse is not None:
+    if judged.resistance is None or chain.facts is None or chain.sparse is not None:
         return chain, judged
     if not any(_may_have_domains(chain, each) for each in dict.fromkeys((judged.fitted, names))):
         return chain, judged

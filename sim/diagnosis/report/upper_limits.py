@@ -91,7 +91,7 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
         for name, effect in chain.first.effects.items():
             if name not in names:
                 found.append(_limit(effect, first.left_of, first.residual, ()))
-    if _is_sparse(chain) or film_not_described(chain, names):
+    if chain.sparse is not None or film_not_described(chain, names):
         found += [
             _none(effect) for name, effect in chain.last(chain.split(names)[0]).effects.items() if name not in names
         ]
@@ -104,11 +104,6 @@ def upper_limits(chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple
                 limit = _limit(effect, last.left_of, last.residual, tuple(thresholds))
                 found.append(_beside_the_film(limit, hidden.get(name)))
     return found
-
-
-def _is_sparse(chain: Chain) -> bool:
-    """Whether effects on the film and at the ohmmeter were not looked for: rows too far apart on the film's flank."""
-    return chain.facts is not None and chain.facts.sparse is not None
 
 
 def film_not_described(chain: Chain, names: frozenset[str]) -> bool:

@@ -76,7 +76,7 @@ def _selected_last(chain: Chain, upstream: frozenset[str], say: Progress) -> tup
     """The effects of the last links, the noise weighed anew once the first of them is known, and once all are: one that
     is too large would let further effects do what another film does."""
     chain, names = with_film(chain, upstream), frozenset[str]()
-    if chain.facts is not None and chain.facts.sparse is not None:
+    if chain.sparse is not None:
         return chain, chain.last(upstream).assumed  # the film between two rows may do what any effect does
     for steps in (1, MOST_EFFECTS):
         before, changed = names, False

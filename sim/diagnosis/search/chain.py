@@ -16,6 +16,7 @@ from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.data.residual_outliers import outlying_rows
+from sim.diagnosis.data.sparse_loop import SparseLoop
 from sim.diagnosis.fit.channel_noise import thermometer_noise
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
@@ -124,6 +125,11 @@ class Chain:
     relays: bool = True
     together: bool = False
     found: Found = field(default_factory=Found)
+
+    @property
+    def sparse(self) -> SparseLoop | None:
+        """What is missing where rows lie too far apart on a film's flank to look for its effects and the ohmmeter's."""
+        return self.facts.sparse if self.facts is not None else None
 
     def last(self, upstream: frozenset[str]) -> ResistanceSearch:
         """The search of the last links behind these effects of the first ones."""
