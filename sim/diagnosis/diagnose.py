@@ -114,7 +114,7 @@ def diagnose(
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
-        if base == "generalized_pi" and chain.record.output is not None:
+        if base == "generalized_pi" and chain.record.output is not None and not budget.over():
             found = _restricted(found, held_out)
         return in_its_unit(found)
 

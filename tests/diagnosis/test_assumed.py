@@ -77,6 +77,9 @@ def test_out_of_time_is_said_and_the_best_so_far_reported(lagging: Case) -> None
     assert found.findings == []  # nothing is named that was not judged
     assert found.verdict == "unexplained"
     assert all(np.isfinite(c.rmse_extended) for c in found.channels.values() if c is not None)
+    film = found.chain.fits(found.judged.fitted)[1]
+    assert film is not None
+    assert not film.parameters.has_relays  # which take as long as a whole diagnosis, and were not begun any more
 
 
 @pytest.mark.long

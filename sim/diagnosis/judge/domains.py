@@ -17,6 +17,7 @@ from sim.diagnosis.fit.repeated_passes import Repeated, repeated
 from sim.diagnosis.fit.unknowns import fitted_parameters
 from sim.diagnosis.judge.verdict import Verdict, judge, least_evidence
 from sim.diagnosis.search.both_ends import select_anew
+from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains
@@ -34,7 +35,7 @@ ROUNDS: Final = 3  # of domains and effects: each makes the other clearer
 def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Progress) -> tuple[Chain, Verdict]:
     """The chain with the film's domains and what is said then, or both as they are where the film shows none. names:
     the effects that the search had found."""
-    if judged.resistance is None or chain.facts is None or chain.sparse is not None:
+    if judged.resistance is None or chain.facts is None or chain.sparse is not None or chain.budget.over(JUDGING):
         return chain, judged
     if not any(_may_have_domains(chain, each) for each in dict.fromkeys((judged.fitted, names))):
         return chain, judged

@@ -15,7 +15,7 @@ from sim.diagnosis.fit.film_memory import begun, remembered
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
-from sim.diagnosis.search.budget import Budget
+from sim.diagnosis.search.budget import SEARCHING, Budget
 from sim.diagnosis.search.film_mixing import mixed
 from sim.diagnosis.search.fit_steps import QUICK_STEPS, RELAY_STEPS, WHOLE_STEPS
 from sim.diagnosis.search.starting_sizes import SIZES, starts_of
@@ -243,7 +243,8 @@ class ResistanceSearch:
         return best
 
     def _wide(self, fit: ResistanceFit) -> ResistanceFit:
-        return self._relayed(fit) if self.channel.mean_square(fit) > RELAYS_FROM else fit
+        needed = self.channel.mean_square(fit) > RELAYS_FROM and not self.budget.over()
+        return self._relayed(fit) if needed else fit
 
     def _relayed(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one with relays."""
@@ -252,7 +253,8 @@ class ResistanceSearch:
             if self.channel.rows.size < FEW_READINGS:
                 wider = self._followed(wider)
             if wider.score > fit.score:
-                return mixed(self, replace(wider, plain=fit.parameters))
+                wider = replace(wider, plain=fit.parameters)
+                return wider if self.budget.over(SEARCHING) else mixed(self, wider)
         return fit
 
     def ended(self, fit: ResistanceFit) -> ResistanceFit:
