@@ -63,6 +63,7 @@ def test_another_mixing_is_tried_at_last_where_much_is_left() -> None:
     assert mixed_at_last(search, frozenset()) is None  # once
 
 
+@pytest.mark.long
 def test_the_extended_model_mixes_as_the_film_does() -> None:
     search = search_of(record_of(METAL_OHM, NOISE_DEC))
     p = replace(search.base.with_relays(0.1), mixes=True)

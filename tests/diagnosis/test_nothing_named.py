@@ -27,7 +27,8 @@ def test_something_that_no_effect_accounts_for(seed: int) -> None:
     assert document["verdict"] == "unexplained"
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 7])
 def test_what_no_effect_accounts_for_lends_a_name_no_evidence(seed: int) -> None:
     """A module whose resistance grows with temperature leaves ten times the noise, hanging together for minutes."""
     rng = np.random.default_rng(seed)
@@ -37,7 +38,8 @@ def test_what_no_effect_accounts_for_lends_a_name_no_evidence(seed: int) -> None
     assert document["verdict"] == "unexplained"
 
 
-@pytest.mark.parametrize("choice", [{"rows": 2000}, pytest.param({}, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("choice", [{"rows": 2000}, {}])
 def test_what_the_film_went_through_in_gaps_is_no_effect(choice: dict[str, int]) -> None:
     blind = case("disturbed", 203, **choice)
     document = diagnose(blind.columns).document()

@@ -14,7 +14,7 @@ ONE = [
     pytest.param("timestamp_skew", 1, marks=pytest.mark.long),
     pytest.param("creep", 1, marks=pytest.mark.long),
     pytest.param("self_heating", 1, marks=pytest.mark.long),
-    ("series_resistance", 1),
+    pytest.param("series_resistance", 1, marks=pytest.mark.long),
     pytest.param("meter_lag", 3, marks=pytest.mark.long),  # of 7.6 s: envelopes are not found in what it shows
 ]
 
@@ -39,6 +39,7 @@ def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
     covered(document, blind)
 
 
+@pytest.mark.long
 def test_a_base_without_d_lacks_it() -> None:
     blind = case("one", 201, effect="memoryless_term", rows=2000)
     document = diagnose(blind.columns, **blind.options).document()

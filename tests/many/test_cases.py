@@ -86,6 +86,7 @@ def test_the_same_on_a_dask_cluster(tmp_path: Path) -> None:
     assert ended[7].value == 3
 
 
+@pytest.mark.long
 def test_what_a_killed_dask_worker_held_is_given_to_the_next(tmp_path: Path) -> None:
     """What is shared is computed by nobody, so that the cluster cannot make it anew."""
     pytest.importorskip("distributed")
