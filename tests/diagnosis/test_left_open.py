@@ -14,7 +14,6 @@ from sim.diagnosis.validate.left_open import film_left_open
 from tests.diagnosis.cases import case
 
 
-@pytest.mark.long
 def test_it_is_that_of_the_fits_covariance() -> None:
     """Of its own rows, and of the same rows as those of another record."""
     record = read_columns(case("clean", 3, rows=400).columns)
