@@ -1,9 +1,10 @@
 """peltier off [CONFIG]: the output off, with a daemon or without.
 
-Where daemons run, the one that holds CONFIG's ports stops (without CONFIG every one). Where none does, the controller
-that CONFIG names is opened and commanded off. Exit status 11 where that is not confirmed, 75 where another process
-holds the port. A process that still tries to switch the output off, after that was not confirmed, is ended, and this
-one tries instead.
+Where daemons run, the one that holds CONFIG's controller stops (without CONFIG every one). Where none does, the
+controller that CONFIG names is opened and commanded off. A simulated controller (sim://) has no identity: that of
+CONFIG is held by the daemon that was started with this very file, and by no other. Exit status 11 where that is not
+confirmed, 75 where another process holds the port. A process that still tries to switch the output off, after that was
+not confirmed, is ended, and this one tries instead.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rig.command.stop import stopped
 from rig.core.faults import Faults, fault
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from rig.guard.takeover import Held
 
 PATIENCE_S = 5.0  # for a port that cannot be opened
+SIMULATED = "sim://"  # how the port of a simulated instrument begins
 DEAD_MAN_S = 5.0  # where the configuration does not say (rig.files.configuration)
 
 
@@ -50,16 +52,26 @@ def _off(options: argparse.Namespace) -> int:
         if not clients:
             raise fault("peltier off", "", f"{NONE_RUNS}; expected CONFIG, to switch its controller off")
         return max(stopped(client, "peltier off", options.json) for client in clients)
-    holders = [client for client in clients if _holds(client, held.port)]
-    for client in clients:
-        if client not in holders:
-            client.close()
+    simulated = held.port.startswith(SIMULATED)
+    holders = [c for c in clients if (_serves(c, options.config) if simulated else _holds(c, held.port))]
+    others = [client for client in clients if client not in holders]
+    for client in others:
+        client.close()
     if holders:
         return max(stopped(client, "peltier off", options.json) for client in holders)
-    if held.port.startswith("sim://"):
-        print(f"{held.port}: simulated, and no daemon holds it: nothing is on", file=teller(options.json))
-        return 0
+    if simulated:
+        return _nothing_on(held.port, options.config, [client.path.stem for client in others], options.json)
     return _switched_off(held, options.json)
+
+
+def _nothing_on(port: str, config: Path, others: list[str], target: str | None) -> int:
+    """Nobody simulates this configuration's rig. others: daemons that run, of other configurations."""
+    report(target, {"off": True, "confirmed": True, "took_s": 0.0})
+    text = f"{port}: simulated, and no daemon serves {config}: nothing is on"
+    if others:
+        text += f"; left alone: {', '.join(others)} (`peltier stop --bench NAME` stops one)"
+    print(text, file=teller(target), flush=True)
+    return 0
 
 
 def _controller(path: Path) -> Held:
@@ -83,11 +95,22 @@ def _controller(path: Path) -> Held:
     return Held("controller", driver, port, more, float(dead_man_s) if isinstance(dead_man_s, int | float) else 0.0)
 
 
-def _holds(client: Client, port: str) -> bool:
+def _who(client: Client) -> dict[str, Any]:
     try:
-        ports = client.ask("who").get("ports", [])
+        return client.ask("who")
     except NoDaemon:
-        return False
+        return {}
+
+
+def _serves(client: Client, config: Path) -> bool:
+    """Whether a daemon was started with this file."""
+    served = _who(client).get("configuration")
+    return isinstance(served, str) and os.path.realpath(served) == os.path.realpath(config)
+
+
+def _holds(client: Client, port: str) -> bool:
+    """Whether a daemon holds this real port."""
+    ports = _who(client).get("ports", [])
     return any(port == held or os.path.realpath(port) == os.path.realpath(held) for held in ports)
 
 

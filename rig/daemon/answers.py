@@ -126,10 +126,12 @@ class Answers:
         return {"job": job.table(), "said": job.said, "result": job.result}
 
     def _who(self, question: dict[str, Any]) -> dict[str, Any]:
-        """Which process this is, and what ports it holds."""
-        bench = self.desk.file.content.bench
+        """Which process this is, whose configuration it serves, and what ports it holds."""
+        file = self.desk.file
+        bench = file.content.bench
         ports = [bench.controller.port, *([bench.meter.port] if bench.meter else [])]
-        return {"pid": os.getpid(), "name": self.desk.file.content.serve.name, "ports": ports}
+        name = file.content.serve.name
+        return {"pid": os.getpid(), "name": name, "configuration": str(file.path), "ports": ports}
 
     def _web(self, question: dict[str, Any]) -> dict[str, Any]:
         """What the web process needs to know."""

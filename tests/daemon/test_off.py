@@ -1,0 +1,37 @@
+"""`peltier off CONFIG` with simulated ports: it means the daemon of that file, whatever else is simulated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.daemon.benches import running, write_current
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def test_a_simulated_bench_of_another_file_is_left_alone(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mine = write_current(tmp_path)
+    other = tmp_path / "other.toml"
+    other.write_text(mine.read_text())
+    link = tmp_path / "link.toml"
+    link.symlink_to(mine)
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    with running(mine) as bench:
+        status, out, err = peltier("off", other, "--json", "-")
+        assert (status, json.loads(out)["confirmed"]) == (0, True)
+        assert f"no daemon serves {other}: nothing is on; left alone: bench" in err
+        assert bench.state()["state"] == "idle"
+        status, out, err = peltier("off", link)
+        assert (status, err) == (0, "")
+        assert "bench: output off, confirmed" in out
+        bench.until_state("stopped")
+    status, out, err = peltier("off", mine)
+    assert (status, err) == (0, "")
+    assert "nothing is on" in out
+    assert "left alone" not in out
