@@ -12,7 +12,11 @@
 
 A pipe whose reader has gone says that the guard is dead: `alive` then raises `GuardGone`, and the output is off on the
 way out. On Linux the kernel sends SIGTERM at that moment besides, so that nobody has to wait for a tick. A guard that
-is suspended (SIGSTOP) watches nothing: there `rig.guard.suspended` sends the SIGTERM.
+is suspended (SIGSTOP) watches nothing: there `rig.guard.suspended` sends the SIGTERM. Nor does one that reads nothing
+though it is not suspended (a frozen control group, a disk that does not answer): the pipe is full after some minutes,
+and `alive` raises `GuardGone` then, too.
+
+The pipe never blocks. What has to arrive and finds no room is kept, and goes before all else when there is some.
 """
 
 from __future__ import annotations
@@ -21,6 +25,8 @@ import contextlib
 import json
 import os
 import select
+import threading
+import time
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from rig.core.outcome import Outcome
@@ -31,6 +37,8 @@ if TYPE_CHECKING:
     from rig.safety.after_off import Courses
 
 ALIVE: Final = b".\n"
+LAST_WAIT_S = 1.0  # for room in the pipe, where no tick follows that could tell it later; the output is off by then
+DEAF_S = 10.0  # with a full pipe: a guard on the busiest computer reads it many times
 WHOLE: Final = int(getattr(select, "PIPE_BUF", 512))  # bytes that a pipe takes at once or not at all (POSIX)
 
 
@@ -116,6 +124,9 @@ class GuardLine:
         self._writer = writer
         self._guard_pid = guard_pid
         self._last_breath = last_breath
+        self._lock = threading.Lock()  # a job's thread ticks, the main thread tells what became of the output
+        self._kept = b""  # what has to arrive, and found no room yet
+        self._full_s: float | None = None  # since when there has been no room
         os.set_blocking(writer, False)
         if last_breath is not None:
             last_breath.hold()
@@ -124,13 +135,14 @@ class GuardLine:
         self._suspended.start()
 
     def holds(self, role: str, driver: str, port: str, options: dict[str, Any], dead_man_s: float = 0.0) -> None:
-        self._tell(event="holds", role=role, driver=driver, port=port, options=options, dead_man_s=dead_man_s)
+        held = {"role": role, "driver": driver, "port": port, "options": options, "dead_man_s": dead_man_s}
+        self._tell(LAST_WAIT_S, event="holds", **held)
 
     def let_go(self) -> None:
-        self._tell(event="let_go")
+        self._tell(LAST_WAIT_S, event="let_go")
 
     def given_up(self) -> None:
-        self._tell(event="given_up")
+        self._tell(LAST_WAIT_S, event="given_up")
 
     def busy(self) -> None:
         self._tell(event="busy")
@@ -153,19 +165,37 @@ class GuardLine:
             self._write(line)
 
     def _write(self, line: bytes) -> None:
-        """Without waiting. Raises GuardGone."""
+        """A line that may be left out where the guard is behind: the next says nearly the same. Raises GuardGone."""
         try:
-            os.write(self._writer, line)
-        except BlockingIOError:  # the guard is behind: what it has not read yet says nearly the same
-            pass
+            taken = self._offer(line, kept=False)
         except OSError:
             raise GuardGone(f"the guard process {self._guard_pid} has died") from None
+        if not taken and self._full_s is not None and time.monotonic() - self._full_s >= DEAF_S:
+            raise GuardGone(f"the guard process {self._guard_pid} has read nothing for {DEAF_S:g} s")
 
-    def _tell(self, **message: Any) -> None:
-        """Short lines go through a pipe whole. A guard that has died is noticed by `alive`, never on the way out."""
-        with contextlib.suppress(BrokenPipeError):
-            os.set_blocking(self._writer, True)
+    def _tell(self, patience_s: float = 0.0, **message: Any) -> None:
+        """A line that has to arrive, now or before the next one. A guard that has died is noticed by `alive`, never on
+        the way out. patience_s: for a guard that is behind, where no next one may follow."""
+        line, until_s = json.dumps(message).encode() + b"\n", time.monotonic() + patience_s
+        with contextlib.suppress(OSError):
+            taken = self._offer(line, kept=True)
+            while not taken and (wait_s := until_s - time.monotonic()) > 0.0:
+                select.select([], [self._writer], [], wait_s)
+                taken = self._offer(b"", kept=True)
+
+    def _offer(self, line: bytes, kept: bool) -> bool:
+        """Into the pipe, behind what was kept, without waiting; False where there was no room for all of it, and then
+        it is kept or left out. One that is left out is at most WHOLE. Raises OSError where the guard has died."""
+        with self._lock:
+            if kept:
+                self._kept += line
             try:
-                os.write(self._writer, json.dumps(message).encode() + b"\n")
-            finally:
-                os.set_blocking(self._writer, False)
+                while self._kept:
+                    self._kept = self._kept[os.write(self._writer, self._kept) :]
+                if not kept:
+                    os.write(self._writer, line)
+            except BlockingIOError:
+                self._full_s = self._full_s if self._full_s is not None else time.monotonic()
+                return False
+            self._full_s = None
+            return True
