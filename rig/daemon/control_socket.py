@@ -20,7 +20,6 @@ that starts, or is slow, does not answer either.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import math
 import os
@@ -31,7 +30,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from rig.core.errors import PortHeld
+from rig.core.file_lock import locked, tell_holder
 from rig.daemon.announce import encoded
 from rig.daemon.answers import Answers, Refusal
 from rig.files.json_text import parsed_json, usable
@@ -48,7 +47,9 @@ class ControlSocket:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._answers: Answers
-        self._name_lock = _locked(path.with_suffix(".lock"), f"the name {path.stem!r} (serve.name)")
+        lock = path.with_suffix(".lock")
+        self._name_lock = locked(lock, f"the name {path.stem!r} (serve.name)", lock)
+        tell_holder(lock)
         with contextlib.suppress(FileNotFoundError):
             path.unlink()  # of one that was killed
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -160,22 +161,6 @@ class ControlSocket:
                 connection.sendall(line)
         finally:
             announcer.leave(listener)
-
-
-def _locked(path: Path, what: str) -> int:
-    """The descriptor of a lock file with this process's number in it, locked for as long as it is open; the file
-    stays. Raises PortHeld."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        number = os.read(descriptor, 20).strip()  # longer than any process number
-        os.close(descriptor)
-        raise PortHeld(what, int(number) if number.isdigit() else None, "peltier serve") from None
-    with contextlib.suppress(OSError):  # a full disk: then nobody is told the number
-        os.ftruncate(descriptor, 0)
-        os.write(descriptor, str(os.getpid()).encode())
-    return descriptor
 
 
 def _refused(refusal: Refusal) -> dict[str, Any]:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import fcntl
 import os
 from pathlib import Path
 
 from rig.core.errors import PortHeld
+from rig.core.file_lock import locked, tell_holder
 
-NAME = "history.lock"
-TAKEN = (errno.EAGAIN, errno.EACCES)
+NAME = "history.lock"  # in the folder; it has the process number of who holds it
+READABLE = 0o644  # by other users too, whose daemon is then told who has the folder
 
 
 class Alone:
@@ -36,9 +34,9 @@ class Alone:
         self.close()
         self._locked = folder
         failure: OSError | None = None
-        for path, flags in ((self._folder, os.O_RDONLY), (self._folder / NAME, os.O_RDWR | os.O_CREAT)):
+        for path in (self._folder, self._folder / NAME):
             try:
-                self._lock(os.open(path, flags, 0o644))
+                self._descriptors.append(locked(path, str(self._folder), self._folder / NAME, READABLE))
             except PortHeld:
                 self.close()
                 raise
@@ -46,28 +44,10 @@ class Alone:
                 failure = error
         if not self._descriptors and failure is not None:
             raise failure
-        with contextlib.suppress(OSError):  # there is no room on a full disk: then nobody is told the number
-            (self._folder / NAME).write_text(str(os.getpid()), encoding="utf-8")
+        tell_holder(self._folder / NAME)
 
     def close(self) -> None:
         """Give it back."""
         for descriptor in self._descriptors:
             os.close(descriptor)
         self._descriptors = []
-
-    def _lock(self, descriptor: int) -> None:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(descriptor)
-            if error.errno in TAKEN:
-                raise PortHeld(str(self._folder), self._holder(), "peltier serve") from None
-            raise
-        self._descriptors.append(descriptor)
-
-    def _holder(self) -> int | None:
-        try:
-            text = (self._folder / NAME).read_text(encoding="utf-8").strip()
-        except (OSError, ValueError):
-            return None
-        return int(text) if text.isdigit() else None

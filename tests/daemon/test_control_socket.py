@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 from pathlib import Path
 
@@ -31,3 +33,12 @@ def test_what_a_killed_daemon_left_is_taken(tmp_path: Path) -> None:
     assert path.is_socket()
     second.close()
     killed._listener.close()
+
+
+def test_a_place_without_locks_is_not_told_as_one_that_is_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(descriptor: int, operation: int) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    with pytest.raises(OSError, match="No locks available"):
+        ControlSocket(tmp_path / "bench.sock")
