@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
 from compensator.identification.film_fit import FilmFit, Prediction, memory_at_start
+from compensator.identification.gap_memory import through_gaps
 from compensator.identification.identifiability import film_notes
 from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import MixedSolution, solve_mixed
@@ -47,6 +48,7 @@ from compensator.identification.variable_projection import PlainFit, Problem, So
 MIXED_OPERATORS: Final = 2  # times `operators`: as many with mixed envelopes, unless `kind` asks for them
 FALLING_WITH_D: Final = -0.8  # of `output_sense`, where D may fall: only if nearly nothing of the output rises
 AUTOMATIC: Final = ("none", "linear", "arrhenius", "tanh", "polynomial")  # simplest first
+GAP_SEARCHES: Final = 3  # what a film went through in a gap is seen better with the envelopes that go with it
 Kind = Literal["extended_generalized_pi", "generalized_pi", "mixed_envelopes"]
 __all__ = ["Candidate", "FilmFit", "FilmRecord", "Prediction", "Start", "identify_film", "identify_film_records"]
 
@@ -142,6 +144,8 @@ def _identified(
     found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed)
     if initial == "fitted":
         starts, found = _fit_memories(rows, starts, structure, forms, found, seed)
+    if any(record.unseen.size for record in rows.records):
+        starts, found = _fit_gaps(rows, starts, structure, forms, found, seed)
     chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
     problem = make_problem(build_path(rows.records, starts, rows.thin), structure, chosen)
     cleaned = without_strays(rows, starts, problem, solution)
@@ -212,6 +216,27 @@ def _fit_memories(
         problem = make_problem(path, structure, form)
         found[form.name] = problem.refine(problem.solve(found[form.name].theta))
     return chosen, found
+
+
+def _fit_gaps(
+    rows: Rows,
+    starts: list[Start],
+    structure: Structure,
+    forms: Sequence[Form],
+    found: dict[str, Solution],
+    seed: int,
+) -> tuple[list[Start], dict[str, Solution]]:
+    """What the film went through where rows are missing, and the search repeated with it where that is something."""
+    for _ in range(GAP_SEARCHES):
+        best = min(forms, key=lambda form: found[form.name].square)
+        problem = make_problem(build_path(rows.records, starts, rows.thin), structure, best)
+        other = through_gaps(rows.records, rows.thin, starts, problem, found[best.name].theta)
+        if other == starts:
+            break
+        starts = other
+        extra = [found[form.name].theta[: problem.split] for form in forms]
+        found = search(build_path(rows.records, starts, rows.thin), structure, forms, seed=seed, extra=extra)
+    return starts, found
 
 
 def _finish_mixed(
@@ -292,5 +317,5 @@ def _fit(
         sure,
         tuple(record.path.noise_K for record in rows.records),
         tuple(record.outliers for record in rows.records),
-        film_notes(rows.records, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
+        film_notes(rows.records, starts, path, fitted.play_outputs(path), model, fitted.parameters, rms(residual)),
     )

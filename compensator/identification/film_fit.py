@@ -31,11 +31,11 @@ class Prediction:
 class FilmFit:
     """The identified film.
 
-    model; starts and memories: what each record's film remembered at its first row; rmse, max_abs: over all trusted
-    readings; held_out_rmse: of the same kind of model fitted without the held-out rows; candidates: what was tried;
-    active_operators: those with weight > 0; uncertainty: covariance of all that was fitted; temperature_noise_K: of
-    each record's thermometer; outliers: indices of readings left out, of each record; identifiability: in plain
-    words what these records cannot fix.
+    model; starts and memories: what each film remembered at its first row, and starts: what it went through in gaps;
+    rmse, max_abs: over all trusted readings; held_out_rmse: of the same kind of model fitted without the held-out rows;
+    candidates: what was tried; active_operators: those with weight > 0; uncertainty: covariance of all that was fitted;
+    temperature_noise_K: of each record's thermometer; outliers: indices of readings left out, of each record;
+    identifiability: in plain words what these records cannot fix.
     """
 
     model: FilmModel
@@ -50,6 +50,13 @@ class FilmFit:
     temperature_noise_K: tuple[float, ...]
     outliers: tuple[NDArray[np.int64], ...]
     identifiability: tuple[str, ...]
+
+    def along(self, number: int, time_s: Array, path_degC: Array) -> Array:
+        """The model's output over one of the records that were fitted, with what its film went through in gaps: along
+        the path of its temperature, both of shape (samples,)."""
+        rows, passed_degC = self.starts[number].turned_in_gaps(time_s)
+        output, _ = self.model.simulate(np.insert(path_degC, rows, passed_degC), self.memories[number])
+        return np.asarray(np.delete(output, rows + np.arange(rows.size)), dtype=np.float64)
 
     @property
     def outer_names(self) -> tuple[str, ...]:
@@ -88,7 +95,7 @@ class FilmFit:
         output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
         every = np.ones(v.size, dtype=np.bool_)
         none = np.empty(0, dtype=np.int64)
-        record = Prepared("record", time, path, np.zeros(v.size), every, none, 0)
+        record = Prepared("record", time, path, np.zeros(v.size), every, none, none, none)
         half_width = self.uncertainty.half_width(build_path([record], [start]))
         return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 

@@ -10,8 +10,9 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.hysteresis.reversal_jumps import reversal_jumps
+from compensator.identification.gap_memory import gap_notes
 from compensator.identification.multistart import transition
-from compensator.identification.rows import Path, Prepared
+from compensator.identification.rows import Path, Prepared, Start
 
 # at different temperatures inside the transition: at fewer, minor loops between them are extrapolated
 ENOUGH_REVERSALS: Final = 5
@@ -64,11 +65,18 @@ def memoryless_rms(path: Path) -> float:
 
 
 def film_notes(
-    records: Sequence[Prepared], path: Path, operators: Array, model: FilmModel, parameters: int, rmse: float
+    records: Sequence[Prepared],
+    starts: Sequence[Start],
+    path: Path,
+    operators: Array,
+    model: FilmModel,
+    parameters: int,
+    rmse: float,
 ) -> tuple[str, ...]:
     """Sentences, one for each thing that the records leave open; empty if they fix the model.
 
-    operators: play outputs at the readings, shape (readings, operators); parameters: number that were fitted.
+    starts: what the film remembers of each record's beginning and gaps; operators: play outputs at the readings, shape
+    (readings, operators); parameters: number that were fitted.
     """
     notes = []
     weights = model.weights
@@ -104,12 +112,8 @@ def film_notes(
             f"{v.size} readings for {parameters} fitted numbers: too few to trust the details. "
             f"Record at least {5 * parameters} readings, most of them inside the transition."
         )
-    for record in records:
-        if record.gaps:
-            notes.append(
-                f"{record.name}: {record.gaps} gap{'s' * (record.gaps > 1)} in time: the temperature in between is "
-                "taken as monotone; an excursion inside a gap would have changed the film's memory without a trace."
-            )
+    for record, start in zip(records, starts, strict=True):
+        notes += gap_notes(record, start)
     return tuple(notes)
 
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from compensator.identification.memoryless_forms import SMOOTH, Form
 from compensator.identification.operator_outputs import GROUP
@@ -222,10 +222,10 @@ def choose_starts(
     """The memories that fit best at theta, record by record: another one has to gain 3 % to be taken."""
     best = list(starts)
     for number in range(len(records)):
-        least = _square(records, chosen, best, fit, theta)
+        least = mean_square(records, chosen, best, fit, theta)
         for candidate in candidates[number]:
             trial = [*best[:number], candidate, *best[number + 1 :]]
-            value = _square(records, chosen, trial, fit, theta)
+            value = mean_square(records, chosen, trial, fit, theta)
             if value < 0.97 * least:
                 best, least = trial, value
     return best
@@ -248,21 +248,22 @@ def refine_starts(
         low, high = start.previous_degC - step, start.previous_degC + step
         low, high = (low, min(high, v0)) if start.initial == "cooled" else (max(low, v0), high)
 
-        def square(previous: float, number: int = number, initial: Initial = start.initial) -> float:
-            trial = [*best[:number], Start(initial, previous), *best[number + 1 :]]
-            return _square(records, chosen, trial, fit, theta)
+        def square(previous: float, number: int = number) -> float:
+            trial = [*best[:number], replace(best[number], previous_degC=previous), *best[number + 1 :]]
+            return mean_square(records, chosen, trial, fit, theta)
 
         found = minimize_scalar(square, bounds=(low, high), method="bounded", options={"xatol": 0.01, "maxiter": 25})
-        best[number] = Start(start.initial, float(found.x))
+        best[number] = replace(start, previous_degC=float(found.x))
     return best
 
 
-def _square(
+def mean_square(
     records: Sequence[Prepared],
     chosen: Sequence[NDArray[np.bool_]],
     starts: Sequence[Start],
     fit: Problem,
     theta: Array,
 ) -> float:
+    """What the fit at theta leaves of the chosen rows with other memories: the mean square."""
     path = build_path(records, starts, chosen)
     return Problem(path, fit.structure, fit.form, *envelope_bounds(path, fit.structure.groups)).solve(theta).square

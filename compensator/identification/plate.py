@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
 from compensator.identification.covariance import NORMAL_95, block_sandwich, correlation_rows
+from compensator.identification.gaps import gap_threshold
 from compensator.identification.heat_balance import (
     LAG_PLACE,
     PLACES,
@@ -38,7 +39,7 @@ from compensator.identification.heat_balance import (
     Trial,
     rough_balances,
 )
-from compensator.identification.rows import FEWEST, gap_threshold
+from compensator.identification.rows import FEWEST
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
 

@@ -2,8 +2,8 @@
 
 A film's memory belongs to its record. What happened before the first row is described by a `Start`: saturation at
 the hot ("cooled") or cold ("heated") end and, where the first row lies inside the transition, one turning point
-between that end and the first row. Rate independence makes the path cheap: besides the rows with readings only its
-turning points count.
+between that end and the first row; and what it went through while rows were missing by the temperatures that it turned
+round at there. Rate independence makes the path cheap: besides the rows with readings only its turning points count.
 """
 
 from __future__ import annotations
@@ -18,13 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
+from compensator.identification.gaps import long_gaps, rows_after_gaps
 from compensator.identification.operator_outputs import Integers, Sides
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
 
 FEWEST: Final = 12  # readings below which nothing is fitted
-GAP: Final = 1.5  # in median steps
-UNEVEN_GAP: Final = 1.1  # in steps that are longer than all but a twentieth
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +40,27 @@ class FilmRecord:
 
 @dataclass(frozen=True)
 class Start:
-    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row."""
+    """What the film remembers at a record's first row: from saturation to `previous_degC` (if any), to the row.
+
+    passed_degC: of gaps in which it turned round the time (s) of the row after it, and at which temperatures.
+    """
 
     initial: Initial = "cooled"
     previous_degC: float | None = None
+    passed_degC: tuple[tuple[float, tuple[float, ...]], ...] = ()
+
+    def turned_in_gaps(self, time_s: Array) -> tuple[Integers, Array]:
+        """The row before which the film was at each of those temperatures, and these, in sequence."""
+        turned = [(int(np.searchsorted(time_s, t)), degC) for t, several in self.passed_degC for degC in several]
+        rows = np.array([row for row, _ in turned], dtype=np.int64)
+        return rows, np.array([degC for _, degC in turned], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
-    the record as given; `origin`: of each row here the row there (-1: none), None if they are the same."""
+    the record as given; `gaps`: rows after each gap, with `unseen`, those after one that the film's memory is not known
+    through; `origin`: of each row here the row there (-1: none), None if they are the same."""
 
     name: str
     time_s: Array
@@ -58,7 +68,8 @@ class Prepared:
     output: Array
     used: NDArray[np.bool_]
     outliers: Integers
-    gaps: int
+    gaps: Integers
+    unseen: Integers
     origin: Integers | None = None
 
     @property
@@ -103,10 +114,16 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
         )
     outliers = lone_outliers(output, finite)
     finite[outliers] = False
-    steps = np.diff(time)
-    gaps = int(np.sum(steps > gap_threshold(steps)))
-    whole = Prepared(name, time, path, output, finite, outliers, gaps)
+    unseen = _without_temperature(time, known)
+    whole = Prepared(name, time, path, output, finite, outliers, np.union1d(rows_after_gaps(time), unseen), unseen)
     return whole if record.output_time_s is None else _at_reading_times(whole, found["output_time_s"])
+
+
+def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
+    """The rows after gaps that the film's memory is not known through: between two readings of the thermometer, whether
+    there are rows or not."""
+    rows = np.flatnonzero(known)
+    return np.asarray(rows[long_gaps(time[rows], rows_after_gaps(time[rows]))], dtype=np.int64)
 
 
 def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
@@ -124,19 +141,10 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
     order = np.argsort(time, kind="stable")
     inputs = np.interp(time[order], record.time_s, record.inputs)
     path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
-    return Prepared(
-        record.name, time[order], path, output[order], used[order], record.outliers, record.gaps, origin[order]
-    )
-
-
-def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.1 times the 95th percentile. Sampling is
-    uneven where many steps are long, or are no multiples of the median."""
-    median = float(np.median(steps_s))
-    medians = steps_s / median
-    if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
-        return UNEVEN_GAP * float(np.percentile(steps_s, 95.0))
-    return GAP * median
+    place = np.argsort(order)  # here, of each row there
+    gaps, unseen = place[record.gaps], place[record.unseen]
+    rows = time[order], path, output[order], used[order]
+    return Prepared(record.name, *rows, record.outliers, gaps, unseen, origin[order])
 
 
 def build_path(
@@ -150,9 +158,13 @@ def build_path(
         needed = keep.copy()
         needed[record.path.turning] = True
         needed[0] = True
+        after, passed_degC = start.turned_in_gaps(record.time_s)
+        needed[after] = needed[after - 1] = True
         index = np.flatnonzero(needed)
-        v = record.inputs[index]
+        places = np.searchsorted(index, after)
+        v = np.insert(record.inputs[index], places, passed_degC)
         position = np.flatnonzero(keep[index])
+        position = position + np.searchsorted(places, position, side="right")
         if start.previous_degC is not None:
             v = np.concatenate(([start.previous_degC], v))
             position = position + 1

@@ -24,7 +24,7 @@ from sim.model.chain import ChainModel
 from sim.model.inputs import NAMES as INPUTS
 from sim.model.own_fit import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
-from sim.model.record_own import FilmStart, RecordOwn
+from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films.rising import RisingFilm, film_of_world
 
@@ -37,13 +37,14 @@ class Prediction:
     """output: of the film, temperature_degC: of the thermometer, both (rows,), nan where the model says nothing, None
     the model or the record lacks what it takes; driven_by: what the film's temperature came from, None without a film;
     fitted_rows: those to which what belongs to the record was fitted, which are not scored; own: what was fitted, None
-    where nothing was."""
+    where nothing was; gaps_s: how long each gap lasted that the film's memory is not known through."""
 
     output: Array | None
     temperature_degC: Array | None
     driven_by: Drive | None
     fitted_rows: Mask
     own: RecordOwn | None = None
+    gaps_s: tuple[float, ...] = ()
 
 
 def predicted(
@@ -105,7 +106,7 @@ def predicted(
     else:
         assert path is not None
         output, known = chain.shown(rows, path, first), _covered(rows, readings)
-    return Prediction(np.where(known, sense * output, math.nan), shown, drive, told, own)
+    return Prediction(np.where(known, sense * output, math.nan), shown, drive, told, own, _unseen_s(rows))
 
 
 def needs_test_current(effects: tuple[Switched, ...]) -> bool:
@@ -175,6 +176,12 @@ def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> F
     if initial == "fitted":
         return FilmStart(chosen)
     return FilmStart(chosen, float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]))
+
+
+def _unseen_s(rows: Rows) -> tuple[float, ...]:
+    """How long each gap lasted that the film's memory is not known through."""
+    after = long_gaps(rows)
+    return tuple((rows.time_s[after] - rows.time_s[after - 1]).tolist())
 
 
 def _covered(rows: Rows, readings: Told) -> Mask:

@@ -55,6 +55,22 @@ def left_out(model: Model, record: Record) -> str | None:
     return None
 
 
+def gap_note(found: Prediction, record: Record) -> str | None:
+    """A line for gaps in the rows that the film's memory is not known through, and what was made of it there."""
+    if not found.gaps_s:
+        return None
+    count = len(found.gaps_s)
+    seen = f"{record.source}: {count} gap{'s' * (count > 1)} in which the temperature is unknown, the longest of "
+    seen += f"{max(found.gaps_s):.3g} s: "
+    if found.own is None:
+        return f"{seen}the film's memory goes straight through; --initial fitted finds it from the rows that follow"
+    went = [degC for degC in found.own.film.passed_degC if any(np.isfinite(degC))]
+    if not went:
+        return f"{seen}the first rows after show no excursion, the film's memory goes straight through"
+    degC = "; ".join(" and ".join(f"{t:.1f}" for t in both if np.isfinite(t)) for both in went)
+    return f"{seen}by the first rows after, the film's memory is as if the temperature had gone to {degC} degC"
+
+
 def errors_of(found: Prediction, model: Model, record: Record) -> list[ChannelError]:
     """Of the film's output and of the temperature, each where it was both predicted and measured."""
     pairs = []

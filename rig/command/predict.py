@@ -95,7 +95,7 @@ def _predicted(
 ) -> tuple[dict[str, Any], int]:
     """One record beside the model: lines, files, and the JSON; and how many channels were compared."""
     from rig.analysis.predicted import predicted
-    from rig.analysis.prediction_error import errors_of, fitted_values, left_out, predicted_columns
+    from rig.analysis.prediction_error import errors_of, fitted_values, gap_note, left_out, predicted_columns
 
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
     note = left_out(model, record)
@@ -103,6 +103,10 @@ def _predicted(
         print(note, file=sys.stderr)
     how = {"initial": options.initial, "drive": options.drive, "first_s": options.first}
     found = predicted(model, record, options.model, **how)
+    gaps = gap_note(found, record)
+    if gaps is not None:
+        voice.say(gaps)
+        result["notes"] = [gaps]
     if found.driven_by is not None:
         result["film_driven_by"] = found.driven_by
     fitted = fitted_values(found, model)

@@ -12,6 +12,7 @@ from rig.analysis.prediction_error import (
     ChannelError,
     errors_of,
     fitted_values,
+    gap_note,
     left_out,
     predicted_columns,
     require_something_to_predict,
@@ -94,7 +95,8 @@ def predict(
     rows = as_record(record)
     require_something_to_predict(known, rows, where)
     found = predicted(known, rows, where, initial=initial, drive=drive, first_s=first_s)
-    warnings = (order_warning(known.film, where) if known.film is not None else None, left_out(known, rows))
+    order = order_warning(known.film, where) if known.film is not None else None
+    warnings = (order, left_out(known, rows), gap_note(found, rows))
     return PredictedRecord(
         predicted_columns(found, known),
         tuple(errors_of(found, known, rows)),

@@ -120,9 +120,9 @@ def compared(found: Identified) -> list[Compared]:
     if found.film is None:
         return []
     beside = []
-    for record, memory in zip(found.film_records, found.film.memories, strict=True):
+    for number, record in enumerate(found.film_records):
         time, path = record["time_s"], temperature_path(record["time_s"], record["temperature_degC"])
-        modelled, _ = found.film.model.simulate(path.temperature_degC, memory)
+        modelled = found.film.along(number, time, path.temperature_degC)
         measured = record.output(found.output)
         if record.has("resistance_time_s"):
             read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)

@@ -5,7 +5,8 @@
 
 over rows that the caller chooses: all of them, or a record's first ones (`told_rows`), by which a prediction begins.
 The temperatures enter next to linearly. A memory is one of those of a film that was saturated and turned
-round at most once; another than the model's own has to bring `WORTH` of log-likelihood.
+round at most once; another than the model's own has to bring `WORTH` of log-likelihood. So has each temperature that
+the film went to in a long gap, beyond its ends.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from typing import Protocol
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.gaps import beyond_ends, longest_of, there_and_back
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.effects.effect import HeatFlow
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
-from sim.model.record_own import FilmStart, RecordOwn, anew_rows
+from sim.model.record_own import FilmStart, RecordOwn, anew_rows, long_gaps
 from sim.model.recorded import Mask, Recorded, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
@@ -158,6 +160,7 @@ def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: Pl
         return 0.5 * float(np.sum(residual(of) ** 2))
 
     own = _remembered(own, path, float(record.time_s[0]), cost)
+    own = _through_gaps(own, path, record, cost)
     names = [e.name for e in (*chain.links.film_lags, *chain.links.hysteretic_part, *chain.links.meter_lags)]
     if not names:
         return own
@@ -184,6 +187,29 @@ def _remembered(own: RecordOwn, path: PlatePath, begin_s: float, cost: Callable[
         if value < least:
             best, least = other, value
     return best
+
+
+def _through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Callable[[RecordOwn], float]) -> RecordOwn:
+    """With what the film went through in each long gap, straight from one end to the other if nothing is clearly
+    better."""
+    first = record.first_rows[1:]
+    passed = np.array(own.film.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
+    for k in np.flatnonzero(np.isin(first, longest_of(record.time_s, long_gaps(record)))):
+        ends = path.at(record.time_s[[first[k] - 1, first[k]]])
+        lower, higher = beyond_ends(ends, path.plate_degC, MARGIN)
+        singles = [(math.nan, degC) for degC in (*lower, *higher)]
+        best, least = own, cost(own)
+        for several, worth in ((singles, WORTH), (there_and_back(lower, higher), 2.0 * WORTH)):
+            for went in several:
+                passed[k] = went
+                two = tuple((float(a), float(b)) for a, b in passed)
+                other = replace(own, film=replace(own.film, passed_degC=two))
+                value = cost(other) + worth
+                if value < least:
+                    best, least = other, value
+        own = best
+        passed[k] = own.film.passed_degC[k] if own.film.passed_degC else math.nan
+    return own
 
 
 def beginnings(path: PlatePath, begin_s: float, start: FilmStart) -> list[FilmStart]:

@@ -14,11 +14,11 @@ import numpy as np
 
 from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
+from compensator.identification import gaps
 from sim.model.film_side import Film
 from sim.model.recorded import Recorded, Rows
 
 SATURATED_DEGC = {"cooled": 1000.0, "heated": -270.0}  # where a film came from that is saturated wherever it begins
-SHORT = 6.0  # median steps: a plate does not turn round in a shorter gap
 MOST_ANEW = 10  # long gaps after which what has a temperature of its own begins anew; with more of them it goes through
 
 
@@ -65,8 +65,4 @@ def anew_rows(record: Recorded) -> Rows:
 
 def long_gaps(record: Recorded) -> Rows:
     """The rows after gaps in which a plate may have turned round."""
-    first = record.first_rows[1:]
-    if not first.size:
-        return first
-    interval_s = float(np.median(np.diff(record.time_s)))
-    return first[record.time_s[first] - record.time_s[first - 1] > SHORT * interval_s]
+    return gaps.long_gaps(record.time_s, record.first_rows[1:])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.rows import gap_threshold
+from compensator.identification.gaps import gap_threshold
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.segments import off_after_missing_rows

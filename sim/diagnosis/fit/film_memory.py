@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.gaps import beyond_ends, longest_of, there_and_back
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
 from sim.model.own_fit import beginnings
@@ -24,12 +24,9 @@ FAR_OFF = 15.0  # cost a row from which more is wrong than a memory
 LIKELY = 3  # of them that are fitted
 CLOSER_START = 3  # times that the place between the best turning point and its neighbours is looked at
 WORTH_START = 3.0  # log-likelihood that another memory at the first row has to bring
-TRIED = 8  # temperatures on either side of a gap's ends
-NEAREST_K = 0.1
 BEYOND = 0.1  # of the temperatures seen in the record: so far may it have gone unseen
 CLOSER = 7  # times that the place between the best and its neighbours is looked at
 WORTH = 6.0  # log-likelihood that one more temperature in a gap has to bring
-MOST = 12  # gaps looked at, the longest
 
 
 def remembered(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
@@ -102,8 +99,7 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     record = channel.record
     first = record.first_rows[1:]
     passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    long = long_gaps(record)
-    longest = long[np.argsort(-(record.time_s[long] - record.time_s[long - 1]))[:MOST]]
+    longest = longest_of(record.time_s, long_gaps(record))
     for k in np.flatnonzero(np.isin(first, longest)):
         passed = _in_gap(channel, p, passed, int(k))
     return _started(p.start, passed)
@@ -114,10 +110,7 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
     row = channel.record.first_rows[1 + k]
     ends, plate = channel.path.at(channel.record.time_s[[row - 1, row]]), channel.path.plate_degC
     below, above = float(np.min(ends)), float(np.max(ends))
-    low, high = float(np.min(plate)), float(np.max(plate))
-    beyond = BEYOND * (high - low)
-    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
-    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
+    lower, higher = beyond_ends(ends, plate, BEYOND)
 
     def through(before: float, last: float) -> FilmStart:
         other = passed.copy()
@@ -127,8 +120,7 @@ def _in_gap(channel: ResistanceChannel, p: FilmParameters, passed: Array, k: int
     before, last = (float(t) for t in passed[k])
     seen = Seen(channel, replace(p, start=through(before, last)))
     if seen.point.cost < FAR_OFF * channel.rows.size:
-        both = [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
-        two = min(both, key=lambda two: seen.cost(through(*two)))
+        two = min(there_and_back(lower, higher), key=lambda two: seen.cost(through(*two)))
         if _cost(channel, p, through(*two)) < seen.point.cost - WORTH:
             before, last = two
             seen = Seen(channel, replace(p, start=through(before, last)))

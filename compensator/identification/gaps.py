@@ -1,0 +1,71 @@
+"""Where rows of a record are missing, and which of these gaps a film's memory is not known through.
+
+A step far above the usual one is a gap. In a short one a plate does not turn round, and the temperature went straight
+from one row to the next; in a long one it may have gone anywhere, and what the film remembers after it is unknown.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+
+GAP: Final = 1.5  # in median steps
+UNEVEN_GAP: Final = 1.1  # in steps that are longer than all but a twentieth
+SHORT: Final = 6.0  # median steps: a plate does not turn round in a shorter gap
+LONGEST: Final = 12  # long gaps of a record that are looked at: each costs a search
+TRIED: Final = 8  # temperatures on either side of a gap's ends
+NEAREST_K: Final = 0.1  # of them, beyond the ends: less is within a thermometer's error
+Rows = NDArray[np.int64]
+
+
+def gap_threshold(steps_s: Array) -> float:
+    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.1 times the 95th percentile. Sampling is
+    uneven where many steps are long, or are no multiples of the median."""
+    median = float(np.median(steps_s))
+    medians = steps_s / median
+    if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
+        return UNEVEN_GAP * float(np.percentile(steps_s, 95.0))
+    return GAP * median
+
+
+def rows_after_gaps(time_s: Array) -> Rows:
+    """The row after each gap."""
+    steps = np.diff(time_s)
+    if not steps.size:
+        return np.empty(0, dtype=np.int64)
+    return np.flatnonzero(steps > gap_threshold(steps)) + 1
+
+
+def long_gaps(time_s: Array, after: Rows) -> Rows:
+    """Of the rows after gaps those after one in which a plate may have turned round."""
+    if not after.size:
+        return after
+    interval_s = float(np.median(np.diff(time_s)))
+    return after[time_s[after] - time_s[after - 1] > SHORT * interval_s]
+
+
+def longest_of(time_s: Array, after: Rows) -> Rows:
+    """Of the rows after gaps those after the longest ones, as many as are looked at."""
+    lasted = time_s[after] - time_s[after - 1]
+    return np.sort(after[np.argsort(-lasted, kind="stable")[:LONGEST]])
+
+
+def beyond_ends(ends_degC: Array, seen_degC: Array, margin: float) -> tuple[list[float], list[float]]:
+    """Where a film may have turned round in a gap, below and above the temperatures at its ends, the nearest first;
+    margin: so far beyond what was seen, in shares of its range."""
+    below, above = float(np.min(ends_degC)), float(np.max(ends_degC))
+    low, high = float(np.min(seen_degC)), float(np.max(seen_degC))
+    beyond = margin * (high - low)
+    lower = below - np.geomspace(NEAREST_K, max(below - low + beyond, 2.0 * NEAREST_K), TRIED)
+    higher = above + np.geomspace(NEAREST_K, max(high - above + beyond, 2.0 * NEAREST_K), TRIED)
+    return lower.tolist(), higher.tolist()
+
+
+def there_and_back(lower: list[float], higher: list[float]) -> list[tuple[float, float]]:
+    """Pairs of temperatures on both sides of a gap, every other one of `beyond_ends`, in either order."""
+    return [*product(lower[::2], higher[::2]), *product(higher[::2], lower[::2])]
