@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -29,3 +30,10 @@ def checked_columns(columns: Mapping[str, ArrayLike], record: str = "") -> dict[
         k = int(back[0]) + 1
         raise ValueError(f"{where}time_s: row {k + 1}: {time[k]:g} after {time[k - 1]:g}, expected increasing seconds")
     return found
+
+
+def check_noise(temperature_noise_K: float | None) -> None:
+    """Raises ValueError with one line for a noise that no thermometer has; None: it is estimated."""
+    if temperature_noise_K is not None and not 0.0 <= temperature_noise_K < math.inf:
+        text = "expected K, 0 (readings as they are) or more, or None (estimated)"
+        raise ValueError(f"temperature_noise_K: {temperature_noise_K}: {text}")

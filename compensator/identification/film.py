@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from compensator.hysteresis.film import Envelope, FilmModel, Initial
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import check_noise
 from compensator.identification.film_fit import FilmFit, Prediction, memory_at_start
 from compensator.identification.gap_memory import through_gaps
 from compensator.identification.identifiability import film_notes
@@ -117,6 +118,7 @@ def identify_film_records(
         raise ValueError(f"operators: {operators}: expected at least 1")
     if initial not in ("cooled", "heated", "fitted"):
         raise ValueError(f"initial: {initial!r}: expected 'cooled', 'heated' or 'fitted'")
+    check_noise(temperature_noise_K)
     prepared = [prepare(record, noise_K=temperature_noise_K) for record in records]
     low = min(float(np.min(record.inputs)) for record in prepared)
     high = max(float(np.max(record.inputs)) for record in prepared)

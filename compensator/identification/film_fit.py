@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
-from compensator.identification.checked_columns import checked_columns
+from compensator.identification.checked_columns import check_noise, checked_columns
 from compensator.identification.covariance import NORMAL_95
 from compensator.identification.model_selection import Candidate
 from compensator.identification.prediction_bands import Uncertainty
@@ -84,8 +84,9 @@ class FilmFit:
         """The output over a record, driven by the path behind its temperature; `start` defaults to the model's.
 
         time_s (increasing), temperature_degC (nan: no reading): shape (samples,). Raises ValueError with one line for
-        columns that cannot be used.
+        columns that cannot be used, or a noise that is none.
         """
+        check_noise(temperature_noise_K)
         time = checked_columns({"time_s": time_s, "temperature_degC": temperature_degC})["time_s"]
         if not np.any(np.isfinite(np.asarray(temperature_degC, dtype=np.float64))):
             raise ValueError(f"temperature_degC: no finite number in {time.size} rows, expected degC")

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.checked_columns import check_noise
 from compensator.identification.outliers import lone_outliers
 
 WIDE_K: Final = 5.0  # above this span ...
@@ -163,7 +164,9 @@ def temperature_path(
     """The path behind noisy readings; nan readings are bridged. Arrays of shape (samples,), time increasing.
 
     `noise_K` sets the standard deviation of the noise instead of estimating it; 0 returns the readings as they are.
+    Raises ValueError for one that is negative or no number.
     """
+    check_noise(noise_K)
     time = np.ascontiguousarray(time_s, dtype=np.float64)
     readings = np.array(temperature_degC, dtype=np.float64)
     finite = np.isfinite(readings)

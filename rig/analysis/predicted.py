@@ -74,7 +74,7 @@ def predicted(
             raise fault(record.source, name, f"missing; the plate of {where} is heated by it, too")
     effects = _meaningful(model, where)
     fitted = initial == "fitted"
-    told = told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
+    told = _first_rows(rows, first_s, fitted)
     readings = _readings(rows, record, model.film, model.plate.error_K if model.plate is not None else 0.0)
     if fitted and model.film is not None and readings.output is None:
         raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
@@ -176,6 +176,13 @@ def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> F
     if initial == "fitted":
         return FilmStart(chosen)
     return FilmStart(chosen, float(readings.temperature_degC[np.isfinite(readings.temperature_degC)][0]))
+
+
+def _first_rows(rows: Rows, first_s: float | None, fitted: bool) -> Mask:
+    """Those to which what belongs to the record is fitted. Raises Faults for seconds that are none."""
+    if first_s is not None and not 0.0 < first_s < math.inf:
+        raise fault("--first", f"{first_s:g}", "expected a number of seconds > 0")
+    return told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)
 
 
 def _unseen_s(rows: Rows) -> tuple[float, ...]:

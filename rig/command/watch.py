@@ -7,6 +7,7 @@ import sys
 import time
 from typing import Any
 
+from rig.core.faults import fault
 from rig.daemon.asking import bench_argument, one_daemon
 from rig.daemon.client import Client, NoDaemon
 from rig.daemon.words import number, resistance, rows_of
@@ -20,6 +21,8 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    if options.seconds is not None and not options.seconds > 0.0:
+        raise fault("--seconds", f"{options.seconds:g}", "expected a number of seconds > 0")
     end_s = time.monotonic() + options.seconds if options.seconds is not None else None
     try:
         with one_daemon(options.bench) as client:

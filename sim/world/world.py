@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,6 +32,12 @@ class World:
     seed: int = 0
     effects: tuple[Switched, ...] = ()
     detector: Detector | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("thermometer_noise_K", "ohmmeter_noise_dec"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name}: {value}: expected a finite number >= 0")
 
     @property
     def model(self) -> ChainModel:
