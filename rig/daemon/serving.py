@@ -8,7 +8,7 @@ from pathlib import Path
 from rig.bench.assembly import open_bench
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld, RigError
-from rig.core.faults import fault
+from rig.core.faults import Faults, fault
 from rig.core.outcome import NotConfirmedOff
 from rig.core.patient_lines import PatientLines
 from rig.daemon.answers import Answers
@@ -18,13 +18,15 @@ from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
 from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make
-from rig.daemon.systemd import Notifier
+from rig.daemon.systemd import Notifier, watchdog_s
 from rig.daemon.web_process import WebProcess, stop_listener
+from rig.drivers.registry import controller_class
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
 from rig.history.alone import Alone
 
 LOG_PATIENCE_S = 1.0  # at the end, for whoever reads the log: a daemon that is to end is not held up
+CYCLE_S = 5.0  # of a cycle and the dead man's margin: an instrument that does not answer is asked again for seconds
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 TOKEN = "serve.token is set: the page and its interface ask for it, on the loopback too"
 METRICS = "; /metrics takes serve.metrics_token as well"
@@ -42,10 +44,31 @@ def bench_of(
         raise fault("--port", str(serve.port), "expected 0 to 65535")
     if serve.address not in LOOPBACK and serve.token is None:
         raise fault(file.path, "serve.token", f"missing; address {serve.address} is not the loopback: expected a token")
+    _require_patient_systemd(file)
     notes = [REAL_TIME] if content.bench.time == "virtual" else []
     bench = content.bench.model_copy(update={"time": "real"})
     real = content.model_copy(update={"serve": serve, "bench": bench})
     return ConfigurationFile(file.path.absolute(), file.text, real), notes
+
+
+def _require_patient_systemd(file: ConfigurationFile) -> None:
+    """Raises Faults where the watchdog would end a daemon that does what it should: it completes no cycle between two
+    readings, nor while it is silent so that the dead man of a controller which does not obey acts. Ended in that
+    silence, and begun again, it would speak to the controller each time before the dead man has acted."""
+    longest_s, content = max(watchdog_s() - CYCLE_S, 0.0), file.content
+    silences = [("serve.idle_period_s", content.serve.idle_period_s, "it reads only so often")]
+    with suppress(ValueError):  # no such driver: told where it is opened
+        if controller_class(content.bench.controller.driver).has_dead_man:
+            why = 'it is silent for so long where an "off" is not confirmed'
+            silences.append(("bench.controller.dead_man_s", content.bench.controller.dead_man_s, why))
+    faults = [
+        f"{file.path}: {key}: {silent_s:g}: expected at most {longest_s:g}, {CYCLE_S:g} s below systemd's "
+        f"WatchdogSec: {why}, and would be ended for that"
+        for key, silent_s, why in silences
+        if silent_s > longest_s
+    ]
+    if faults:
+        raise Faults(faults)
 
 
 def _off_first(file: ConfigurationFile, guard: Guard) -> None:

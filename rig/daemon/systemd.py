@@ -6,11 +6,18 @@ The protocol of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
 import time
 
 EVERY_S = 1.0  # at most one WATCHDOG=1 in this time
+
+
+def watchdog_s() -> float:
+    """WatchdogSec of the unit that this was started by, infinite where there is none."""
+    text = os.environ.get("WATCHDOG_USEC", "")
+    return int(text) * 1e-6 if text.isdecimal() and int(text) > 0 else math.inf
 
 
 class Notifier:

@@ -12,10 +12,14 @@ from typing import Any
 
 import pytest
 
+from rig.core.faults import Faults
 from rig.daemon import systemd
 from rig.daemon.announce import WAITING, Announcer, encoded
+from rig.daemon.serving import bench_of
 from rig.daemon.systemd import Notifier
 from rig.daemon.webhook import post
+from rig.files.configuration import read_configuration
+from tests.daemon.benches import SERVE, write_current
 
 
 @pytest.fixture
@@ -152,3 +156,35 @@ def test_what_json_cannot_say_is_null() -> None:
         "b": [None, 1.5],
         "c": "/x",
     }
+
+
+@pytest.mark.parametrize(
+    ("more", "key"),
+    [
+        ("", ""),
+        ("dead_man_s = 54.0", ""),
+        ("dead_man_s = 56.0", "bench.controller.dead_man_s: 56"),
+        ("idle_period_s = 58.0", "serve.idle_period_s: 58"),
+    ],
+)
+def test_a_silence_that_systemd_would_end_is_refused(
+    more: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the silence for the dead man of a controller that does not obey no cycle is completed."""
+    path = write_current(tmp_path, more=SERVE)
+    text = path.read_text()
+    if more.startswith("dead_man_s"):
+        text = text.replace("[bench.meter]", f"{more}\n[bench.meter]", 1)
+    elif more:
+        text = text.replace("idle_period_s = 0.1", more)
+    path.write_text(text)
+    file = read_configuration(path)
+    bench_of(file)  # not under systemd
+    monkeypatch.setenv("WATCHDOG_USEC", "60000000")
+    if not key:
+        bench_of(file)
+        return
+    with pytest.raises(Faults) as found:
+        bench_of(file)
+    assert len(found.value.lines) == 1
+    assert f"{key}: expected at most 55, 5 s below systemd's WatchdogSec" in found.value.lines[0]
