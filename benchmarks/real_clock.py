@@ -4,7 +4,8 @@
 
 Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default limits), a cache of compiled loops that
 is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked:
-every trial to its end; the longest time with a current on and no reading, at the bench's end of the wire, 0.5 s.
+every trial to its end; the longest time with a current on and no reading, at the bench's end of the wire, 0.5 s. Told
+besides: the run's error, to be compared with that of the same trial with --rest.
 --rest: without the loops. --effect: hidden in the rig; the run is then improved (`improve RUN --yes`) on that bench.
 """
 
@@ -109,6 +110,12 @@ def gained(folder: Path) -> dict[str, Any]:
     return {key: document.get(key) for key in ("new", "tried", "reduction", "not_run_because")}
 
 
+def followed(path: Path) -> dict[str, float]:
+    """RMS and largest error of the run's readings against its target, decades; the ohmmeter's noise is in them."""
+    score = json.loads(path.read_text())["scores"]["full"]
+    return {key: score[key] for key in ("rms_dec", "max_dec")}
+
+
 def verbs(effect: str) -> tuple[str, ...]:
     """What a trial runs, one after the other."""
     return ("calibrate", "run", "improve") if effect else ("calibrate", "run")
@@ -143,7 +150,7 @@ def trial(number: int, folder: Path, effect: str) -> dict[str, Any]:
             words = ["run", "--config", "run.toml", "--yes"] if verb == "improve" else [f"{verb}.toml"]
             begin = time.monotonic()
             done = subprocess.run(
-                [sys.executable, "-m", "rig", verb, *words, "--out", str(out)],
+                [sys.executable, "-m", "rig", verb, *words, "--out", str(out), "--json", str(folder / f"{verb}.json")],
                 env=cold,
                 cwd=folder,
                 capture_output=True,
@@ -161,6 +168,8 @@ def trial(number: int, folder: Path, effect: str) -> dict[str, Any]:
                 break
             cold["NUMBA_CACHE_DIR"] = str(folder / "cold again")
             found.update(gained(out))
+            if verb == "run":
+                found.update(followed(folder / "run.json"))
     except subprocess.TimeoutExpired:
         found["text"] = f"not over after {LONGEST_S:g} s"
     finally:
