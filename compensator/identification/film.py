@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -41,6 +42,7 @@ from compensator.identification.model_selection import (
     without_strays,
 )
 from compensator.identification.multistart import choose_starts, refine_starts, search, start_candidates
+from compensator.identification.odd_readings import Column, of_output, of_records
 from compensator.identification.output_sense import FALLING, output_sense
 from compensator.identification.prediction_bands import Linearized, uncertainty
 from compensator.identification.rows import FilmRecord, Prepared, Start, build_path, prepare
@@ -124,11 +126,16 @@ def identify_film_records(
     high = max(float(np.max(record.inputs)) for record in prepared)
     names = ("none",) if kind == "generalized_pi" else (form,) if form else AUTOMATIC
     increasing = monotone if monotone is not None else form not in ("sin", "cos")
-    _check_outputs(prepared, increasing)
+    odd = _odd(records, output_name)
+    try:
+        _check_outputs(prepared, increasing)
+    except ValueError as error:
+        raise ValueError("; ".join((str(error), *odd))) from None
     forms = [Form(name, increasing, low, high) for name in names]
     structure = equal_structure(operators, 1, ordered)
     with threadpool_limits(limits=1):  # see `triangle`
-        return _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
+        fit = _identified(share_out(prepared), structure, forms, kind, initial, output_name, seed)
+    return replace(fit, identifiability=(*odd, *fit.identifiability))
 
 
 def _identified(
@@ -170,6 +177,17 @@ def _identified(
         if mixed is not None:
             return _finish_mixed(rows, starts, mixed, candidates, output_name)
     return _finish_plain(rows, starts, structure, chosen, solution, candidates, plain_kind, output_name)
+
+
+def _odd(records: Sequence[FilmRecord], output_name: str) -> tuple[str, ...]:
+    """Lines on readings that cannot be what was measured."""
+    told = []
+    for record in records:
+        given = (record.time_s, record.temperature_degC, record.output)
+        time, degC, output = (np.asarray(values, dtype=np.float64) for values in given)
+        columns = Column("temperature_degC", time, degC, "degC"), of_output(time, output, output_name)
+        told.append((record.name, columns))
+    return of_records(told)
 
 
 def _check_outputs(records: Sequence[Prepared], increasing: bool) -> None:

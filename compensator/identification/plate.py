@@ -39,6 +39,7 @@ from compensator.identification.heat_balance import (
     Trial,
     rough_balances,
 )
+from compensator.identification.odd_readings import Column, of_records
 from compensator.identification.rows import FEWEST
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
@@ -101,7 +102,7 @@ class PlateFit:
 
     @property
     def far_off(self) -> bool:
-        """Whether the model is off by far more than the thermometer's noise; the first of `identifiability` says so."""
+        """Whether the model is off by far more than the thermometer's noise; one of `identifiability` says so."""
         return self.rmse_K > FAR_OFF * max(self.noise_K, LEAST_NOISE_K)
 
 
@@ -128,8 +129,9 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     # of trial plates that run away, and of currents that no plate has: they bring no gain and are refused
     with np.errstate(over="ignore", invalid="ignore"):
         fit = _fitted(records, kind, lag)
+        odd = _odd(records)
         if not fit.far_off:
-            return fit
+            return replace(fit, identifiability=(*odd, *fit.identifiability))
         times = fit.rmse_K / max(fit.noise_K, LEAST_NOISE_K)
         note = (
             f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
@@ -141,7 +143,16 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
             less_K = _fitted(turned, kind, lag).rmse_K
             if less_K < TURNED * fit.rmse_K:
                 note += f" With the current's sign reversed it is off by {less_K:.2g} K only: the sign may be turned."
-    return replace(fit, identifiability=(note, *fit.identifiability))
+    return replace(fit, identifiability=(*odd, note, *fit.identifiability))
+
+
+def _odd(records: Sequence[PlateRecord]) -> tuple[str, ...]:
+    """Lines on temperatures that cannot be what was measured."""
+    told = []
+    for record in records:
+        time, degC = (np.asarray(values, dtype=np.float64) for values in (record.time_s, record.temperature_degC))
+        told.append((record.name, [Column("temperature_degC", time, degC, "degC")]))
+    return of_records(told)
 
 
 def _fitted(records: Sequence[PlateRecord], kind: Kind, lag: bool) -> PlateFit:

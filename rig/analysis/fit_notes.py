@@ -12,9 +12,11 @@ if TYPE_CHECKING:
 MISFIT: Final = 2.0  # times the noise: beyond it a model does not describe its record
 
 
-def plate_notes(fit: PlateFit) -> list[str]:
-    """What the record does not fix of its plate, and first whether the model describes the record at all."""
-    notes = list(fit.identifiability)
+def plate_notes(fit: PlateFit, told: Iterable[str] = ()) -> list[str]:
+    """What the record does not fix of its plate, and first whether the model describes the record at all. told: of the
+    film of the same record, not to be told again."""
+    before = set(told)
+    notes = [note for note in fit.identifiability if note not in before]
     if fit.rmse_K > MISFIT * fit.noise_K and not fit.far_off:  # of which the first note tells
         times = fit.rmse_K / max(fit.noise_K, 1e-9)  # no thermometer resolves a nanokelvin
         notes.insert(

@@ -39,7 +39,7 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
         "memoryless": film.model.memoryless.function,
         "operators": int((film.model.weights > 0.0).sum()),
         "plate": [{"name": name, "value": value, "standard_error": error} for name, value, error in parameters],
-        "identifiability": [*film.identifiability, *plate_notes(plate)],
+        "identifiability": [*film.identifiability, *plate_notes(plate, film.identifiability)],
         "lag_s": plate.lag_s,
     }
 
@@ -47,7 +47,7 @@ def calibration_result(result: Calibration) -> dict[str, Any]:
 def calibration_notes(result: Calibration) -> list[str]:
     """What `peltier identify` says of the same rows, beside the transition's numbers: a line each."""
     film = [*result.film.identifiability, *finding_notes(result.findings)]
-    return [*(f"film: {note}" for note in film), *(f"plate: {note}" for note in plate_notes(result.plate))]
+    return [*(f"film: {note}" for note in film), *(f"plate: {note}" for note in plate_notes(result.plate, film))]
 
 
 def calibration_summary(result: Calibration) -> dict[str, Any]:
@@ -62,7 +62,7 @@ def calibration_summary(result: Calibration) -> dict[str, Any]:
         "rows_fitted": result.rows_fitted,
         "rows_checked": result.rows_checked,
         "transition_degC": list(result.transition_degC),
-        "identifiability": [*result.film.identifiability, *plate_notes(result.plate)],
+        "identifiability": [*result.film.identifiability, *plate_notes(result.plate, result.film.identifiability)],
         "check": finding_documents(result.findings),
         "transition": [result.numbers.document()] if result.numbers is not None else [],
     }

@@ -68,7 +68,8 @@ def in_words(found: Identified, say: Say) -> dict[str, Any]:
                 say(f"film: {line}" if len(found.numbers) == 1 else f"film: {one.source}: {line}")
         result["transition"] = [one.document() for one in found.numbers]
     if found.plate is not None:
-        result["plate"] = _tell_plate(found.plate, found.drive, say)
+        told = found.film.identifiability if found.film is not None else ()
+        result["plate"] = _tell_plate(found.plate, found.drive, told, say)
         _tell_lag(found.lag_s, found.numbers, result, say)
     return result
 
@@ -218,12 +219,12 @@ def _tell_compression(found: Identified, small: Compression, unit: str, say: Say
     }
 
 
-def _tell_plate(fit: PlateFit, drive: str | None, say: Say) -> dict[str, Any]:
+def _tell_plate(fit: PlateFit, drive: str | None, told: Sequence[str], say: Say) -> dict[str, Any]:
     per = "full drive" if drive else "A"
     say(f"plate: RMSE {fit.rmse_K * 1e3:.1f} mK, noise {fit.noise_K * 1e3:.1f} mK; per {per}:")
     for name, value, error in zip(fit.names, fit.values, fit.standard_errors, strict=True):
         say(f"  {name} = {value:.6g} +- {NORMAL_95 * error:.2g} (95 %)")
-    notes = plate_notes(fit)
+    notes = plate_notes(fit, told)
     for note in notes:
         say(f"plate: {note}")
     return {

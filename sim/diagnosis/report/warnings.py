@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, Record
 from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
@@ -54,6 +55,7 @@ def warnings_of(
         found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
     for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
         found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
+    found += odd_columns(record)
     if record.current_A is None:
         found.append(Warning("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
@@ -67,6 +69,15 @@ def warnings_of(
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     found += as_late_as_each_other(chain, names)
     return found + film_in_steps(chain) + film_is_not_described(chain, names)
+
+
+def odd_columns(record: Record) -> list[Warning]:
+    """Of readings that cannot be what was measured: bad rows, and a unit that changes midway."""
+    degC = np.where(np.isfinite(record.temperature_degC), record.temperature_degC, np.nan)
+    lines = odd_readings(Column("temperature_degC", record.time_s, degC, "degC"))
+    if record.output is not None and record.quantity.is_resistance:
+        lines += odd_readings(of_output(record.time_s, record.output, record.quantity.name), degC)
+    return [Warning("odd_readings", line) for line in lines]
 
 
 def _begun_anew(gaps: int, anew: int) -> str:
