@@ -113,8 +113,23 @@ def film_notes(
             f"Record at least {5 * parameters} readings, most of them inside the transition."
         )
     for record, start in zip(records, starts, strict=True):
-        notes += gap_notes(record, start)
+        notes += gap_notes(record, start) + _repeats(record)
     return tuple(notes)
+
+
+def _repeats(record: Prepared) -> list[str]:
+    """A line on readings that stand in several rows, if any do."""
+    if not record.repeated.size:
+        return []
+    fresh = int(np.sum(np.isfinite(record.output))) - record.repeated.size
+    if record.origin is not None:
+        fresh = int(np.sum(record.used)) + record.outliers.size
+    times = 1.0 + record.repeated.size / max(fresh, 1)
+    return [
+        f"{record.name}: each reading of the output stands in {times:.1f} rows on average: its meter is slower than "
+        f"the rows. Repeated values count as one reading, in the row in which they come first: {fresh} are left. Ask "
+        "the meter less often, or let it average over less."
+    ]
 
 
 def _no_hysteresis(low: float, high: float, middle: float | None) -> str:

@@ -19,6 +19,7 @@ from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
 from compensator.identification.gaps import long_gaps, rows_after_gaps
+from compensator.identification.held_readings import repeated_rows
 from compensator.identification.operator_outputs import Integers, Sides
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import TemperaturePath, temperature_path, turning_points
@@ -60,7 +61,8 @@ class Start:
 class Prepared:
     """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
     the record as given; `gaps`: rows after each gap, with `unseen`, those after one that the film's memory is not known
-    through; `origin`: of each row here the row there (-1: none), None if they are the same."""
+    through; `repeated`: rows of the record as given that repeat the reading before; `origin`: of each row here the row
+    there (-1: none), None if they are the same."""
 
     name: str
     time_s: Array
@@ -70,6 +72,7 @@ class Prepared:
     outliers: Integers
     gaps: Integers
     unseen: Integers
+    repeated: Integers
     origin: Integers | None = None
 
     @property
@@ -112,10 +115,14 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
             f"{name}: temperature_degC: constant at {np.median(temperature[known]):g}, "
             "expected a sweep through the transition"
         )
+    repeated = repeated_rows(output)
+    if np.sum(finite) - repeated.size >= FEWEST:
+        finite[repeated] = False
     outliers = lone_outliers(output, finite)
     finite[outliers] = False
     unseen = _without_temperature(time, known)
-    whole = Prepared(name, time, path, output, finite, outliers, np.union1d(rows_after_gaps(time), unseen), unseen)
+    gaps = np.union1d(rows_after_gaps(time), unseen)
+    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, repeated)
     return whole if record.output_time_s is None else _at_reading_times(whole, found["output_time_s"])
 
 
@@ -144,7 +151,7 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
     place = np.argsort(order)  # here, of each row there
     gaps, unseen = place[record.gaps], place[record.unseen]
     rows = time[order], path, output[order], used[order]
-    return Prepared(record.name, *rows, record.outliers, gaps, unseen, origin[order])
+    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.repeated, origin[order])
 
 
 def build_path(

@@ -10,6 +10,7 @@ import numpy as np
 from compensator.characterization.forc import Forc, forc
 from compensator.characterization.transition import Transition, transition
 from compensator.hysteresis.functions import Array
+from compensator.identification.held_readings import repeated_rows
 from compensator.identification.temperature_smoother import temperature_path
 from rig.analysis.score import Rows
 from rig.analysis.transition_words import document, lines, notes
@@ -64,11 +65,18 @@ def film_numbers(
 def numbers_of_record(record: Record, output: str) -> FilmNumbers:
     """Of a record, each reading at the temperature of its own time."""
     time, degC = record["time_s"], record["temperature_degC"]
-    values = record.output(output)
+    values = fresh(record.output(output))
     if record.has("resistance_time_s"):
         own = record["resistance_time_s"]
         values = at_own_times(time, values, own)
     return film_numbers(time, degC, values, output, record.source)
+
+
+def fresh(values: Array) -> Array:
+    """Readings without those that a meter slower than the rows repeats: nan there."""
+    once = values.copy()
+    once[repeated_rows(values)] = np.nan
+    return once
 
 
 def at_own_times(time_s: Array, values: Array, read_s: Array) -> Array:
@@ -93,7 +101,7 @@ def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:
     """Of a run's rows; lag_s: of the thermometer behind the plate, which is taken out of the temperatures."""
     time, resistance = run.column("time_s"), run.column("resistance_ohm")
     good = np.isfinite(resistance) & (resistance > 0.0)
-    values = np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan)
+    values = fresh(np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan))
     values = at_own_times(time, values, run.column("resistance_time_s"))
     plate_degC = plate_course(time, run.column("temperature_degC"), lag_s)
     return film_numbers(time, plate_degC, values, "minus_log10_ohm", source, lag_s)

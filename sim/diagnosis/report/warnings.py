@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from compensator.identification.held_readings import repeated_rows
 from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, Record
@@ -72,12 +73,19 @@ def warnings_of(
 
 
 def odd_columns(record: Record) -> list[Warning]:
-    """Of readings that cannot be what was measured: bad rows, and a unit that changes midway."""
+    """Of readings that cannot be what was measured: bad rows, a unit that changes; and of a meter slower than rows."""
     degC = np.where(np.isfinite(record.temperature_degC), record.temperature_degC, np.nan)
     lines = odd_readings(Column("temperature_degC", record.time_s, degC, "degC"))
     if record.output is not None and record.quantity.is_resistance:
         lines += odd_readings(of_output(record.time_s, record.output, record.quantity.name), degC)
-    return [Warning("odd_readings", line) for line in lines]
+    found = [Warning("odd_readings", line) for line in lines]
+    if record.output is not None and repeated_rows(record.output).size:
+        text = (
+            "the meter is slower than the rows, which repeat its readings: they count as if each were one of its own, "
+        )
+        text += "so that intervals are too narrow and lags off; ask it less often, or leave repeated readings empty"
+        found.append(Warning("repeated_readings", f"{record.quantity.column}: {text}"))
+    return found
 
 
 def _begun_anew(gaps: int, anew: int) -> str:
