@@ -61,6 +61,7 @@ LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correla
 FAR_OFF: Final = 10.0  # times the noise: beyond it intervals, which know the noise alone, say next to nothing
 LEAST_NOISE_K: Final = 1e-3  # a noise told smaller is that of a record without any, or of a coarse last digit
 TURNED: Final = 0.2  # of the error: with the current's sign turned a fit that is so much better is the right one
+HEATER: Final = 0.97  # of a Peltier plate's error: a heater's, with a parameter less, is no smaller by chance
 MORE_THAN_NOISE: Final = 1.2  # times the noise: its estimate from neighbouring rows is good to some tenths
 
 
@@ -129,9 +130,9 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     # of trial plates that run away, and of currents that no plate has: they bring no gain and are refused
     with np.errstate(over="ignore", invalid="ignore"):
         fit = _fitted(records, kind, lag)
-        odd = _odd(records)
+        first = (*_odd(records), *_other_kind(records, fit, lag))
         if not fit.far_off:
-            return replace(fit, identifiability=(*odd, *fit.identifiability))
+            return replace(fit, identifiability=(*first, *fit.identifiability))
         times = fit.rmse_K / max(fit.noise_K, LEAST_NOISE_K)
         note = (
             f"The model is off by {fit.rmse_K:.2g} K (RMS), {times:.0f} times the thermometer's noise: something is "
@@ -143,7 +144,33 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
             less_K = _fitted(turned, kind, lag).rmse_K
             if less_K < TURNED * fit.rmse_K:
                 note += f" With the current's sign reversed it is off by {less_K:.2g} K only: the sign may be turned."
-    return replace(fit, identifiability=(*odd, note, *fit.identifiability))
+    return replace(fit, identifiability=(*first, note, *fit.identifiability))
+
+
+def _other_kind(records: Sequence[PlateRecord], fit: PlateFit, lag: bool) -> list[str]:
+    """A line where a Peltier plate's balance leaves more than a heater's does, or than one that is never cooled."""
+    if fit.model.kind != "peltier" or fit.rmse_K <= MORE_THAN_NOISE * max(fit.noise_K, LEAST_NOISE_K):
+        return []
+    currents = [np.asarray(record.current_A, dtype=np.float64) for record in records]
+    if not any(bool(np.any(current < 0.0)) for current in currents):
+        heater_K = _fitted(records, "heater", lag).rmse_K
+        if heater_K > HEATER * fit.rmse_K:
+            return []
+        return [
+            f"The current never cools, and a heater's balance leaves {heater_K:.2g} K (RMS), a Peltier plate's "
+            f"{fit.rmse_K:.2g} K: if this is a heater, say so with --plate heater."
+        ]
+    heated = [replace(record, current_A=np.maximum(u, 0.0)) for record, u in zip(records, currents, strict=True)]
+    if not any(bool(np.any(np.asarray(record.current_A) > 0.0)) for record in heated):
+        return []
+    less_K, kind = min((_fitted(heated, kind, lag).rmse_K, kind) for kind in NAMES)  # type: ignore[arg-type]
+    if less_K > TURNED * fit.rmse_K:
+        return []
+    advice = "take it as 0 and say --plate heater." if kind == "heater" else "take it as 0."
+    return [
+        f"With every current below 0 taken as 0 the model is off by {less_K:.2g} K (RMS) instead of {fit.rmse_K:.2g} "
+        f"K: the current does not cool. Is the cooling side connected? If it cannot cool, {advice}"
+    ]
 
 
 def _odd(records: Sequence[PlateRecord]) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.identification.plate import PlateRecord, identify_plate, identify_plate_records
+from compensator.identification.plate import PlateFit, PlateRecord, identify_plate, identify_plate_records
 from compensator.thermal.plate import PlateModel
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
@@ -169,3 +169,42 @@ def test_by_how_much_a_model_is_off_beyond_the_noise() -> None:
         slow[k] = keep * slow[k - 1] + 0.05 * np.sqrt(1.0 - keep**2) * rng.normal()
     found = identify_plate(time, clean + white + slow, current)
     assert 0.1 < found.model.error_K < 0.05 * np.sqrt(80.0) * 1.3  # the fit follows a part of it
+
+
+def _driven(model: PlateModel, current: np.ndarray, acts: np.ndarray) -> PlateFit:
+    time = 0.5 * np.arange(current.size)
+    noise = 0.01 * np.random.default_rng(1).normal(size=current.size)
+    return identify_plate(time, model.simulate(25.0, time, acts) + noise, current)
+
+
+def _steps(seed: int = 1) -> np.ndarray:
+    return np.repeat(np.random.default_rng(seed).uniform(0.0, 1.5, 16), 100)
+
+
+def test_a_heater_fitted_as_a_peltier_plate_is_told_to_be_one() -> None:
+    current = _steps()
+    heater = _driven(PlateModel(0.0, 0.0, 0.018, 25.0, 0.9, "heater"), current, current)
+    (note,) = [note for note in heater.identifiability if "--plate heater" in note]
+    assert "leaves 0.01 K (RMS), a Peltier plate's 0.13 K" in note
+    peltier = _driven(PlateModel(1.6e-3, 0.06, 0.018, 25.0), current, current)
+    assert not any("heater" in note for note in peltier.identifiability)
+
+
+@pytest.mark.parametrize("kind", ["heater", "peltier"])
+def test_a_cooling_side_that_does_nothing_is_told(kind: str) -> None:
+    current = np.where(np.arange(1600) % 400 < 200, _steps(), -0.5 * _steps())
+    plate = PlateModel(0.0, 0.0, 0.018, 25.0, 0.9, "heater")
+    plate = plate if kind == "heater" else PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+    unconnected = _driven(plate, current, np.maximum(current, 0.0))
+    (note,) = [note for note in unconnected.identifiability if "Is the cooling side connected?" in note]
+    assert ("--plate heater" in note) == (kind == "heater")
+    if kind == "peltier":
+        connected = _driven(plate, current, current)
+        assert not any("connected" in note for note in connected.identifiability)
+
+
+def test_measured_peltier_plates_are_no_heaters(measured: Path) -> None:
+    for name in ("peltier_8010", "peltier_8020", "peltier_500", "peltier_runaway", "peltier_8052"):
+        time, degC, duty = np.genfromtxt(measured / f"{name}.csv", delimiter=",", skip_header=1)[:, :3].T
+        notes = identify_plate(time, degC, duty).identifiability
+        assert not any("--plate heater" in note or "connected" in note for note in notes), name
