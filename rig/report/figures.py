@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, LogFormatter
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.files.written import write_text
@@ -72,12 +74,27 @@ def log_scale(axes: Axes) -> None:
 
 
 def thinned(*columns: Array) -> list[Array]:
-    """Columns with at most MOST_POINTS rows, evenly taken."""
+    """Columns with at most MOST_POINTS rows: half of them evenly taken, half where a column is lowest or highest in its
+    part of the rows, so that no peak is lost."""
     size = columns[0].size
     if size <= MOST_POINTS:
         return list(columns)
-    index = np.linspace(0, size - 1, MOST_POINTS).astype(np.int64)
+    even = np.linspace(0, size - 1, MOST_POINTS // 2).astype(np.int64)
+    edges = np.linspace(0, size, MOST_POINTS // (4 * len(columns)) + 1).astype(np.int64)
+    extremes = [_extremes(column, edges) for column in columns]
+    index = np.unique(np.concatenate([even, *extremes]))
     return [column[index] for column in columns]
+
+
+def _extremes(column: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The rows of the lowest and the highest number between each two edges."""
+    finite = np.isfinite(column)
+    low, high = np.where(finite, column, np.inf), np.where(finite, column, -np.inf)
+    pairs = [
+        (begin + int(np.argmin(low[begin:end])), begin + int(np.argmax(high[begin:end])))
+        for begin, end in itertools.pairwise(edges.tolist())
+    ]
+    return np.array(pairs, dtype=np.int64).ravel()
 
 
 def svg_text(figure: Figure) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -63,7 +64,11 @@ def live_run(folder: RunFolder) -> RunRows:
 
 def _columns_on_disk(path: Path) -> dict[str, Any]:
     from rig.files.record_file import read_record
+    from rig.files.run_columns import run_columns
 
+    with suppress(OSError):  # told by what reads it then
+        if (columns := run_columns(path)) is not None and set(NEEDED) <= set(columns):
+            return columns
     record = read_record(path, needs=NEEDED, flags=False)
     if PHASE not in record.text_columns:
         raise fault(path, PHASE, "missing; expected the record of a run")

@@ -1,0 +1,77 @@
+"""A run's own record, read a part at a time, is what the reader of records makes of it; all else is left to that."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.files import run_columns as reading
+from rig.files.record_file import read_record
+from rig.files.run_columns import run_columns
+
+HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"
+
+
+def rows(count: int) -> str:
+    """Of a run: fields are empty, one beside the other, and a resistance is beyond the range now and then."""
+    return "".join(
+        f"{0.1 * k + 0.01!r},{20.0 + k % 7 / 3!r},{'inf' if k % 50 == 9 else 1e3 + k},-0.5,,"
+        f"{'' if k % 3 else 41.5},{k},{'approach' if k < 20 else 'track'}\n"
+        for k in range(count)
+    )
+
+
+@pytest.mark.parametrize("part", [300, 1 << 20])
+@pytest.mark.parametrize("cut", [0, 1, 20, 47])
+def test_it_is_what_the_reader_of_records_makes_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int, cut: int
+) -> None:
+    """Cut off at its end, too, as by a kill."""
+    monkeypatch.setattr(reading, "PART", part)
+    path = tmp_path / "record.csv"
+    text = HEAD + rows(100)
+    path.write_text(text[: len(text) - cut])
+    found, record = run_columns(path), read_record(path, flags=False)
+    assert found is not None
+    assert list(found) == [*record.columns, *record.text_columns]
+    for name, column in record.columns.items():
+        np.testing.assert_array_equal(found[name], column)
+    assert found["phase"].tolist() == record.text_columns["phase"]
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes"),
+    [
+        ("\n0.51", "\n0.11"),  # time goes back
+        (",-0.5,", ",-0.5A,"),
+        (",-0.5,", ",-0.5,,"),
+        (",-0.5,", ",9.9e37,"),
+        (",21.0,", ",-999.0,"),
+        ("\n0.51", "\n# a comment\n0.51"),
+        ("\n0.51", "\n\n0.51"),
+        ("tick", "tock"),
+        ("phase", "phase,more"),
+        ("approach", '"approach"'),
+        ("approach", "n\N{LATIN SMALL LETTER A WITH DIAERESIS}her"),
+    ],
+)
+def test_anything_else_is_left_to_the_reader_of_records(tmp_path: Path, was: str, becomes: str) -> None:
+    path = tmp_path / "record.csv"
+    text = HEAD + rows(100)
+    assert was in text
+    path.write_text(text.replace(was, becomes, 1))
+    assert run_columns(path) is None
+
+
+def test_memory_is_that_of_the_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "record.csv"
+    path.write_text(HEAD + rows(40_000))
+    tracemalloc.start()
+    found = run_columns(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found is not None
+    assert peak < 3 * sum(column.nbytes for column in found.values()) + 30 * reading.PART
