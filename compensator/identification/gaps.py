@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 
-GAP: Final = 1.5  # in median steps
-UNEVEN_GAP: Final = 1.1  # in steps that are longer than all but a twentieth
+GAP: Final = 1.5  # in median steps, or in those that are longer than nearly all
+UNEVEN: Final = 95.0  # percentile of the steps: where sampling is uneven, 1.5 times that
 SHORT: Final = 6.0  # median steps: a plate does not turn round in a shorter gap
 LONGEST: Final = 12  # long gaps of a record that are looked at: each costs a search
 TRIED: Final = 8  # temperatures on either side of a gap's ends
@@ -24,12 +24,12 @@ Rows = NDArray[np.int64]
 
 
 def gap_threshold(steps_s: Array) -> float:
-    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.1 times the 95th percentile. Sampling is
+    """Steps above it are gaps: 1.5 medians, or, where sampling is uneven, 1.5 times the 95th percentile. Sampling is
     uneven where many steps are long, or are no multiples of the median."""
     median = float(np.median(steps_s))
     medians = steps_s / median
     if np.mean(medians > GAP) > 0.1 or np.mean(np.abs(medians - np.round(medians)) < 0.1) < 0.9:
-        return UNEVEN_GAP * float(np.percentile(steps_s, 95.0))
+        return GAP * float(np.percentile(steps_s, UNEVEN))
     return GAP * median
 
 
