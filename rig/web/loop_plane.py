@@ -17,7 +17,7 @@ HOUR_S = 3600.0  # of points shown: some turns of the film
 POINTS = 1500  # more hide each other on a figure of 600 pixels
 CURVE_POINTS = 121  # over the limits' range, some 0.8 K apart, drawn with straight lines
 TURN_K = 0.1  # a move back by less is noise
-MOST_ROWS = 500_000  # that are caught up with in one question
+MOST_ROWS = 500_000  # that are caught up with in one question; a week at 10 Hz takes twelve
 
 
 class LoopPlane:
@@ -106,7 +106,7 @@ class _Followed:
             self._memory = self._model.simulate(values, self._memory)[1]
             for value in values:
                 self._look_where_it_goes(float(value))
-        if self._memory is None:
+        if self._memory is None or len(rows) == MOST_ROWS:  # there is more: it stands where the film stood then
             return None
         interval = Inverse(self._model, *self._limits).solve(1e6, self._memory).interval
         reachable = None
