@@ -7,9 +7,11 @@ import pytest
 
 from sim.diagnosis.data.likelihood import expected_reading, lattice_noise, likelihood, origin_of
 from sim.diagnosis.data.noise_estimate import noise_of
-from sim.diagnosis.data.record import held_out_rows, read_columns
+from sim.diagnosis.data.record import REPEATED, held_out_rows, read_columns
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import sparse_loop
+from sim.diagnosis.diagnose import diagnose
+from tests.diagnosis.cases import case
 
 
 def test_outliers_stand_out_of_a_residual_that_drifts() -> None:
@@ -115,3 +117,16 @@ def test_a_trial_without_an_end_is_unlikely_and_no_warning(step: float) -> None:
     near, *far = likelihood(readings, shown, 1e-3, step).minus_log
     assert near < 1.0
     assert min(far) > 1e15
+
+
+def test_of_a_meter_slower_than_the_rows_each_reading_counts_once() -> None:
+    blind = case("clean", 3, rows=2000)
+    resistance = blind.columns["resistance_ohm"]
+    held = resistance[np.arange(resistance.size) // 8 * 8]
+    found = diagnose({**blind.columns, "resistance_ohm": held})
+    assert found.verdict == "clean"
+    channel = found.channels["resistance_dec"]
+    assert channel is not None
+    assert channel.noise == pytest.approx(blind.noise["resistance_dec"], rel=0.2)
+    assert [w.code for w in found.warnings].count("repeated_readings") == 1
+    assert sum(out.rule == REPEATED for out in found.record.left_out) > 0.8 * resistance.size

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
+from compensator.identification.held_readings import repeated_rows
 from compensator.identification.outliers import lone_outliers
 from sim.diagnosis.data.between_rows import acted_before
 from sim.diagnosis.data.likelihood import quick_noise
@@ -36,6 +37,7 @@ FIRST_SHARE = 0.1  # of the rows, never held out: in them first temperatures and
 MOST_OF_AN_END = 0.01  # of the record that is left out at either end of what is known for time stamps that may be off
 ALONE, LONE = "apart from its neighbours", "apart from its neighbours beside a fit"
 OUTLYING = (ALONE, LONE)
+REPEATED = "repeats the reading before: the meter is slower than the rows"
 MOST_IN_A_GAP = 1000  # commands
 MOST_AFTER_GAPS = 0.2  # of the record that is left out after gaps for commands that may be late
 
@@ -225,7 +227,7 @@ def read_columns(
         current = None
     left_out = [LeftOut(int(row), "temperature_degC", ALONE) for row in outliers]
     output, output_used, out = _output(quantity.of(data), time.size, fewest)
-    left_out += [LeftOut(int(row), quantity.column, ALONE) for row in out]
+    left_out += [LeftOut(int(row), quantity.column, rule) for rule, rows in out.items() for row in rows]
     taken = data.get("resistance_time_s", np.full(time.size, np.nan))
     taken = np.where(np.isfinite(taken), taken, time) - time[0]
     told = np.ones(time.size, dtype=np.bool_) if current is None else np.isfinite(current)
@@ -266,14 +268,18 @@ def _none(rows: Rows | None) -> Rows:
     return rows if rows is not None else np.empty(0, dtype=np.int64)
 
 
-def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | None, Mask, Rows]:
-    """The film's output, which of its readings count, and which are lone outliers; none where they are too few."""
+def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | None, Mask, dict[str, Rows]]:
+    """The film's output, which of its readings count, and by rule those that do not; none where they are too few."""
     good = np.zeros(rows, dtype=np.bool_) if readings is None else np.isfinite(readings)
     if readings is None or np.sum(good) < fewest:
-        return None, np.zeros(rows, dtype=np.bool_), np.empty(0, dtype=np.int64)
-    out = lone_outliers(readings, good)
-    good[out] = False
-    return readings, good, out
+        return None, np.zeros(rows, dtype=np.bool_), {}
+    repeated = repeated_rows(readings)
+    if np.sum(good) - repeated.size < fewest:
+        repeated = _none(None)
+    good[repeated] = False
+    alone = lone_outliers(readings, good)
+    good[alone] = False
+    return readings, good, {REPEATED: repeated, ALONE: alone}
 
 
 def _commanded_s(data: Mapping[str, Array], time: Array) -> Array:

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from compensator.identification.held_readings import repeated_rows
 from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
-from sim.diagnosis.data.record import OUTLYING, Record
+from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
 from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
@@ -79,11 +78,9 @@ def odd_columns(record: Record) -> list[Warning]:
     if record.output is not None and record.quantity.is_resistance:
         lines += odd_readings(of_output(record.time_s, record.output, record.quantity.name), degC)
     found = [Warning("odd_readings", line) for line in lines]
-    if record.output is not None and repeated_rows(record.output).size:
-        text = (
-            "the meter is slower than the rows, which repeat its readings: they count as if each were one of its own, "
-        )
-        text += "so that intervals are too narrow and lags off; ask it less often, or leave repeated readings empty"
+    if repeated := sum(out.rule == REPEATED for out in record.left_out):
+        text = f"{repeated} rows repeat the meter's reading before, which counts once, where it comes first: the meter "
+        text += "is slower than the rows, and averages over some of them, which looks like a lag; ask it less often"
         found.append(Warning("repeated_readings", f"{record.quantity.column}: {text}"))
     return found
 
