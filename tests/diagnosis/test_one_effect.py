@@ -9,7 +9,7 @@ from tests.diagnosis.cases import case
 from tests.diagnosis.said import covered, names
 
 ONE = [
-    ("sensor_lag", 1),
+    pytest.param("sensor_lag", 1, marks=pytest.mark.long),
     pytest.param("heat_sink_warmup", 1, marks=pytest.mark.other_processor),
     pytest.param("timestamp_skew", 1, marks=pytest.mark.long),
     pytest.param("creep", 1, marks=pytest.mark.long),

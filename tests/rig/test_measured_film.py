@@ -7,6 +7,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 COLUMNS = ("time_s=t_s", "temperature_degC=T_K@K", "resistance_ohm=R_ohm")
 
 
@@ -21,6 +23,7 @@ def test_identify_and_predict(peltier: Callable[..., tuple[int, str, str]], meas
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] <= 0.06
 
 
+@pytest.mark.long
 def test_tracks_three_decades(measured: Path, root: Path, tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location("real_film", root / "benchmarks" / "real_film.py")
     assert spec is not None

@@ -80,6 +80,7 @@ def _run(folder: Path, name: str) -> Record:
     return read_record(folder / f"peltier_{name}.csv", [ColumnMapping.parse(text) for text in PLATE])
 
 
+@pytest.mark.long
 def test_one_run_of_a_real_plate_tells_of_another(measured: Path) -> None:
     """2.7 K and a room at -15 degC where each row counts as one."""
     one, other = _run(measured, "80510"), _run(measured, "8052")
