@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.benches import running, write_current
+from tests.daemon.benches import SERVE, running, write_current
 
 Peltier = Callable[..., tuple[int, str, str]]
 
@@ -16,7 +16,7 @@ Peltier = Callable[..., tuple[int, str, str]]
 def test_a_simulated_bench_of_another_file_is_left_alone(
     peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mine = write_current(tmp_path)
+    mine = write_current(tmp_path, more=SERVE)
     other = tmp_path / "other.toml"
     other.write_text(mine.read_text())
     link = tmp_path / "link.toml"
