@@ -206,6 +206,14 @@ def _likely_end(record: Prepared) -> Initial:
     return "cooled" if record.inputs[0] >= middle else "heated"
 
 
+def _at_best(
+    rows: Rows, starts: Sequence[Start], structure: Structure, forms: Sequence[Form], found: dict[str, Solution]
+) -> tuple[Problem, Array]:
+    """The problem with the form of D that fits best, and what the search found for it."""
+    best = min(forms, key=lambda form: found[form.name].square)
+    return make_problem(build_path(rows.records, starts, rows.thin), structure, best), found[best.name].theta
+
+
 def _fit_memories(
     rows: Rows,
     starts: list[Start],
@@ -215,19 +223,16 @@ def _fit_memories(
     seed: int,
 ) -> tuple[list[Start], dict[str, Solution]]:
     """The memories with which the records began, and the search repeated with them where they are others."""
-    best = min(forms, key=lambda form: found[form.name].square)
-    problem = make_problem(build_path(rows.records, starts, rows.thin), structure, best)
+    problem, theta = _at_best(rows, starts, structure, forms, found)
     options = [start_candidates(record) for record in rows.records]
-    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, found[best.name].theta)
+    chosen = choose_starts(rows.records, rows.thin, starts, options, problem, theta)
     if chosen == starts:
         return starts, found
     for _ in range(2):
         extra = [found[form.name].theta[: problem.split] for form in forms]
-        path = build_path(rows.records, chosen, rows.thin)
-        found = search(path, structure, forms, seed=seed, extra=extra)
-        best = min(forms, key=lambda form: found[form.name].square)
-        problem = make_problem(path, structure, best)
-        refined = refine_starts(rows.records, rows.train, chosen, problem, found[best.name].theta)
+        found = search(build_path(rows.records, chosen, rows.thin), structure, forms, seed=seed, extra=extra)
+        problem, theta = _at_best(rows, chosen, structure, forms, found)
+        refined = refine_starts(rows.records, rows.train, chosen, problem, theta)
         if refined == chosen:
             break
         chosen = refined
@@ -248,9 +253,8 @@ def _fit_gaps(
 ) -> tuple[list[Start], dict[str, Solution]]:
     """What the film went through where rows are missing, and the search repeated with it where that is something."""
     for _ in range(GAP_SEARCHES):
-        best = min(forms, key=lambda form: found[form.name].square)
-        problem = make_problem(build_path(rows.records, starts, rows.thin), structure, best)
-        other = through_gaps(rows.records, rows.thin, starts, problem, found[best.name].theta)
+        problem, theta = _at_best(rows, starts, structure, forms, found)
+        other = through_gaps(rows.records, rows.thin, starts, problem, theta)
         if other == starts:
             break
         starts = other

@@ -23,9 +23,9 @@ EXACT: Final = 1e-9  # relative: changes smaller than this are rounding of the c
 OFTEN: Final = 0.5  # of the values off the steps: so many have to be repeated
 
 
-def repeated_rows(values: Array) -> NDArray[np.int64]:
+def repeated_rows(values: Array, fewest: int = 0) -> NDArray[np.int64]:
     """The rows in which an instrument repeats the reading before, if it is slower than the rows; else none. values:
-    (rows,), nan where there is no reading."""
+    (rows,), nan where there is no reading; fewest: readings that have to be left, or there are none to leave out."""
     rows = np.flatnonzero(np.isfinite(values))
     y = values[rows]
     fresh = np.concatenate(([True], np.diff(y) != 0.0)) if y.size else np.empty(0, dtype=np.bool_)
@@ -39,6 +39,8 @@ def repeated_rows(values: Array) -> NDArray[np.int64]:
     free = ~_rounded(y[begins])
     free[0] = free[-1] = False  # which may have begun before, or go on after
     if np.sum(free) < FEWEST_RUNS or np.mean(lengths[free] > 1) < OFTEN:
+        return none
+    if begins.size < fewest:
         return none
     return np.asarray(rows[~fresh], dtype=np.int64)
 

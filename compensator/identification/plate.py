@@ -60,7 +60,7 @@ SHORTEST_LAG_S: Final = 0.05  # less is within a row of any record
 LAG_EVIDENCE: Final = 10.0  # of log-likelihood, over the residual's own correlation; chance gives 2
 FAR_OFF: Final = 10.0  # times the noise: beyond it intervals, which know the noise alone, say next to nothing
 LEAST_NOISE_K: Final = 1e-3  # a noise told smaller is that of a record without any, or of a coarse last digit
-TURNED: Final = 0.2  # of the error: with the current's sign turned a fit that is so much better is the right one
+TURNED: Final = 0.2  # of the error: a fit that is so much better with the current turned, or cut at 0, is the right one
 HEATER: Final = 0.97  # of a Peltier plate's error: a heater's, with a parameter less, is no smaller by chance
 MORE_THAN_NOISE: Final = 1.2  # times the noise: its estimate from neighbouring rows is good to some tenths
 

@@ -115,9 +115,8 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
             f"{name}: temperature_degC: constant at {np.median(temperature[known]):g}, "
             "expected a sweep through the transition"
         )
-    repeated = repeated_rows(output)
-    if np.sum(finite) - repeated.size >= FEWEST:
-        finite[repeated] = False
+    repeated = repeated_rows(output, FEWEST)
+    finite[repeated] = False
     outliers = lone_outliers(output, finite)
     finite[outliers] = False
     unseen = _without_temperature(time, known)

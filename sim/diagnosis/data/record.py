@@ -273,9 +273,7 @@ def _output(readings: Array | None, rows: int, fewest: int) -> tuple[Array | Non
     good = np.zeros(rows, dtype=np.bool_) if readings is None else np.isfinite(readings)
     if readings is None or np.sum(good) < fewest:
         return None, np.zeros(rows, dtype=np.bool_), {}
-    repeated = repeated_rows(readings)
-    if np.sum(good) - repeated.size < fewest:
-        repeated = _none(None)
+    repeated = repeated_rows(readings, fewest)
     good[repeated] = False
     alone = lone_outliers(readings, good)
     good[alone] = False
