@@ -35,7 +35,7 @@ def test_one_room_for_all_of_them_would_not_do() -> None:
 
 def test_each_record_has_its_own_rate() -> None:
     """A calibration is read more slowly than a run: beside its rows those of a calibration are no gaps."""
-    steps = np.concatenate((np.full(800, 0.1), [60.0], np.where(np.arange(250) % 10 == 9, 0.28, 0.25)))
+    steps = np.concatenate((np.full(800, 0.1), [60.0], np.where(np.arange(30) % 10 == 9, 0.28, 0.25)))
     time, told = np.concatenate(([0.0], np.cumsum(steps))), np.ones(steps.size + 1, dtype=np.bool_)
     assert gaps(time, told, [801]).tolist() == [801]
     assert gaps(time, told).size > 20  # as if it were one record
