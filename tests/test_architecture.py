@@ -83,6 +83,14 @@ def test_what_is_refused_waits_for_no_mathematics(words: tuple[str, ...]) -> Non
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("module", ["rig.experiment.session", "sim.diagnosis.diagnose"])
+def test_statistics_are_not_loaded_for_every_run_and_diagnosis(module: str) -> None:
+    """scipy.stats takes a second to load, in front of each run; scipy.special has the functions of both."""
+    code = f"import sys, {module}; sys.exit(', '.join({{'scipy.stats', 'scipy.signal'}} & set(sys.modules)) or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_mathematics_never_asks_the_time(root: Path) -> None:
     for package in ("compensator", "sim"):
         for path in (root / package).rglob("*.py"):

@@ -20,7 +20,6 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.signal import lfilter
 
 from compensator.hysteresis.functions import Array
 
@@ -82,6 +81,8 @@ def _mixed(kinds: list[Array], shares: Array) -> Array:
 
 def _autoregressive(white: Array, memory: float) -> Array:
     """Noise of unit variance, each row `memory` times the row before and something new; shape (draws, rows)."""
+    from scipy.signal import lfilter  # a second and a half of loading, which a run need not wait for
+
     found: Array = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white, axis=-1)[:, WARM_UP:]
     return found
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from compensator.hysteresis.functions import Array
 
@@ -55,7 +55,8 @@ def _grouped(name: str, z: Array, group: NDArray[np.int64], spent: float = 0.0) 
     used = count > 0
     q = float(np.sum(total[used] ** 2 / count[used]))
     k = int(np.sum(used))
-    log_p = float(chi2.logsf(max(q - spent, 0.0), k)) / math.log(10.0)
+    p = float(chdtrc(k, max(q - spent, 0.0)))  # of a chi-square above; 0 where it is too small for a number
+    log_p = math.log10(p) if p > 0.0 else -math.inf
     return Question(name, log_p, (q - k) / z.size)
 
 
