@@ -6,14 +6,14 @@ import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from rig.bench.output_off import OutputOff
 from rig.bench.serial_numbers import strangers
 from rig.bench.simulation import simulated_world
 from rig.core.clock import Clock, RealClock, VirtualClock
-from rig.core.errors import Corrupt, OutOfStep, Refused, TimedOut
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut, called, of_whom
 from rig.core.faults import Faults, fault
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
@@ -35,7 +35,8 @@ _numbers = itertools.count(1)
 class Bench:
     """A controller, a meter where there is one, and the clock that both live by.
 
-    watched_after: somebody goes on reading the instruments when a run on it has ended.
+    watched_after: somebody goes on reading the instruments when a run on it has ended. called: controller and meter, as
+    messages call them.
     """
 
     controller: TemperatureController
@@ -45,6 +46,7 @@ class Bench:
     identities: dict[str, Identity]
     guard: Guard = UNGUARDED
     watched_after: bool = False
+    called: Mapping[str, str] = field(default_factory=dict)
 
 
 @contextmanager
@@ -89,7 +91,10 @@ def open_bench(
                     meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
             except ValueError as error:
                 raise fault(file.path, "bench.meter, limits.meter_current_A", str(error)) from None
-        yield Bench(controller, meter, clock, c.virtual_time, identities, guard)
+        names = {"controller": _called(controller, "controller", c.bench.controller)}
+        if c.bench.meter is not None:
+            names["meter"] = _called(meter, "meter", c.bench.meter)
+        yield Bench(controller, meter, clock, c.virtual_time, identities, guard, called=names)
 
 
 @contextmanager
@@ -97,11 +102,18 @@ def _told_where(instrument: Any, role: str, table: ControllerTable | MeterTable)
     """What an instrument does not do at the start is told with its port."""
     try:
         yield
-    except Refused as error:
-        raise Refused(error.code, f"{table.port} ({role}): {error.meaning}") from error
-    except (TimedOut, Corrupt, OutOfStep) as error:
+    except InstrumentError as error:
         silent = nobody_answers(instrument, table.port, role, table.driver, "who it is")
-        raise type(error)(silent or f"{table.port} ({role}): {error}") from error
+        if silent and isinstance(error, TimedOut | Corrupt | OutOfStep):
+            raise type(error)(silent) from error
+        of_whom(error, _called(instrument, role, table))
+        raise
+
+
+def _called(instrument: Any, role: str, table: ControllerTable | MeterTable) -> str:
+    """As its own messages call it; one without a transport of ours has none."""
+    who: str = getattr(getattr(instrument, "transport", None), "who", "")
+    return who or called(table.port, role, table.driver)
 
 
 def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:

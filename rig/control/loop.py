@@ -15,25 +15,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision, Policy, read_at
-from rig.core.errors import Disconnected, InstrumentError, RigError
+from rig.control.sender import Sender
+from rig.core.errors import Disconnected, InstrumentError, of_whom
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
 from rig.files.run_folder import RunFolder
 from rig.safety.after_off import Courses
-from rig.safety.bench_watch import OFF, BenchWatch, Sent, is_reading, status_in_words, status_of
+from rig.safety.bench_watch import BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
 from rig.safety.interlock import Limits, check_test_current
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import switch_off
 
 GAP_S = 0.5  # without a reading while a current flows: that is counted and told
-MEASURED_EVERY_S = 0.25  # the current under the controller's own regulation
 TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
 
 
@@ -42,7 +42,7 @@ class Ticks:
     """How punctual the loop was: ticks done, ticks missed, largest lateness (s).
 
     gaps: times without a reading for more than `GAP_S` with a current on; unwatched_s: the longest time without a
-    reading with a current on.
+    reading with a current on. unacknowledged: ticks whose command the controller did not acknowledge.
     """
 
     done: int = 0
@@ -50,6 +50,7 @@ class Ticks:
     latest_s: float = 0.0
     gaps: int = 0
     unwatched_s: float = 0.0
+    unacknowledged: int = 0
 
 
 Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
@@ -98,14 +99,18 @@ class Loop:
         self._start_s = bench.clock.now_s()
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
         self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)
-        self.sent = OFF
-        self._measured_s = -math.inf
+        self._sender = Sender(bench, limits, self.watch)
         self._read_s: float | None = None  # the last reading with a current on
         self._told_s = -math.inf
 
     def after_off(self) -> Courses | None:
         """What the thermometer would show if the output went off now; None where no reading could choose."""
         return self.watch.after_off(self.sent.current_A)
+
+    @property
+    def sent(self) -> Sent:
+        """What is on."""
+        return self._sender.sent
 
     def elapsed_s(self) -> float:
         """Time of the run, s."""
@@ -143,7 +148,8 @@ class Loop:
             if not verdict.confirmed:
                 raise NotConfirmedOff(verdict.text)
         self._signals.look()
-        self.sent, self._read_s = OFF, None
+        self._sender.rests()
+        self._read_s = None
         self.watch.rests()
         self.bench.guard.idle()
         begin_s = self.elapsed_s()
@@ -181,7 +187,8 @@ class Loop:
         """Nothing flowed, and nobody looked for a while: the output is armed anew, because the controller's own dead
         man may have switched it off."""
         self.watch.begin_anew(now)
-        self.sent, self._read_s = OFF, None
+        self._sender.rests()
+        self._read_s = None
 
     def _tick(self, name: str, policy: Policy, begin_s: float, k: int, period_s: float) -> bool:
         self._signals.look()
@@ -190,7 +197,7 @@ class Loop:
         temperature = self._read_temperature()
         now = self.bench.clock.now_s()
         self._count_gap(now)
-        sent = self._measured(now)
+        sent = self._sender.measured(now)
         temperature, resistance, reasons = self.watch.judge(asked, now, sent, temperature, resistance)
         self._note_rejected(now, reasons, temperature, resistance)
         known = temperature.is_number
@@ -209,7 +216,8 @@ class Loop:
         current_time_s = math.nan  # as before
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             current_time_s = self._apply(decision, now, degC) - self._start_s
-            self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
+            if not math.isnan(current_time_s):
+                self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         ohms = self._output == LOG_RESISTANCE
         self.folder.row(
@@ -259,18 +267,6 @@ class Loop:
                 self.folder.event(now - self._start_s, "gap", f"no reading for {unwatched_s:.2f} s with a current on")
         self._read_s = now
 
-    def _measured(self, now: float) -> Sent:
-        """What is on; under the controller's own regulation the current that it says flows, where it can tell."""
-        controller = self.bench.controller
-        if math.isnan(self.sent.setpoint_degC) or not controller.commands_current:
-            return self.sent
-        if now - self._measured_s >= MEASURED_EVERY_S:
-            self._measured_s = now
-            with suppress(InstrumentError):
-                reading = controller.read_current()
-                self.sent = replace(self.sent, current_A=reading.value if reading.is_number else math.nan)
-        return self.sent
-
     def _note_rejected(
         self, now: float, reasons: dict[str, str], temperature: Reading, resistance: Reading | None
     ) -> None:
@@ -281,31 +277,12 @@ class Loop:
                     self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
     def _apply(self, decision: Decision, now: float, degC: float) -> float:
-        """Send it; about when it acts, on the bench's clock."""
-        controller, clock = self.bench.controller, self.bench.clock
-        if decision.use_setpoint:
-            if math.isnan(self.sent.setpoint_degC):
-                self.bench.guard.busy()
-                controller.arm_setpoint()
-                self.watch.armed(now)
-            before_s = clock.now_s()
-            controller.set_setpoint_degC(decision.setpoint_degC)
-            self.sent = Sent(self.sent.current_A if self._measures else math.nan, decision.setpoint_degC, True)
-            return 0.5 * (before_s + clock.now_s())
-        self.watch.allow(now, degC, decision.current_A)
-        if not self.sent.armed or not math.isnan(self.sent.setpoint_degC):
-            self.bench.guard.busy()
-            controller.arm_current()
-            self.watch.armed(now)
-        before_s = clock.now_s()
-        controller.set_current_A(decision.current_A)
-        self.sent = Sent(decision.current_A, armed=True)
-        return 0.5 * (before_s + clock.now_s())
-
-    @property
-    def _measures(self) -> bool:
-        """Whether the current of now was read from the controller."""
-        return not math.isnan(self.sent.setpoint_degC) and self.bench.controller.commands_current
+        """Send it; about when it acts, on the bench's clock: nan where nobody acknowledged it."""
+        acts_s = self._sender.apply(decision, now, degC)
+        if math.isnan(acts_s):
+            self.ticks.unacknowledged += 1
+            self.folder.event(now - self._start_s, "unacknowledged", self._sender.why)
+        return acts_s
 
     def _note_status(self) -> None:
         """What the controller says about itself, at a trip."""
@@ -323,7 +300,7 @@ class Loop:
         except Disconnected:
             raise
         except InstrumentError as error:
-            return self._no_reading("thermometer", error)
+            return self._no_reading("thermometer", "controller", error)
 
     def _read_resistance(self) -> Reading | None:
         meter = self.bench.meter
@@ -335,11 +312,12 @@ class Loop:
         except Disconnected:
             raise
         except InstrumentError as error:
-            return self._no_reading("ohmmeter", error)
+            return self._no_reading("ohmmeter", "meter", error)
         check_test_current(self.limits, self.bench.clock.now_s(), meter.test_current_A)
         return reading
 
-    def _no_reading(self, name: str, error: RigError) -> Reading:
+    def _no_reading(self, name: str, role: str, error: InstrumentError) -> Reading:
         now = self.bench.clock.now_s()
+        of_whom(error, self.bench.called.get(role, role))
         self.folder.event(now - self._start_s, "no_reading", f"{name}: {error}")
-        return missing(now)
+        return missing(now, str(error))

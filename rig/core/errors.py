@@ -76,3 +76,14 @@ class Disconnected(InstrumentError):
 
 class Overrange(InstrumentError):
     """A reading beyond the instrument's range, where a number was needed."""
+
+
+def of_whom(error: InstrumentError, who: str) -> None:
+    """Put the instrument in front of what is wrong with it, unless it stands there already. who: as `called` says."""
+    if who and who not in str(error):
+        error.args = (f"{who}: {error}",)
+
+
+def called(port: str, role: str, driver: str) -> str:
+    """An instrument in messages. role: "controller" or "meter"; driver: as in the configuration."""
+    return f"{port} ({role}, {driver})"

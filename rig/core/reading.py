@@ -24,12 +24,13 @@ class Quality(StrEnum):
 class Reading:
     """A value in the unit of the method that returned it.
 
-    time_s: when it was sampled, on the bench's clock, as well as the host can know.
+    time_s: when it was sampled, on the bench's clock, as well as the host can know. why: it is no number, if known.
     """
 
     value: float
     time_s: float
     quality: Quality = Quality.OK
+    why: str = ""
 
     @property
     def is_number(self) -> bool:
@@ -47,6 +48,6 @@ class Reading:
         raise Corrupt(f"{self.value!r} cannot be a reading")
 
 
-def missing(time_s: float) -> Reading:
+def missing(time_s: float, why: str = "") -> Reading:
     """There was no answer."""
-    return Reading(nan, time_s, Quality.MISSING)
+    return Reading(nan, time_s, Quality.MISSING, why)

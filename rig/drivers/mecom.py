@@ -169,8 +169,9 @@ class MecomLink:
             except TimedOut:
                 continue
         if garbled:
-            raise Corrupt(f"{garbled} garbled frames and no answer to {payload.decode()}")
-        raise TimedOut(f"no answer to {payload.decode()} in {trials} trials")
+            raise Corrupt(transport.told(f"{garbled} garbled frames and no answer to {payload.decode()}"))
+        expected = f"expected one within {self._trial_s:.2g} s of one of {trials} trials"
+        raise TimedOut(transport.told(f"no answer to {payload.decode()}; {expected}"))
 
     def _is_broadcast_answer(self, line: bytes, head: bytes) -> bool:
         """To address 0 a device answers with 00 or, by the specification's prose, with its own."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from rig.core.clock import Clock
+from rig.core.errors import called
 from rig.drivers.controller import TemperatureController
 from rig.drivers.meter import Meter
 from rig.drivers.option_kinds import check_kinds
@@ -166,7 +167,7 @@ def _open(
         line = line.framed(str(framing))
     opened = open_port(port, line)
     try:
-        return driver(Transport(cast(Port, opened), clock), line=line, **options)
+        return driver(Transport(cast(Port, opened), clock, called(port, role, name)), line=line, **options)
     except BaseException:
         opened.close()
         raise

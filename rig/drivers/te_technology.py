@@ -274,7 +274,7 @@ class TeTechnologyController(SetpointOnly):
     def _shout_off(self) -> bool:
         self.link.shout(self._model.power_write, 0)
         if not self.link.answers():
-            raise TimedOut("no answer")
+            raise TimedOut(self.transport.told("no answer to a switch of its output"))
         off, read = (self._model.power_write, 0), (self._power_read, None)
         return self.link.sequence(off, read, read, trials=1)[1:] == [0, 0]
 

@@ -47,15 +47,17 @@ class Port(Protocol):
 class Transport:
     """One serial line. port: open, with a write time-out; clock: the one its reads block by.
 
-    heard: whether anything at all has come from the other end.
+    who: the instrument at its other end, for what is told of it. heard: whether anything at all has come from there.
     """
 
-    def __init__(self, port: Port, clock: Clock) -> None:
+    def __init__(self, port: Port, clock: Clock, who: str = "") -> None:
         self.port = port
         self.clock = clock
+        self.who = who
         self.stale_bytes = 0
         self.heard = False
         self._received = b""
+        self._asked, self._asked_s = b"", 0.0  # what was sent last, and when
 
     def send(self, data: bytes) -> None:
         """Throw away what came uncalled, then write. TimedOut where the line is stuck, Disconnected."""
@@ -64,7 +66,8 @@ class Transport:
                 self.drain()
             self.port.write(data)
         except GONE as error:
-            raise _meaning(error) from error
+            raise self._meaning(error) from error
+        self._asked, self._asked_s = data, self.clock.now_s()
 
     def receive_line(self, terminator: bytes, deadline_s: float) -> bytes:
         """The next line without its terminator. TimedOut at `deadline_s`, Corrupt where a line has no end."""
@@ -78,12 +81,12 @@ class Transport:
                     return received[:end]
                 if len(received) > LONGEST_LINE:
                     self._received = b""
-                    raise Corrupt(f"{len(received)} bytes without a terminator")
+                    raise Corrupt(self.told(f"{len(received)} bytes without a terminator"))
                 remaining_s = deadline_s - self.clock.now_s()
                 if remaining_s < SHORTEST_WAIT_S:
                     self._received = received
                     self.heard = self.heard or bool(received)
-                    raise TimedOut(f"no answer, {len(received)} bytes of one" if received else "no answer")
+                    raise TimedOut(self._gave_up(len(received), deadline_s))
                 port = self.port
                 port.timeout = remaining_s
                 received += port.read(1)
@@ -92,7 +95,7 @@ class Transport:
                     received += port.read(waiting)
         except GONE as error:
             self._received = b""
-            raise _meaning(error) from error
+            raise self._meaning(error) from error
 
     @property
     def has_more(self) -> bool:
@@ -100,7 +103,7 @@ class Transport:
         try:
             return bool(self._received or self.port.in_waiting)
         except GONE as error:
-            raise _meaning(error) from error
+            raise self._meaning(error) from error
 
     def drain(self) -> bytes:
         """Throw away what has arrived by now, and return it."""
@@ -112,7 +115,7 @@ class Transport:
                 self.port.timeout = 0
                 stale += self.port.read(waiting)
         except GONE as error:
-            raise _meaning(error) from error
+            raise self._meaning(error) from error
         self.stale_bytes += len(stale)
         self.heard = self.heard or bool(stale)
         return stale
@@ -124,17 +127,25 @@ class Transport:
         try:
             self.port.open()
         except GONE as error:
-            raise _meaning(error) from error
+            raise self._meaning(error) from error
 
     def close(self) -> None:
         """Let go of the port; never raises."""
         with contextlib.suppress(*GONE):
             self.port.close()
 
+    def told(self, text: str) -> str:
+        """What is wrong, with the instrument in front of it."""
+        return f"{self.who}: {text}" if self.who else text
 
-def _meaning(error: BaseException) -> InstrumentError:
-    if isinstance(error, SerialTimeoutException):
-        return TimedOut("the line does not take what is written")
-    if isinstance(error, SerialException):
-        return Disconnected(str(error))
-    return Disconnected(f"{type(error).__name__}: {error}")
+    def _gave_up(self, received: int, deadline_s: float) -> str:
+        question = self._asked.decode("latin-1").strip()
+        part = f" but {received} bytes of one" if received else ""
+        return self.told(f"no answer{part} to {question!r}; expected it within {deadline_s - self._asked_s:.2g} s")
+
+    def _meaning(self, error: BaseException) -> InstrumentError:
+        if isinstance(error, SerialTimeoutException):
+            return TimedOut(self.told("the line does not take what is written"))
+        if isinstance(error, SerialException):
+            return Disconnected(self.told(str(error)))
+        return Disconnected(self.told(f"{type(error).__name__}: {error}"))

@@ -52,6 +52,8 @@ def punctuality(ticks: Mapping[str, float]) -> str:
     if "unwatched_s" in ticks:
         gaps = f", {ticks['gaps']} gap{'s' * (ticks['gaps'] > 1)}" if ticks["gaps"] else ""
         text += f"; longest time without a reading with a current on {ticks['unwatched_s']:.2f} s{gaps}"
+    if count := ticks.get("unacknowledged"):
+        text += f"; {count} command{'s' * (count > 1)} not acknowledged"
     return text + "."
 
 

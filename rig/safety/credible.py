@@ -126,7 +126,7 @@ class ThermometerTrust:
         expected_degC: what the thermometer should show now, nan where that is not known.
         """
         if not reading.is_number:
-            return reading, f"it is {reading.quality}"
+            return reading, reading.why or f"it is {reading.quality}"
         value, now = reading.value, reading.time_s
         alike, charge, moved_dec = self._same.take(value, now, current_A, log_resistance)
         step = self._same.step if math.isfinite(self._same.step) else 0.0
@@ -162,7 +162,7 @@ class OhmmeterTrust:
         if not reading.is_number:
             if reading.quality is Quality.OVERRANGE:
                 self._good = math.nan
-            return reading, f"it is {reading.quality}"
+            return reading, reading.why or f"it is {reading.quality}"
         value, now = reading.value, reading.time_s
         alike, _, moved_K = self._same.take(value, now, math.nan, temperature_degC)
         self._same.frozen |= alike >= ENOUGH and (self._same.is_no_chance or moved_K > OTHER_K)

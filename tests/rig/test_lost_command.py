@@ -1,0 +1,103 @@
+"""A controller that is silent for a second in mid run, and one that takes no commands any more."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.bench.assembly
+from rig.bench.assembly import emulated_instruments
+from rig.files.configuration import read_configuration
+from rig.ports.pseudo_terminal import PseudoTerminals
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+SET_CURRENT = b"VSC351"  # parameter 50001
+
+
+class Deaf:
+    """A controller that does not hear some frames from a time on, or for a time."""
+
+    def __init__(self, instrument: Any, begin_s: float, end_s: float, frames: bytes = b"") -> None:
+        self._instrument, self._begin_s, self._end_s, self._frames = instrument, begin_s, end_s, frames
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        if self._frames in data and self._begin_s <= time_s < self._end_s:
+            return
+        self._instrument.receive(data, time_s)
+
+    def transmit(self, time_s: float) -> bytes:
+        data: bytes = self._instrument.transmit(time_s)
+        return data
+
+    def next_transmit_s(self) -> float | None:
+        due: float | None = self._instrument.next_transmit_s()
+        return due
+
+
+def events(folder: Path, kind: str) -> list[dict[str, Any]]:
+    lines = [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+    return [line for line in lines if kind in line.values()]
+
+
+def deafened(monkeypatch: pytest.MonkeyPatch, *how: Any) -> None:
+    def some_deaf(file: Any, start_s: float) -> list[tuple[str, str, Any]]:
+        whole = emulated_instruments(file, start_s)
+        return [(role, name, Deaf(one, *how) if role == "controller" else one) for role, name, one in whole]
+
+    monkeypatch.setattr(rig.bench.assembly, "emulated_instruments", some_deaf)
+
+
+def test_a_second_of_silence_ends_no_run(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
+    deafened(monkeypatch, 20.0, 21.0)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 0, err
+    ticks = json.loads((tmp_path / "run" / "run.json").read_text())["stop"]["ticks"]
+    lost = events(tmp_path / "run", "unacknowledged")
+    assert 1 <= ticks["unacknowledged"] == len(lost) <= 2
+    assert "(controller, meerstetter): no answer to VSC351" in json.dumps(lost)
+    assert "not acknowledged" in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_commands_that_nobody_takes_end_it_in_time(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    """Readings go on, so that nothing else ends it: after 2 s."""
+    deafened(monkeypatch, 20.0, 1e9, SET_CURRENT)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 1
+    assert "(controller, meerstetter): no answer to VSC351" in err
+    assert "no command was acknowledged for 2." in err
+    assert "expected one every 2 s" in err
+    assert "output off, confirmed" in err
+    assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "TimedOut"
+
+
+def test_silence_that_lasts_names_the_instrument(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    deafened(monkeypatch, 20.0, 24.0)
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 10
+    assert "no good reading of the thermometer for 2." in err
+    assert "(controller, meerstetter): no answer to ?VR03E8" in err
+
+
+def test_over_a_pseudo_terminal(tmp_path: Path, peltier: Peltier) -> None:
+    """On a real clock; the message has the port's own name."""
+    truth = tmp_path / "truth"
+    truth.mkdir()
+    emulated = emulated_instruments(read_configuration(write_bench(truth)), 0.0)
+    instruments = {role: one for role, _, one in emulated}
+    instruments["controller"] = Deaf(instruments["controller"], 5.0, 6.0)
+    with PseudoTerminals(instruments) as terminals:
+        short = '["start 20 kohm", "hold 4 s"]'
+        path = write_bench(tmp_path, target=short, time="real", **terminals.paths)
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+        assert status == 0, err
+        lost = events(tmp_path / "run", "unacknowledged")
+        assert f"{terminals.paths['controller']} (controller, meerstetter): no answer to VSC351" in json.dumps(lost)
