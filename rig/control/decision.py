@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
 @dataclass(frozen=True)
@@ -62,3 +62,11 @@ class Policy(Protocol):
     unknown."""
 
     def decide(self, time_s: float, temperature_degC: float, output: float, read: ReadAt = AT_THE_TICK) -> Decision: ...
+
+
+@runtime_checkable
+class Predicts(Protocol):
+    """A policy that goes by what its commands do: it has to know of one that nobody acknowledged."""
+
+    def held(self, current_A: float) -> None:
+        """The last decision's command is not known to have arrived: this current is on, A."""

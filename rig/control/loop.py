@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rig.bench.assembly import Bench
-from rig.control.decision import Decision, Policy, read_at
+from rig.control.decision import Decision, Policy, Predicts, read_at
 from rig.control.sender import Sender
 from rig.core.errors import Disconnected, InstrumentError, of_whom
 from rig.core.outcome import NotConfirmedOff, Tripped
@@ -215,7 +215,7 @@ class Loop:
         decision = policy.decide(k * period_s, degC, output, read)
         current_time_s = math.nan  # as before
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
-            current_time_s = self._apply(decision, now, degC) - self._start_s
+            current_time_s = self._apply(policy, decision, now, degC) - self._start_s
             if not math.isnan(current_time_s):
                 self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
@@ -276,12 +276,14 @@ class Loop:
                 if reading.quality is not Quality.MISSING:  # that was told when it was asked for
                     self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
-    def _apply(self, decision: Decision, now: float, degC: float) -> float:
+    def _apply(self, policy: Policy, decision: Decision, now: float, degC: float) -> float:
         """Send it; about when it acts, on the bench's clock: nan where nobody acknowledged it."""
         acts_s = self._sender.apply(decision, now, degC)
         if math.isnan(acts_s):
             self.ticks.unacknowledged += 1
             self.folder.event(now - self._start_s, "unacknowledged", self._sender.why)
+            if isinstance(policy, Predicts):
+                policy.held(self.sent.current_A)
         return acts_s
 
     def _note_status(self) -> None:

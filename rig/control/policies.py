@@ -128,6 +128,14 @@ class Follow:
             predicted_output=math.nan if ohms else predicted,
         )
 
+    def held(self, current_A: float) -> None:
+        """The last command was not acknowledged: plate and film go on with this current (A; nan: nobody knows)."""
+        if self.state is None or math.isnan(current_A):
+            return
+        self.state = self.state._replace(current_A=current_A)
+        if self.law.observer is not None:
+            self.state = self.state._replace(observer=self.law.observer.sent(self.state.observer, current_A))
+
     def _given_before(self, read_s: float) -> bool:
         """Whether the output that was read then is the one that the meter gave at the tick before."""
         again = abs(read_s - self._read_s) < SAME_READING_S
