@@ -21,19 +21,25 @@ class Left:
     folder: str
 
 
-def write_end(left: Left | None, text: str, confirmed: bool) -> None:
-    """Why it ended, and whether its output is confirmed off. Never raises an OSError."""
+def write_end(left: Left | None, text: str, confirmed: bool) -> str:
+    """Why it ended, and whether its output is confirmed off. Never raises an OSError.
+
+    The folder of a run that had not ended, whether that could be written down or not; empty where there is none.
+    """
     if left is None:
-        return
+        return ""
     path = Path(left.folder) / "run.json"
+    unfinished = ""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         if "stop" in document:
-            return
+            return ""
+        unfinished = left.folder
         at = datetime.datetime.now(datetime.UTC).isoformat()
         document["stop"] = {"at": at, "reason": DIED, "text": text, "output_off_confirmed": confirmed}
         temporary = path.with_suffix(".json.new")
         temporary.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
         os.replace(temporary, path)
     except (OSError, ValueError):
-        return
+        return unfinished
+    return unfinished

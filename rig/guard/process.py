@@ -269,7 +269,7 @@ class _Watch:
                 return self._not_confirmed(controller, look.text)
             self.tell(said := "the temperature agrees" if look.agrees else "the temperature did not show either")
             text = f"{text}; {said}"
-        write_end(self._left, text, confirmed=True)
+        self._end_the_run(text, confirmed=True)
         return status
 
     def _courses_at(self, verdict: Verdict) -> Courses | None:
@@ -292,5 +292,10 @@ class _Watch:
             keep_trying(controller)
         if text:
             self.tell(f"OUTPUT NOT CONFIRMED OFF: {text}. Switch the controller off by hand.")
-            write_end(self._left, text, confirmed=False)
+            self._end_the_run(text, confirmed=False)
         return NotConfirmedOff.exit_status
+
+    def _end_the_run(self, text: str, confirmed: bool) -> None:
+        """Written into its folder, and that is told last: a disk that does not answer holds up nothing else."""
+        if folder := write_end(self._left, text, confirmed):
+            self.tell(f"the run, as far as it went, is in {folder}")

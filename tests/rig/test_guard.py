@@ -42,6 +42,7 @@ def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s:
     assert killed.status == 128 + number
     assert "output off, confirmed by the controller" in killed.err
     assert signal.Signals(number).name in killed.err
+    assert f"the run, as far as it went, is in {runs.path.parent.absolute()}" in killed.err
 
 
 def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:
