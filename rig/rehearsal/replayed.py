@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from rig.analysis.score import tracked
-from rig.control.decision import Policy, read_at
+from rig.control.decision import Policy, Predicts, read_at
 from rig.control.loop import Loop
 from rig.control.policies import Follow
 from rig.core.faults import fault
@@ -89,7 +89,8 @@ class RecordedLoop:
             return
         rows = self._rows_of_next()
         begin = self.phases.pop(0)["time_s"]
-        time, dated, timed = self.record["time_s"], *map(self.record.has, ("resistance_time_s", "acts_after_s"))
+        time, told = self.record["time_s"], self.record.has("current_time_s")
+        dated, timed = map(self.record.has, ("resistance_time_s", "acts_after_s"))
         for row in rows:
             tick = self._tick(int(row), float(time[row] - begin), period_s)
             degC, output = float(self.record["temperature_degC"][row]), float(self.outputs[row])
@@ -99,6 +100,10 @@ class RecordedLoop:
             read = read_at(begin, tick * period_s, float(time[row]), output_s, acts_after_s, test_A)
             decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
+                continue
+            if told and math.isnan(self.record["current_time_s"][row]):  # nobody acknowledged it
+                if isinstance(policy, Predicts):
+                    policy.held(float(self.record["current_A"][row]))
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"
             self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))

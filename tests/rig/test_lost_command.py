@@ -74,6 +74,9 @@ def test_the_law_knows_what_is_on(monkeypatch: pytest.MonkeyPatch, peltier: Pelt
     document = json.loads((tmp_path / "run" / "run.json").read_text())
     assert document["stop"]["ticks"]["unacknowledged"] == 3
     assert document["result"]["score"]["rms_dec"] < 0.04
+    status, out, _ = peltier("replay", tmp_path / "run", "--json", "-")
+    assert status == 0
+    assert json.loads(out)["different"] == 0
 
 
 def test_commands_that_nobody_takes_end_it_in_time(
