@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rig.guard.takeover import Held
 
 PATIENCE_S = 5.0  # for a port that cannot be opened
+ENDS_S = 15.0  # all of it but the dead man's time: that patience, an imported driver, the off, a look
 SIMULATED = "sim://"  # how the port of a simulated instrument begins
 DEAD_MAN_S = 5.0  # where the configuration does not say (rig.files.configuration)
 
@@ -118,11 +119,15 @@ def _switched_off(held: Held, target: str | None) -> int:
     """Open the port and command the output off. Raises Faults, PortHeld."""
     import time
 
+    from rig.daemon.systemd import Notifier
     from rig.guard.keep_trying import keep_trying
     from rig.ports.silence import nobody_answers
     from rig.safety.switching_off import off_confirmed, switch_off
 
     begin = time.monotonic()
+    notifier = Notifier()
+    notifier.ends(ENDS_S + held.dead_man_s)
+    notifier.close()
     controller, problem, doubted = _opened(held)
     if controller is not None:
         try:

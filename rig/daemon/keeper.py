@@ -35,6 +35,7 @@ TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew
 CHECK_OUTPUT_TICKS = 10
 JOB_ENDS_S = 10.0  # for a job's thread to notice that the gate is closed
+ENDS_S = 25.0  # all of an end but the dead man's time: the exchange under way, a job's thread, rows, log, page
 
 
 class _Running(NamedTuple):
@@ -123,6 +124,9 @@ class Keeper:
     def _release(self, error: BaseException) -> None:
         """The output off and the job over, before the ports are closed."""
         desk = self._desk
+        if isinstance(error, Stopped):
+            dead_man_s = self._file.content.bench.controller.dead_man_s if desk.has_dead_man else 0.0
+            self._notifier.ends(ENDS_S + dead_man_s)
         off = desk.gate.stop(error)
         if not off.confirmed:
             desk.output, desk.confirmed = "unknown", False

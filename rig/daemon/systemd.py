@@ -1,5 +1,8 @@
 """Telling systemd: READY=1 once, WATCHDOG=1 after completed control cycles, STATUS for `systemctl status`.
 
+And when it ends, how long that may take. A daemon that is silent so that the dead man of a controller which does not
+obey acts, ended in that silence by TimeoutStopSec and begun again, would speak to the controller too early.
+
 The protocol of sd_notify(3): datagrams to the socket that NOTIFY_SOCKET names. Without it nothing is sent.
 """
 
@@ -50,6 +53,10 @@ class Notifier:
         if now_s - self._fed_s >= EVERY_S:
             self._fed_s = now_s
             self.tell("WATCHDOG=1")
+
+    def ends(self, within_s: float) -> None:
+        """The end has begun: a TimeoutStopSec that is shorter than this is extended, a longer one stays."""
+        self.tell(f"EXTEND_TIMEOUT_USEC={math.ceil(1e6 * within_s)}")
 
     def close(self) -> None:
         """Tell nothing more."""

@@ -55,6 +55,8 @@ def test_systemd_is_told_of_readiness_and_fed_by_cycles_alone(
     assert heard() == ["WATCHDOG=1"] * 3
     now[0] += 100.0
     assert heard() == []
+    notifier.ends(60.3)
+    assert heard() == ["EXTEND_TIMEOUT_USEC=60300000"]
     notifier.close()
 
 

@@ -289,6 +289,8 @@ def test_sigterm_ends_it_with_the_output_off(ending: Daemon) -> None:
     finally:
         again.terminate()
         status, text = ended(again)
+    told = until(lambda: s if (s := ending.notified.recv(4096)).startswith(b"EXTEND") else None, "how long it may take")
+    assert told == b"EXTEND_TIMEOUT_USEC=30000000"  # its dead man's 5 s
     assert status == 128 + signal.SIGTERM
     assert "output off, confirmed by the controller" in text
     assert not (ending.folder / "bench.sock").exists()
