@@ -6,6 +6,7 @@ Each trial has a bench of its own (plates of 10 and 30 J/K by turns, the default
 is empty, and `--busy` endless loops a core beside it; trials that run at once are a load for each other besides. Asked:
 every trial to its end; the longest time with a current on and no reading, at the bench's end of the wire, 0.5 s. Told
 besides: the run's error, to be compared with that of the same trial with --rest.
+Stalls of the computer: `benchmark real_clock_stalls`.
 --rest: without the loops. --effect: hidden in the rig; the run is then improved (`improve RUN --yes`) on that bench.
 """
 
