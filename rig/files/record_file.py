@@ -24,6 +24,7 @@ from rig.files.column_mapping import ColumnMapping
 from rig.files.decoded import decoded
 from rig.files.other_kind import other_kind
 from rig.files.record import Record, unit_of
+from rig.files.run_columns import run_table
 from rig.files.table import Table
 from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
@@ -80,6 +81,8 @@ def _table(path: Path, decimal: str) -> Table:
 
         return matlab_table(path)
     try:
+        if not decimal and (table := run_table(path)) is not None:
+            return table
         data = path.read_bytes()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None

@@ -1,8 +1,11 @@
 """The columns of a record that a run of ours has written, a part of the file at a time.
 
-What `rig.files.record_file` makes of the same file, without a text for every field: a week at 10 Hz is 1.2 GB of text,
-and would be ten times that as fields. A file that is anything else than what a run writes is left to that reader, which
-says what is wrong with it.
+What the reader of texts makes of the same file (`rig.files.text_table`), without a text for every field: a week at 10
+Hz is 1.2 GB of text, and would be ten times that as fields. A file that is anything else than what a run writes is left
+to that reader, which says what is wrong with it.
+
+    run_columns     the columns, numbers and texts
+    run_table       the same as a table, from which `rig.files.record_file` makes a record as from any other
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, HOT_DEGC, MOST_A, MOST_OHM
+from rig.files.table import Column, Table
 
 PART = 1 << 20  # bytes of text that are numbers at once; ten times that is slower, by Python's collector
 TELLING = ("time_s", "tick", "phase")  # columns that every run has, and together nobody else
@@ -26,23 +30,43 @@ BOUNDS = {  # beyond which a number is none of the quantity
 
 def run_columns(path: Path) -> dict[str, Any] | None:
     """The columns by name, numbers and texts; None where the file is not plainly a run's. Raises OSError."""
+    return _read(path)[0]
+
+
+def _read(path: Path) -> tuple[dict[str, Any] | None, bool]:
+    """The same, and whether the last line was cut off and left out."""
     with path.open("rb") as file:
         names = file.readline().decode("utf-8", "replace").rstrip("\n").split(",")
         if not set(TELLING) <= set(names) or len(set(names)) != len(names) or names[-1] != WORDS:
-            return None
+            return None, False
         parts, rest = [], b""
         while data := file.read(PART):
             whole, found, rest = (rest + data).rpartition(b"\n")
             if found and (part := _columns(whole, names)) is None:
-                return None
+                return None, False
             if found:
                 parts.append(part)
-    if rest.count(b",") == len(names) - 1:  # without a line's end, and with every field; with fewer it was cut off
+    whole_row = rest.count(b",") == len(names) - 1  # without a line's end; with fewer fields it was cut off
+    if whole_row:
         parts.append(_columns(rest, names))
     if not parts or parts[-1] is None:
+        return None, False
+    columns = {name: np.concatenate([part.pop(name) for part in parts if part is not None]) for name in names}
+    return (columns if _credible(columns) else None), bool(rest) and not whole_row
+
+
+def run_table(path: Path) -> Table | None:
+    """The table of a file; None where it is not plainly a run's, or none that can be read twice. Raises OSError."""
+    if not path.is_file():  # a pipe would have lost its first lines
         return None
-    columns = {name: np.concatenate([part[name] for part in parts if part is not None]) for name in names}
-    return columns if _credible(columns) else None
+    columns, cut_off = _read(path)
+    if columns is None:
+        return None
+    words, index = np.unique(columns.pop(WORDS), return_inverse=True)
+    shared = list(map(words.tolist().__getitem__, index.tolist()))  # a name's text once, not once a row
+    table = [*(Column(name, values) for name, values in columns.items()), Column(WORDS, shared)]
+    said = [f"line {2 + len(shared)} left out, it was cut off"] if cut_off else []
+    return Table(str(path), "line 1", table, range(2, 2 + len(shared)), said=said)
 
 
 def _columns(text: bytes, names: list[str]) -> dict[str, Any] | None:

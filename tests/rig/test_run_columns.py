@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tracemalloc
 from pathlib import Path
 
@@ -9,8 +10,11 @@ import numpy as np
 import pytest
 
 from rig.files import run_columns as reading
+from rig.files.record import Record
 from rig.files.record_file import read_record
-from rig.files.run_columns import run_columns
+from rig.files.run_columns import run_columns, run_table
+from rig.files.taken_columns import record_of
+from rig.files.text_table import text_table
 
 HEAD = "time_s,temperature_degC,resistance_ohm,current_A,setpoint_degC,reference_degC,tick,phase\n"
 
@@ -24,6 +28,11 @@ def rows(count: int) -> str:
     )
 
 
+def read_as_text(path: Path) -> Record:
+    """By the reader of texts, which knows no run."""
+    return record_of(text_table(path.read_text(), path), flags=False)
+
+
 @pytest.mark.parametrize("part", [300, 1 << 20])
 @pytest.mark.parametrize("cut", [0, 1, 20, 47])
 def test_it_is_what_the_reader_of_records_makes_of_it(
@@ -34,12 +43,33 @@ def test_it_is_what_the_reader_of_records_makes_of_it(
     path = tmp_path / "record.csv"
     text = HEAD + rows(100)
     path.write_text(text[: len(text) - cut])
-    found, record = run_columns(path), read_record(path, flags=False)
+    found, record = run_columns(path), read_as_text(path)
     assert found is not None
     assert list(found) == [*record.columns, *record.text_columns]
     for name, column in record.columns.items():
         np.testing.assert_array_equal(found[name], column)
     assert found["phase"].tolist() == record.text_columns["phase"]
+
+
+@pytest.mark.parametrize("cut", [0, 1, 20])
+@pytest.mark.parametrize("name", ["resistance_ohm", "R [kOhm]"])
+def test_a_record_is_the_same_by_either_reader(tmp_path: Path, name: str, cut: int) -> None:
+    """Our names, and one that has to be guessed; whole, and cut off."""
+    path = tmp_path / "record.csv"
+    text = HEAD.replace("resistance_ohm", name) + rows(100)
+    path.write_text(text[: len(text) - cut])
+    assert run_table(path) is not None
+    lean, other = read_record(path, flags=False), read_as_text(path)
+    assert (lean.source, lean.drive, lean.said) == (other.source, other.drive, other.said)
+    assert list(lean.columns) == list(other.columns)
+    for name, column in other.columns.items():
+        np.testing.assert_array_equal(lean.columns[name], column)
+    assert lean.text_columns == other.text_columns
+
+
+def test_a_pipe_is_read_once(tmp_path: Path) -> None:
+    os.mkfifo(pipe := tmp_path / "pipe")
+    assert run_table(pipe) is None
 
 
 @pytest.mark.parametrize(
