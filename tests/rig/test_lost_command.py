@@ -110,9 +110,11 @@ def test_over_a_pseudo_terminal(tmp_path: Path, peltier: Peltier) -> None:
     emulated = emulated_instruments(read_configuration(write_bench(truth)), 0.0)
     instruments = {role: one for role, _, one in emulated}
     instruments["controller"] = Deaf(instruments["controller"], 5.0, 6.0)
+    current = 'kind = "current_profile"\ntarget = ["start 0.9 A", "hold 8 s"]\n'
     with PseudoTerminals(instruments) as terminals:
-        short = '["start 20 kohm", "hold 4 s"]'
-        path = write_bench(tmp_path, target=short, time="real", **terminals.paths)
+        path = write_bench(tmp_path, time="real", **terminals.paths)
+        bench, simulation = path.read_text().split("[experiment]")[0], path.read_text().split("[simulation]")[1]
+        path.write_text(f"{bench}[experiment]\n{current}period_s = 0.1\n[simulation]{simulation}")
         status, _, err = peltier("run", path, "--out", tmp_path / "run")
         assert status == 0, err
         lost = events(tmp_path / "run", "unacknowledged")
