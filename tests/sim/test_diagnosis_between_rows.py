@@ -56,6 +56,17 @@ def test_a_bend_before_its_current_is_seen(rows: int, share: float) -> None:
         assert found <= MOST
 
 
+def test_two_steps_at_the_start_tell_nothing() -> None:
+    """Each of their few bends is met by a coefficient of its own, and looked as sure as no reading is."""
+    time = np.arange(0.0, 500.0, 0.25)
+    current = 1.0 + 0.3 * np.sin(time / 60.0)
+    current[14:16] += 0.39
+    still = simulate_record(World(PLATE, FILM, 40.0, thermometer_noise_K=0.0), time, current).temperature_degC
+    for seed in range(50):
+        shown = still + 0.02 * np.random.default_rng(seed).standard_normal(time.size)
+        assert acted_before(time, shown, np.round(current, 4), NOWHERE) == 0.0, seed
+
+
 def test_where_the_record_says_when_a_current_acts_nothing_is_guessed() -> None:
     columns = every(steps_and_waves(1), 4)
     assert read_columns(columns).early > 0.0

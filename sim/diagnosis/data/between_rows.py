@@ -25,6 +25,7 @@ SURE: Final = 6.0  # standard deviations: one record in a thousand million by ch
 EARLIER: Final = 5  # changes before: what a lag of some rows still shows of them
 TOGETHER: Final = 4  # rows over which the noise of a bend hangs together: two, and a little that the plate adds
 FEWEST: Final = 100  # bends
+ROUNDING: Final = 1e-9  # of a leverage of 1
 LEAST: Final = 0.01  # of what acts from the row on: less is the rounding of a record without noise
 MOST: Final = 0.5  # of a row's change: the mean, where it may have begun anywhere between two rows
 
@@ -46,7 +47,11 @@ def acted_before(time_s: Array, temperature_degC: Array, current_A: Array, broke
         return 0.0
     inverse = np.linalg.inv(columns.T @ columns)
     a = inverse @ (columns.T @ bend)
-    score = columns * (bend - columns @ a)[:, None]
+    # a bend that alone tells of a coefficient is met by it, whatever its noise: J. MacKinnon, H. White, J. Econometrics
+    # 29 (1985) 305
+    leverage = np.sum((columns @ inverse) * columns, axis=1)
+    left = (bend - columns @ a) / np.maximum(1.0 - leverage, ROUNDING)
+    score = columns * left[:, None]
     spread = score.T @ score  # W. K. Newey, K. D. West, Econometrica 55 (1987) 703
     for lag in range(1, TOGETHER + 1):
         cross = score[lag:].T @ score[:-lag]
