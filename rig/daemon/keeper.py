@@ -92,7 +92,9 @@ class Keeper:
             with open_bench(self._file, self._guard) as bench:
                 self._opened = True
                 self._attach(bench)
-                try:
+                try:  # from here on an end is told: a stop may come with the first word of being ready
+                    self._notifier.ready("the bench is held, the output is off")
+                    desk.changed()
                     self._hold(bench)
                 except BaseException as error:
                     self._release(error)
@@ -118,8 +120,6 @@ class Keeper:
         desk.output, desk.confirmed = ("unknown", False) if desk.contradicted else ("off", True)
         desk.online, desk.offline_because = True, ""
         desk.live_by(bench.clock)
-        self._notifier.ready("the bench is held, the output is off")
-        desk.changed()
 
     def _release(self, error: BaseException) -> None:
         """The output off and the job over, before the ports are closed."""
