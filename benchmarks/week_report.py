@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from itertools import cycle, islice
+from itertools import chain, cycle, islice
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -75,17 +75,12 @@ def rows_of(record: Path, rows: int) -> Iterator[str]:
     before = [row for row in fields if row[phase_at] != "track"]
     spike = len(before) + int(SPIKE_AT * (rows - len(before)))
     yield head
-    for k, row in enumerate(islice((*before, *cycle_of(tracked, rows)), rows)):
+    for k, row in enumerate(islice(chain(before, cycle(tracked)), rows)):
         changed = list(row)
         changed[time_at], changed[tick_at] = f"{k}.0", str(k)
         if k == spike:
             changed[ohm_at] = repr(SPIKE * max(float(one[ohm_at]) for one in tracked if one[ohm_at]))
         yield ",".join(changed)
-
-
-def cycle_of(lines: list[list[str]], rows: int) -> Iterator[list[str]]:
-    """So many of them, from the beginning again where they end."""
-    return islice(cycle(lines), rows)
 
 
 def week(short: Path, folder: Path, rows: int) -> Path:

@@ -47,8 +47,8 @@ def acted_before(time_s: Array, temperature_degC: Array, current_A: Array, broke
         return 0.0
     inverse = np.linalg.inv(columns.T @ columns)
     a = inverse @ (columns.T @ bend)
-    # a bend that alone tells of a coefficient is met by it, whatever its noise: J. MacKinnon, H. White, J. Econometrics
-    # 29 (1985) 305
+    # where one bend decides a coefficient alone, the fit goes through it and leaves nothing of its noise: what is left
+    # is divided by 1 less the leverage (J. MacKinnon, H. White, J. Econometrics 29 (1985) 305)
     leverage = np.sum((columns @ inverse) * columns, axis=1)
     left = (bend - columns @ a) / np.maximum(1.0 - leverage, ROUNDING)
     score = columns * left[:, None]

@@ -55,7 +55,7 @@ def _grouped(name: str, z: Array, group: NDArray[np.int64], spent: float = 0.0) 
     used = count > 0
     q = float(np.sum(total[used] ** 2 / count[used]))
     k = int(np.sum(used))
-    p = float(chdtrc(k, max(q - spent, 0.0)))  # of a chi-square above; 0 where it is too small for a number
+    p = float(chdtrc(k, max(q - spent, 0.0)))  # that a chi-square of k is larger by chance; 0 below all numbers
     log_p = math.log10(p) if p > 0.0 else -math.inf
     return Question(name, log_p, (q - k) / z.size)
 
