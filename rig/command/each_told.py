@@ -38,7 +38,7 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
                 voice.say(line)
             progress.show(done, of)
 
-        documents, faults = each_record(records, task, options.report, engine_choice(options), tell)
+        documents, faults, others = each_record(records, task, options.report, engine_choice(options), tell)
     if not documents:
         raise Faults(faults)
     for record in records:
@@ -47,6 +47,9 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
     if len(documents) < len(records):
         missing = len(records) - len(documents)
         voice.say(f"{missing} of {len(records)} records could not be taken: stderr says why; the others are done")
+    if others:
+        what = f"{others} results of records that are none of these, or had other contents then"
+        voice.say(f"{options.report}: {what}: left as they are, and not in the table")
     if options.report is not None:
         voice.say(f"report: {options.report / 'report.html'}")
     voice.report(documents)

@@ -20,6 +20,7 @@ that fails, or whose process is killed, is a row that says so, and stops nothing
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +39,18 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def main(options: argparse.Namespace) -> int:
     from rig.command.many_progress import ManyProgress
     from rig.command.say import Voice
+    from rig.files.record import Refused
     from rig.rehearsal.swept import read_sweep, row_in_words, sweep
 
     voice = Voice(options.json)
     choice = engine_choice(options)
     todo = read_sweep(options.config)
+    refused = [record for record in todo.records if isinstance(record, Refused)]
+    for record in todo.records:
+        if isinstance(record, Refused):
+            print(f"{record.source}: is refused, the others go on; the end says why", file=sys.stderr, flush=True)
+        for line in () if isinstance(record, Refused) else record.said:
+            print(f"{record.source}: {line}", file=sys.stderr)
     with ManyProgress() as progress:
 
         def tell(done: int, of: int, row: dict[str, Any]) -> None:
@@ -51,6 +59,8 @@ def main(options: argparse.Namespace) -> int:
             progress.show(done, of)
 
         rows = sweep(todo, options.out, choice, options.records, tell)
+    for line in (line for record in refused for line in record.faults):
+        print(line, file=sys.stderr)
     failed = sum(1 for row in rows if row["status"] != "done")
     voice.say(f"{len(rows)} cases, {failed} of them ended early or failed: {options.out / 'sweep.csv'}")
     from rig.report.many_figure import draw_many
@@ -59,4 +69,4 @@ def main(options: argparse.Namespace) -> int:
     if figure is not None:
         voice.say(f"figure: {figure}")
     voice.report({"format": "peltier-sweep/1", "table": options.out / "sweep.csv", "rows": rows})
-    return 0
+    return 2 if refused else 0

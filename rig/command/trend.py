@@ -61,4 +61,4 @@ def _link(report: Path, out: Path) -> str:
     """From the page to a run's report; "" where it has none."""
     import os
 
-    return os.path.relpath(report.resolve(), out.resolve()) if report.is_file() else ""
+    return Path(os.path.relpath(report.resolve(), out.resolve())).as_posix() if report.is_file() else ""

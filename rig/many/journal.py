@@ -15,7 +15,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,15 @@ Cell = str | float | int
 
 
 class Journal:
-    """name: of the table. identities: what each case is (its number first), by number; values of text and numbers."""
+    """name: of the table. identities: what each case is (its number first), by number; values of text and numbers.
+    others: lines of an earlier time that are no case of this time, and are left alone."""
 
-    def __init__(self, folder: Path, name: str, identities: Mapping[int, Row], of_this_alone: bool = True) -> None:
-        """Takes up what is there. of_this_alone: whether lines of other cases are refused; else they are left alone.
-        Raises Faults where there are such, or where it cannot be read or written."""
-        self._of_this_alone = of_this_alone
+    def __init__(self, folder: Path, name: str, identities: Mapping[int, Row], same: Sequence[str] = ()) -> None:
+        """Takes up what is there. same: what of its identity makes a line a case of this time, whatever its number is;
+        lines of other cases are then left alone, if they have the same "of". Without it a line has to be the case of
+        its number. Raises Faults where there are others, or where it cannot be read or written."""
+        self._same, self.others = tuple(same), 0
+        self._numbers = {self._key(identity): number for number, identity in identities.items()}
         self.folder, self._name, self._identities = folder, name, identities
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -59,6 +62,10 @@ class Journal:
         """A case of which nothing can be computed as it is: a row of the table, and no line, so that it is tried when
         the command is given again."""
         self.done[number] = (dict(values), 0.0)
+
+    def case(self, number: int) -> Row:
+        """What a case is."""
+        return self._identities[number]
 
     def missing(self) -> list[int]:
         """What is still to be done: cases without a line, and those whose process died of something else."""
@@ -98,14 +105,25 @@ class Journal:
                 number, values, seconds = int(entry["case"]["number"]), dict(entry["values"]), float(entry["seconds"])
             except (ValueError, KeyError, TypeError):
                 raise fault(self._path, f"line {k}", "is damaged; expected a line of a journal of cases") from None
-            if self._identities.get(number) != entry["case"]:
-                if not self._of_this_alone:
-                    continue
-                raise fault(
-                    self._path, f"number {number}", "is of other cases; expected the DIR of these, or a new one"
-                )
-            found[number] = (values, seconds)
+            ours = self._number_of(number, entry["case"])
+            if ours is None:
+                self.others += 1
+            else:
+                found[ours] = (values, seconds)
         return found
+
+    def _key(self, case: Row) -> tuple[Any, ...]:
+        return tuple(case.get(name) for name in self._same)
+
+    def _number_of(self, number: int, case: Row) -> int | None:
+        """The number of a line's case now; None where it is none of these and may be left alone. Raises Faults."""
+        if not self._same and self._identities.get(number) == case:
+            return number
+        of = {identity.get("of") for identity in self._identities.values()}
+        if self._same and (not of or case.get("of") in of):
+            return self._numbers.get(self._key(case))
+        text = "is of other cases, of files with other contents, or of another version"
+        raise fault(self._path, f"number {number}", f"{text}; expected the DIR of these, or a new one")
 
 
 class _replaced:
@@ -120,6 +138,23 @@ class _replaced:
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
         if kind is None:
             os.replace(self._new, self._path)
+
+
+def cases_in(folder: Path) -> list[Row]:
+    """What the cases of a journal are, in the order of its lines; lines that are damaged are left out."""
+    try:
+        lines = (folder / "cases.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
+    found = []
+    for line in lines:
+        try:
+            case = json.loads(line)["case"]
+        except (ValueError, KeyError, TypeError):
+            continue
+        if isinstance(case, dict):
+            found.append(case)
+    return found
 
 
 def write_table(path: Path, rows: list[Row]) -> None:

@@ -33,7 +33,7 @@ def diagnose_runs(
         number = int(hashlib.sha256(run.record.read_bytes() + run.at.isoformat().encode()).hexdigest()[:DIGITS], 16)
         numbered.setdefault(number, run)
     identities = {number: _identity(number, run, folder) for number, run in numbered.items()}
-    journal = Journal(out, "trend", identities, of_this_alone=False)
+    journal = Journal(out, "trend", identities, same=("number", "run", "at", "rig"))
     left = journal.missing()
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:

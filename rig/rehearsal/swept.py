@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import Any
 from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Outcome
+from rig.files.named_files import contents_named
+from rig.files.record import Refused
 from rig.files.record_file import Record, read_record, write_columns
 from rig.files.sweep_table import SweepTable, What
 from rig.files.toml_file import checked
@@ -30,21 +33,34 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sweep:
-    """What there is to do. identities: what each case is, by number; records: by number, where there are any."""
+    """What there is to do. identities: what each case is, by number; records: by number, where there are any, read or
+    refused."""
 
     path: Path
     raw: dict[str, Any]
     table: SweepTable
     points: list[Point]
-    records: list[Record]
+    records: list[Record | Refused]
 
     @property
     def identities(self) -> dict[int, Values]:
         """Of each case, with what it is a case of: another configuration or version makes other rows."""
-        of = {"of": _digest(self.raw)}
+        folder = self.path.parent
         if self.records:
-            return {n: {"number": n, "record": record.source, **of} for n, record in enumerate(self.records)}
-        return {point.number: {**point.identity(), **of} for point in self.points}
+            of = _digest(self.raw, {})
+            return {
+                n: {"number": n, "record": record.source, "of": of, "holds": _content(record)}
+                for n, record in enumerate(self.records)
+            }
+        rest = {name: table for name, table in self.raw.items() if name != "sweep"}
+        named = contents_named(rest, folder)
+        return {
+            point.number: {
+                **point.identity(),
+                "of": _digest(self.raw, {**named, **contents_named(point.parameters, folder)}),
+            }
+            for point in self.points
+        }
 
 
 def read_sweep(path: Path) -> Sweep:
@@ -60,26 +76,37 @@ def read_sweep(path: Path) -> Sweep:
     return Sweep(path, raw, table, points, [])
 
 
-def _records(path: Path, names: list[str]) -> list[Record]:
+def _records(path: Path, names: list[str]) -> list[Record | Refused]:
+    """Those that can be read, and those that are refused. Raises Faults where none is left."""
     paths, lines = [], []
     for name in names:
         found = sorted(path.parent.glob(name)) if not Path(name).is_absolute() else [Path(name)]
         lines += [] if found else [f"{path}: sweep.records: {name!r}; expected names of files beside this one"]
         paths += found
-    records = []
+    if lines:
+        raise Faults(lines)
+    records: list[Record | Refused] = []
     for one in dict.fromkeys(paths):
         try:
             records.append(read_record(one))
         except Faults as faults:
-            lines += faults.lines
-    if lines:
-        raise Faults(lines)
+            records.append(Refused(str(one), tuple(faults.lines)))
+    if all(isinstance(record, Refused) for record in records):
+        raise Faults(line for record in records if isinstance(record, Refused) for line in record.faults)
     return records
 
 
-def _digest(raw: dict[str, Any]) -> str:
-    """Of what decides a case's outcome and is not in its row."""
+def _content(record: Record | Refused) -> str:
+    """A digest of what a record holds."""
+    holds = record.faults if isinstance(record, Refused) else (record.columns, record.drive)
+    return hashlib.sha256(pickle.dumps(holds)).hexdigest()[:12]
+
+
+def _digest(raw: dict[str, Any], named: Mapping[str, str]) -> str:
+    """Of what decides a case's outcome and is not in its row; named: the files that it rests on."""
     rest = {**raw, "sweep": {"what": raw["sweep"].get("what", "experiment")}, "version": __version__}
+    if named:
+        rest["files"] = sorted(named.items())
     return hashlib.sha256(json.dumps(rest, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
 
@@ -88,7 +115,10 @@ def sweep(
 ) -> list[Values]:
     """The table's rows, in the order of their numbers; tell(done, of, row) as each ends. Raises Faults."""
     identities = todo.identities
-    journal = Journal(out, "sweep", identities)
+    journal = Journal(out, "sweep", identities, same=("of", "holds", "record") if todo.records else ())
+    for number, record in enumerate(todo.records):
+        if isinstance(record, Refused):
+            journal.note(number, {"status": "failed", "text": " / ".join(record.faults)})
     left = journal.missing()
     folder = out if keep_records else None
     try:

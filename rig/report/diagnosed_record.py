@@ -121,4 +121,5 @@ def diagnoses(asked: Asked, holdout: Sequence[Record]) -> Task:
         rank=_rank,
         columns={"verdict": "verdict", "named": "effects and sizes", "left": "left over"},
         shared=tuple(holdout),
+        files=asked.effect_files,
     )

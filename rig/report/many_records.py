@@ -11,17 +11,18 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rig.core.faults import fault
 from rig.files.record import Record, Refused
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, opened
-from rig.many.journal import LOST, Journal
+from rig.many.journal import LOST, Journal, cases_in
 from rig.report.figures import svg_text
 from rig.report.many_figure import named_figure
 from rig.report.page import figure, write_page
@@ -37,7 +38,8 @@ Tell = Callable[[int, int, str, Told], None]
 class Task:
     """What is done with each record.
 
-    work(record, asked, model's path or None, *shared) -> Told, in another process; shared: records that all need.
+    work(record, asked, model's path or None, *shared) -> Told, in another process; shared: records that all need;
+    files: whose contents decide what comes out, beside all these.
     document: the JSON file among the files; row: of it, for the table, whose name is `table`; rank: what stands first
     in the page; columns: of the page, by name, with their heads.
     """
@@ -51,16 +53,23 @@ class Task:
     rank: Callable[[Mapping[str, Any]], Any]
     columns: Mapping[str, str]
     shared: tuple[Record, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def own_files(self) -> list[str]:
+        """What stands in DIR beside the records' folders."""
+        return ["cases.jsonl", "times.csv", "report.html", f"{self.table}.csv", f"{self.table}.nc"]
 
 
 def each_record(
     records: Sequence[Record | Refused], task: Task, out: Path | None, choice: EngineChoice, tell: Tell
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """(documents in the order of the records, a line a fault); tell(done, of, source, what came out) as each ends.
+) -> tuple[list[dict[str, Any]], list[str], int]:
+    """(documents in the order of the records, a line a fault, how many results of an earlier time are in `out` that are
+    of none of these); tell(done, of, source, what came out) as each ends.
     Those that were refused have their faults, and their row in the table; nothing else is made of them. Raises Faults.
     """
-    names = folders_of(records)
-    journal = Journal(out, task.table, _identities(records, names, task)) if out is not None else None
+    journal = _journal(out, records, task) if out is not None else None
+    names = folders_of(records) if journal is None else [journal.case(k)["folder"] for k in range(len(records))]
     documents, faults = _known(out, names, journal, task)
     for number, record in enumerate(records):
         if isinstance(record, Refused):
@@ -94,7 +103,9 @@ def each_record(
             journal.close()
     if out is not None and journal is not None:
         _write_page(out, journal.rows(), task)
-    return [documents[number] for number in sorted(documents)], [line for k in sorted(faults) for line in faults[k]]
+    others = journal.others if journal is not None else 0
+    told = [line for k in sorted(faults) for line in faults[k]]
+    return [documents[number] for number in sorted(documents)], told, others
 
 
 def _row(found: Told, task: Task) -> Row:
@@ -104,28 +115,57 @@ def _row(found: Told, task: Task) -> Row:
     return {"status": "done", **task.row(found.document)}
 
 
-def folders_of(records: Sequence[Record | Refused]) -> list[str]:
-    """A folder's name for each record: its file's, with a number where two have the same."""
+def folders_of(records: Sequence[Record | Refused], taken: Iterable[str] = (), known: Sequence[str] = ()) -> list[str]:
+    """A folder's name for each record: the known one, where there is one, else its file's, with a number where it is
+    taken. Names that differ in capitals alone are the same on some systems."""
+    used = {name.casefold() for name in (*taken, *known) if name}
     names: list[str] = []
-    for record in records:
+    for k, record in enumerate(records):
         stem = name = Path(record.source).stem or "record"
         count = 1
-        while name in names:
+        while name.casefold() in used and not (known and known[k]):
             count += 1
             name = f"{stem}_{count}"
-        names.append(name)
+        names.append(known[k] if known and known[k] else name)
+        used.add(names[-1].casefold())
     return names
 
 
-def _identities(records: Sequence[Record | Refused], names: Sequence[str], task: Task) -> dict[int, Row]:
-    """Of each case: its record, and a digest of all that decides what comes out."""
-    of = pickle.dumps((task.asked, __version__, [other.columns for other in task.shared]))
-    found = {}
-    for number, record in enumerate(records):
-        holds = record.faults if isinstance(record, Refused) else (record.columns, record.drive)
-        digest = hashlib.sha256(of + pickle.dumps(holds)).hexdigest()[:12]
-        found[number] = {"number": number, "record": record.source, "folder": names[number], "of": digest}
-    return found
+def _journal(out: Path, records: Sequence[Record | Refused], task: Task) -> Journal:
+    """Of records that are known by what is in them, wherever they stand among the others: one that was done keeps its
+    folder when others come to it, and one with other contents gets a new one. Raises Faults."""
+    by_content: dict[tuple[str, str], list[Row]] = {}
+    before = cases_in(out)
+    for case in before:
+        by_content.setdefault((str(case.get("of")), str(case.get("holds"))), []).append(case)
+    of, holds = digest_of(task), [_digest(_content(record)) for record in records]
+    known = [""] * len(records)
+    for spelled in (True, False):  # copies of one record: first those that are named as they were
+        for k, record in enumerate(records):
+            for case in by_content.get((of, holds[k]), []) if not known[k] else []:
+                if str(case["folder"]) not in known and (not spelled or case.get("record") == record.source):
+                    known[k] = str(case["folder"])
+                    break
+    names = folders_of(records, [*task.own_files, *(str(case.get("folder")) for case in before)], known)
+    identities = {
+        k: {"number": k, "record": record.source, "folder": names[k], "of": of, "holds": holds[k]}
+        for k, record in enumerate(records)
+    }
+    return Journal(out, task.table, identities, same=("folder", "of", "holds"))
+
+
+def _content(record: Record | Refused) -> Any:
+    return record.faults if isinstance(record, Refused) else (record.columns, record.drive)
+
+
+def _digest(of: Any) -> str:
+    return hashlib.sha256(pickle.dumps(of)).hexdigest()[:12]
+
+
+def digest_of(task: Task) -> str:
+    """Of all that decides what comes out, beside the record."""
+    read = [path.read_bytes() for path in task.files]
+    return _digest((task.asked, __version__, [other.columns for other in task.shared], read))
 
 
 def _known(
@@ -166,7 +206,7 @@ def _write_page(out: Path, rows: Sequence[Row], task: Task) -> None:
 def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
     lines = []
     for row in rows:
-        link = f'<a href="{escape(str(row["folder"]))}/report.html">{escape(str(row["record"]))}</a>'
+        link = f'<a href="{quote(str(row["folder"]))}/report.html">{escape(str(row["record"]))}</a>'
         texts = [_shown(row.get(name, "")) for name in columns]
         if row.get("status") != "done":
             link, texts[0] = escape(str(row["record"])), str(row.get("text", ""))

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def _runs(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = []
     for row in rows:
         name = (
-            f'<a href="{escape(str(row["link"]))}">{escape(str(row["run"]))}</a>'
+            f'<a href="{quote(str(row["link"]))}">{escape(str(row["run"]))}</a>'
             if row.get("link")
             else escape(str(row["run"]))
         )

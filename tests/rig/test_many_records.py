@@ -13,7 +13,7 @@ import pytest
 Peltier = Callable[..., tuple[int, str, str]]
 
 
-def _plate_record(path: Path, seed: int, gain: float) -> Path:
+def plate_record(path: Path, seed: int, gain: float) -> Path:
     """A plate that is driven back and forth; Euler, by hand."""
     random = np.random.default_rng(seed)
     rows, plate = ["time_s,temperature_degC,current_A"], 25.0
@@ -28,7 +28,7 @@ def _plate_record(path: Path, seed: int, gain: float) -> Path:
 
 @pytest.fixture
 def records(tmp_path: Path) -> list[Path]:
-    return [_plate_record(tmp_path / f"night{k}" / "record.csv", k, 0.3 + 0.1 * k) for k in (1, 2)]
+    return [plate_record(tmp_path / f"night{k}" / "record.csv", k, 0.3 + 0.1 * k) for k in (1, 2)]
 
 
 @pytest.mark.long
@@ -91,7 +91,7 @@ def test_the_others_are_written_where_one_is_refused(records: list[Path], tmp_pa
     assert [row["status"] for row in rows] == ["failed", "done"]
 
     before = (out / "cases.jsonl").read_text()
-    bad.write_text(_plate_record(tmp_path / "night3" / "record.csv", 3, 0.5).read_text())
+    bad.write_text(plate_record(tmp_path / "night3" / "record.csv", 3, 0.5).read_text())
     status, text, err = peltier(*words)
     assert status == 0, err
     assert (out / "cases.jsonl").read_text().startswith(before)

@@ -1,0 +1,131 @@
+"""What is given again with the same DIR is computed again where its files have changed, and only there."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rig.core.faults import Faults
+from rig.files.named_files import contents_named
+from rig.many.journal import Journal
+from tests.rig.small import write_bench
+from tests.rig.test_many_records import plate_record
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+
+def _table(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def test_a_sweep_whose_target_is_another_is_no_sweep_of_this_folder(tmp_path: Path, peltier: Peltier) -> None:
+    path = write_bench(tmp_path, target='"target.csv"', more="\n[sweep]\nseeds = 1\n")
+    path.write_text(path.read_text().replace('kind = "track_resistance"', 'kind = "current_profile"'))
+    target, out = tmp_path / "target.csv", tmp_path / "out"
+    target.write_text("time_s,current_A\n0,0.5\n5,0.5\n")
+    words = ("sweep", path, "--out", out, "--workers", 1)
+    status, _, err = peltier(*words)
+    assert status == 0, err
+    rows = _table(out / "sweep.csv")[0]["rows"]
+    target.write_text("time_s,current_A\n0,0.5\n9,0.5\n")
+    status, _, err = peltier(*words)
+    assert status == 2
+    assert "of files with other contents" in err
+    status, _, err = peltier(*words[:3], tmp_path / "new", *words[4:])
+    assert status == 0, err
+    assert int(_table(tmp_path / "new" / "sweep.csv")[0]["rows"]) > int(rows)
+
+
+def test_files_are_found_where_they_are_named(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "film.toml").write_text('own = "shape.py:Shape"\nagain = "film.toml"\n')
+    (tmp_path / "models" / "shape.py").write_text("a = 1\n")
+    (tmp_path / "a.csv").write_text("1\n")
+    tables = {"experiment": {"model": "models/film.toml", "target": ["start 1 A", "a.csv"]}, "n": 3}
+    before = contents_named(tables, tmp_path)
+    assert [name.split()[-1] for name in before] == ["models/film.toml", "shape.py", "a.csv"]
+    (tmp_path / "models" / "shape.py").write_text("a = 2\n")
+    after = contents_named(tables, tmp_path)
+    assert [name for name in before if before[name] != after[name]] == [" models/film.toml shape.py"]
+
+
+def test_a_sweep_of_records_goes_on_without_one_that_is_refused(tmp_path: Path, peltier: Peltier) -> None:
+    """And computes a record again that holds something else."""
+    for k in (1, 2):
+        plate_record(tmp_path / "in" / f"{k}.csv", k, 0.3)
+    (tmp_path / "in" / "bad.csv").write_text("hello\n")
+    path = tmp_path / "sweep.toml"
+    path.write_text('[sweep]\nwhat = "identification"\nrecords = ["in/*.csv"]\n')
+    words = ("sweep", path, "--out", tmp_path / "out", "--workers", 1)
+    status, _, err = peltier(*words)
+    assert status == 2
+    assert f"{tmp_path / 'in' / 'bad.csv'}: line 1: " in err
+    before = _table(tmp_path / "out" / "sweep.csv")
+    assert [row["status"] for row in before] == ["done", "done", "failed"]
+    plate_record(tmp_path / "in" / "1.csv", 1, 0.6)
+    plate_record(tmp_path / "in" / "bad.csv", 3, 0.3)
+    status, _, err = peltier(*words)
+    assert status == 0, err
+    after = _table(tmp_path / "out" / "sweep.csv")
+    assert [row["status"] for row in after] == ["done"] * 3
+    assert after[1] == {name: cell for name, cell in before[1].items() if name != "text"}  # the column is gone
+    assert after[0]["holds"] != before[0]["holds"]
+    lines = [json.loads(line)["case"] for line in (tmp_path / "out" / "cases.jsonl").read_text().splitlines()]
+    assert [Path(case["record"]).name for case in lines] == ["1.csv", "2.csv", "1.csv", "bad.csv"]
+
+
+def test_records_that_come_to_others_take_nothing_from_them(tmp_path: Path, peltier: Peltier) -> None:
+    """Each keeps its folder, whatever stands before it now; one with other contents gets a new one."""
+    first = [plate_record(tmp_path / f"b{k} #1 50%.csv", k, 0.3) for k in (1, 2)]
+    out = tmp_path / "out"
+    status, text, err = peltier("identify", *first, "--each", "--report", out, "--workers", 1)
+    assert status == 0, err
+    assert 'href="b1%20%231%2050%25/report.html"' in (out / "report.html").read_text()
+    kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
+    lines = (out / "cases.jsonl").read_text()
+
+    new = plate_record(tmp_path / "night" / "b1 #1 50%.csv", 3, 0.4)
+    status, text, err = peltier("identify", new, *first, "--each", "--report", out, "--workers", 1)
+    assert status == 0, err
+    assert (out / "cases.jsonl").read_text().startswith(lines)
+    assert len((out / "cases.jsonl").read_text().splitlines()) == 3
+    assert [row["folder"] for row in _table(out / "identifications.csv")] == ["b1 #1 50%_2", "b1 #1 50%", "b2 #1 50%"]
+    assert kept == {path: path.read_bytes() for path in kept}
+    assert "not in the table" not in text
+
+    plate_record(first[0], 4, 0.5)
+    status, text, err = peltier("identify", first[0], "--each", "--report", out, "--workers", 1)
+    assert status == 0, err
+    assert [row["folder"] for row in _table(out / "identifications.csv")] == ["b1 #1 50%_3"]
+    assert "3 results of records that are none of these" in text
+    assert kept == {path: path.read_bytes() for path in kept}
+
+
+def test_an_effect_of_ones_own_that_was_changed_is_another_task(tmp_path: Path) -> None:
+    from rig.report.diagnosed_record import Asked, diagnoses
+    from rig.report.many_records import digest_of
+
+    own = tmp_path / "own.py"
+    own.write_text("a = 1\n")
+    task = diagnoses(Asked(effect_files=(own,)), [])
+    before = digest_of(task)
+    assert digest_of(task) == before
+    own.write_text("a = 2\n")
+    assert digest_of(task) != before
+
+
+def test_a_journal_of_another_task_is_refused(tmp_path: Path) -> None:
+    case = {"number": 0, "of": "a", "holds": "x"}
+    journal = Journal(tmp_path, "t", {0: case}, same=("of", "holds"))
+    journal.add(0, {"status": "done"}, 1.0)
+    journal.close()
+    moved = Journal(tmp_path, "t", {0: {**case, "holds": "y"}, 1: {**case, "number": 1}}, same=("of", "holds"))
+    assert moved.missing() == [0]
+    assert moved.others == 0
+    moved.close()
+    with pytest.raises(Faults, match="is of other cases"):
+        Journal(tmp_path, "t", {0: {**case, "of": "b"}}, same=("of", "holds"))
