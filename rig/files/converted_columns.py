@@ -10,11 +10,11 @@ from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.files.column_mapping import ending_of, typed
 from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
-from rig.files.field_numbers import Undecided, number_of, read_numbers, tidied
+from rig.files.field_numbers import Undecided, beyond_as_a_number, number_of, read_numbers, tidied
 from rig.files.field_times import Unclear, clock_alone, date_alone, read_times, time_like
 from rig.files.record import Record
 from rig.files.taking import Choice, Taking
-from rig.files.units import SHARES, UNITS
+from rig.files.units import CONDUCTANCES, SHARES, UNITS
 
 MOST_NUMBER_FAULTS = 5  # a column: five lines show what is wrong with it as well as a thousand
 
@@ -83,6 +83,14 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
         _refuse_endless(taking, ours, choice, numbers.values)
         if ending in ("degC", "A"):  # of a resistance alone it says something
             values = np.where(np.isinf(numbers.values), np.nan, values)
+    if ours == "resistance_ohm" and choice.unit not in CONDUCTANCES:
+        beyond = beyond_as_a_number(values)
+        if np.any(beyond):
+            largest, rows = float(np.max(values[beyond])), int(np.sum(beyond))
+            taking.said.append(
+                f"in resistance_ohm {largest:g} ohm, far above all else, as beyond the range ({rows} rows)"
+            )
+            values = np.where(beyond, np.inf, values)
     if ours == "temperature_degC":
         values = _above_absolute_zero(taking, values)
     return values

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.files.units import UNITS, spelled
@@ -23,6 +24,8 @@ BEYOND = frozenset(("ol", "o.l", "o.l.", "ovld", "ovrflw", "overload", "overflow
 BEYOND |= {"inf", "infinity"}
 OVERFLOW = (9.89e37, 1.0e38)  # IEEE 488.2's infinity is 9.9E37, its not-a-number 9.91E37; meters send them as readings
 NOT_A_NUMBER = (9.905e37, 9.915e37)
+OVERLOAD_OHM = (0.9e9, 1.0e30)  # within, a power of ten or all nines is what older bench meters send for overload
+OVERLOAD_FACTOR = 30.0  # and far above every reading: the next range would have shown those
 LONGEST = 400  # characters of a number: a double written out in full has 327
 EVIDENCE_ROWS = 2000
 PLAIN = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -157,6 +160,19 @@ def within_range(values: Array, ending: str | None, said: Sequence[str] = ()) ->
             values = np.where(large, np.copysign(np.inf, values), values)
             values[none] = math.nan
     return Numbers(values, None, said)
+
+
+def beyond_as_a_number(ohm: Array) -> NDArray[np.bool_]:
+    """The rows in which a meter wrote its overload as a number: 1E+9 or 9.99999E+9, far above all that it read."""
+    finite = ohm[np.isfinite(ohm)]
+    largest = float(np.max(finite, initial=0.0))
+    below = finite[finite < largest]
+    low, high = OVERLOAD_OHM
+    if not low <= largest <= high or not below.size or largest < OVERLOAD_FACTOR * float(np.max(below)):
+        return np.zeros(ohm.size, dtype=np.bool_)
+    digits = f"{largest:.5e}".partition("e")[0].replace(".", "")
+    code = digits in ("100000", "999999") or digits.rstrip("0") in ("99", "999", "9999", "99999")
+    return np.asarray((ohm == largest) & code, dtype=np.bool_)
 
 
 def _one_by_one(fields: Sequence[str], signs: Signs, ending: str | None) -> Numbers:

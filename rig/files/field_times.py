@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 
@@ -24,6 +24,7 @@ LONGEST = 60  # characters of a time
 HOUR_S = 3600.0  # after which minutes and seconds begin again
 MONTHS = {"jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9, "oct": 10}
 MONTHS |= {"nov": 11, "dec": 12, "mai": 5, "okt": 10, "dez": 12, "mrz": 3, "mär": 3}
+UNPADDED = ", milliseconds without leading zeros,"
 CLOCK = r"(\d{1,3}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?|([.,]\d{1,9}))?\s*([AaPp]\.?[Mm]\.?)?"
 DATE = r"(\d{1,4})([-/. ])\s*(\d{1,2}|[^\W\d_]{3,9})\.?\2\s*(\d{1,4})"
 STAMP = re.compile(rf"(?:[^\W\d_]{{2,3}},?\s+)?{DATE}(?:[T ,]\s*{CLOCK})?")
@@ -76,6 +77,9 @@ def read_times(fields: Sequence[str], layout: str | None = None) -> Times:
     first = next((text for text in texts if text), "")
     if ALONE.fullmatch(first):
         return _clock_times(texts, layout)
+    clocks = [STAMP.fullmatch(text) for text in texts] if len({len(text) for text in texts}) > 1 else []
+    if _unpadded(m[8] for m in clocks if m is not None):
+        return _dated_times(texts, layout)
     try:
         stamps = [datetime.fromisoformat(text) if text else None for text in texts]
     except ValueError:
@@ -110,8 +114,9 @@ def _clock_times(texts: Sequence[str], layout: str | None) -> Times:
         raise Unclear("times with seconds and times without")
     if short == {True}:
         return _short_times(matches, layout)
-    raw = np.array([_seconds_of(m) if m is not None else math.nan for m in matches])
-    return _over_midnight(raw, "a clock's times")
+    unpadded = _unpadded(m[4] for m in matches if m is not None)
+    raw = np.array([_seconds_of(m, unpadded) if m is not None else math.nan for m in matches])
+    return _over_midnight(raw, f"a clock's times{UNPADDED if unpadded else ''}")
 
 
 def _short_times(matches: Sequence[re.Match[str] | None], layout: str | None) -> Times:
@@ -129,13 +134,29 @@ def _short_times(matches: Sequence[re.Match[str] | None], layout: str | None) ->
     return _over_midnight(raw, "minutes and seconds", HOUR_S)
 
 
-def _seconds_of(match: re.Match[str]) -> float:
+def _unpadded(fractions: Iterable[str | None]) -> bool:
+    """Whether what stands behind full seconds counts milliseconds without leading zeros: 12:00:00:7 is 7 ms then.
+
+    Such numbers are of one to three digits, end in 0 now and then, and never begin with it; decimals of which the last
+    zeros were left out are the other way round.
+    """
+    told = {fraction for fraction in fractions if fraction is not None}
+    if len({len(fraction) for fraction in told}) < 2 or max(map(len, told)) > 3:
+        return False
+    longer = [fraction for fraction in told if len(fraction) > 1]
+    return any(f.endswith("0") for f in longer) and not any(f.startswith("0") for f in longer)
+
+
+def _seconds_of(match: re.Match[str], unpadded: bool = False) -> float:
     """The time of the day of a clock's match, in seconds."""
-    return _day_seconds(match[1], match[2], match[3], match[4], match[6])
+    return _day_seconds(match[1], match[2], match[3], match[4], match[6], unpadded)
 
 
-def _day_seconds(hour: str, minute: str, second: str | None, fraction: str | None, half: str | None) -> float:
+def _day_seconds(
+    hour: str, minute: str, second: str | None, fraction: str | None, half: str | None, unpadded: bool = False
+) -> float:
     hours = int(hour)
+    fraction = fraction.zfill(3) if fraction is not None and unpadded else fraction
     if half:
         if not 1 <= hours <= 12:
             raise ValueError(f"{hour}:{minute} {half}")
@@ -173,18 +194,20 @@ def _dated_times(texts: Sequence[str], layout: str | None) -> Times:
         if text and match is None:
             raise ValueError(text)
         matches.append(match)
+    unpadded = _unpadded(m[8] for m in matches if m is not None)
     orders = [layout] if layout in ORDERS else [order for order in ORDERS if _allows(matches, order)]
     found: dict[str, Array] = {}
     failed: ValueError | None = None
     for order in orders:
         try:
-            found[order] = _in_order(matches, order)
+            found[order] = _in_order(matches, order, unpadded)
         except ValueError as error:
             failed = error
     if not found:
         raise failed or ValueError(next(text for text in texts if text))
     order = _plain_order(found)
-    return Times(found[order], f"dates in the order {order} as seconds from the first row")
+    said = f"dates in the order {order}{UNPADDED if unpadded else ''} as seconds from the first row"
+    return Times(found[order], said)
 
 
 def _allows(matches: Sequence[re.Match[str] | None], order: str) -> bool:
@@ -197,7 +220,7 @@ def _allows(matches: Sequence[re.Match[str] | None], order: str) -> bool:
     return order == "dmy" if first[2] == "." or not first[3].isdigit() else True
 
 
-def _in_order(matches: Sequence[re.Match[str] | None], order: str) -> Array:
+def _in_order(matches: Sequence[re.Match[str] | None], order: str, unpadded: bool) -> Array:
     """Seconds from the first row. Raises ValueError where a date does not exist."""
     days: dict[tuple[str, str, str], int] = {}
     seconds = np.full(len(matches), math.nan)
@@ -212,7 +235,7 @@ def _in_order(matches: Sequence[re.Match[str] | None], order: str) -> Array:
             except ValueError:
                 raise ValueError(m.string) from None
         start = days[key] if start is None else start
-        clock = _day_seconds(m[5], m[6], m[7], m[8], m[10]) if m[5] is not None else 0.0
+        clock = _day_seconds(m[5], m[6], m[7], m[8], m[10], unpadded) if m[5] is not None else 0.0
         seconds[k] = DAY_S * (days[key] - start) + clock
     known = np.flatnonzero(np.isfinite(seconds))
     return np.asarray(np.round(seconds - seconds[known[0]], 9), dtype=np.float64)

@@ -26,6 +26,7 @@ COMMENT = ("#", "%", "!")
 DIGIT = re.compile(r"\d")
 MOST_FAULTS = 20  # a file: more lines are read by nobody
 MOST_CLOSING = 10  # lines of words behind the rows; more are another table
+FEW_ROWS = 20  # of fewer, a last number that is shorter than all others is no wonder
 SHOWN = 40  # characters of what was left out
 BLOCK_ROWS = 500  # read at a time: few enough lists that Python's collector does not go through them again and again
 Fields = list[str] | Array
@@ -36,6 +37,9 @@ def columns_of(
 ) -> tuple[list[Fields], Sequence[int], list[str]]:
     """Fields by column, the line of each row, and what was left out. Raises Faults: a row with other fields."""
     body = lines[start:]
+    if _ends_within_a_number(body, form, text):
+        whole, places, said = columns_of(lines[:-1], start, form, head, text + "\n", path)
+        return whole, places, [*said, f"line {len(lines)} left out, it may have been cut off: {body[-1][-SHOWN:]!r}"]
     repeated = any(text.count(raw) > 1 for raw in head.raw if raw)
     blank = form.separator != "" and form.separator * (form.fields - 1) in text
     plain = not (repeated or blank or COMMENTED_ROW.search(text))
@@ -52,6 +56,18 @@ def columns_of(
         raise fault(path, f"from line {start + 1}", f"{error}; expected a table with a field's end in sight") from None
     kept, places, said = _sorted_out(rows, line_of, body if len(rows) == len(body) else None, form, head, text, path)
     return [list(column) for column in zip(*kept, strict=True)] or [[] for _ in range(form.fields)], places, said
+
+
+def _ends_within_a_number(body: list[str], form: Form, text: str) -> bool:
+    """Whether the last line has no end, and its last field fewer characters than every other row's: 156.5501 of which
+    15 was written is a number, too."""
+    if text.endswith(("\n", "\r")) or len(body) <= FEW_ROWS:
+        return False
+    rows = [divided_line(line, form.separator) for line in body[-SAMPLE:]]
+    if len(rows[-1]) != form.fields or not number_like(rows[-1][-1]):
+        return False
+    others = [len(row[-1]) for row in rows[:-1] if len(row) == form.fields and row[-1]]
+    return len(rows[-1][-1]) < min(others, default=0)
 
 
 def _plain_numbers(body: list[str], form: Form) -> list[Fields] | None:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rig.core.faults import Faults, fault
+from rig.files.column_meaning import meaning_of
 from rig.files.field_numbers import Signs, signs_of
 from rig.files.table import Column, Table
 from rig.files.text_form import Form, divided_line, first_row, form_of, sample_of
@@ -87,5 +88,7 @@ def _no_rows(lines: list[str], path: Path) -> Table:
         faults = [wrong_width(path, line, fields, len(names)) for line, fields in wrong[:MOST_FAULTS]]
         more = len(wrong) - len(faults)
         raise Faults([*faults, *([f"{path}: and {more} more lines like these"] if more else [])])
+    if not rows and any(meaning_of(name).ours is not None for name in names):
+        raise fault(path, f"line {number + 1}", "names, and no row of numbers below them; expected rows")
     columns = [Column(name, [row[k] for row in rows]) for k, name in enumerate(names)]
     return Table(str(path), f"line {number + 1}", columns, range(number + 2, number + 2 + len(rows)))

@@ -41,7 +41,7 @@ def test_what_is_no_table_is_told_as_what_it_is(
 def test_a_table_with_a_fault_is_still_a_table(peltier: Peltier, tmp_path: Path) -> None:
     file = tmp_path / "record.csv"
     for text, said in (
-        ("t_s,T_K,R_ohm\n", "column 'time_s' missing; there are t_s, T_K, R_ohm"),
+        ("t_s,T_K,R_ohm\n", "line 1: names, and no row of numbers below them"),
         ("time_s,temperature_degC\nzero,warm\none,warmer\n", "'zero': expected a number"),
         ("plate voltage,plate power\n0,1\n1,2\n", "column 'temperature_degC' missing"),
     ):
