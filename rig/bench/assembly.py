@@ -153,8 +153,11 @@ def _not_ours(role: str, guard: Guard) -> None:
         guard.let_go()
 
 
-def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[str, str, Instrument]]:
-    """(role, driver's name, emulator) of the configured instruments; they share one plant. Raises Faults."""
+def emulated_instruments(
+    file: ConfigurationFile, start_s: float, plant: SimulatedPlant | None = None
+) -> list[tuple[str, str, Instrument]]:
+    """(role, driver's name, emulator) of the configured instruments; they share one plant, by default the file's own.
+    Raises Faults."""
     c = file.content
     roles: list[tuple[str, ControllerTable | MeterTable]] = [("controller", c.bench.controller)]
     if c.bench.meter is not None:
@@ -169,7 +172,7 @@ def emulated_instruments(file: ConfigurationFile, start_s: float) -> list[tuple[
             check_options(role, table.driver, driver, table.options)
         except ValueError as error:
             raise fault(file.path, f"bench.{role}.options", str(error)) from None
-    plant = SimulatedPlant(simulated_world(file), start_s)
+    plant = SimulatedPlant(simulated_world(file), start_s) if plant is None else plant
     make = {"controller": emulated_controller, "meter": emulated_meter}
     return [(role, t.driver, make[role](t.driver, plant, start_s, **_shared(role, t))) for role, t in roles]
 

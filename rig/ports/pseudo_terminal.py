@@ -26,7 +26,8 @@ class PseudoTerminals:
     """Serve `instruments`, by name, from `start` until `stop`, or within a with block.
 
     speed: simulated seconds a second. start_s: simulated time at the beginning. What nobody reads is lost
-    when the terminal's buffer is full, as on a wire. `paths` gives the names to open, such as /dev/pts/3.
+    when the terminal's buffer is full, as on a wire. `paths` gives the names to open, such as /dev/pts/3; `heard_s`
+    when each was written to last (time.monotonic).
     """
 
     def __init__(self, instruments: Mapping[str, Instrument], *, speed: float = 1.0, start_s: float = 0.0) -> None:
@@ -37,6 +38,8 @@ class PseudoTerminals:
         self._masters: dict[int, Instrument] = {}
         self._slaves: list[int] = []
         self.paths: dict[str, str] = {}
+        self.heard_s: dict[str, float] = {}
+        self._names: dict[int, str] = {}
         self.failure: BaseException | None = None
         self._wake_reader, self._wake_writer = os.pipe()
         self._stopping = threading.Event()
@@ -45,7 +48,7 @@ class PseudoTerminals:
             master, slave = pty.openpty()
             tty.setraw(slave)
             os.set_blocking(master, False)
-            self._masters[master] = instrument
+            self._masters[master], self._names[master] = instrument, name
             self._slaves.append(slave)
             self.paths[name] = os.ttyname(slave)
         self._began_s = time.monotonic()
@@ -102,6 +105,7 @@ class PseudoTerminals:
         except OSError:  # nobody at the other end just now
             return
         if data:
+            self.heard_s[self._names[master]] = time.monotonic()
             instrument.receive(data, self.now_s())
 
     def _give(self) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from rig.bench.assembly import emulated_instruments
+from rig.command.emulate import Output
 from rig.core.clock import RealClock
 from rig.core.errors import PortHeld
 from rig.drivers.registry import open_controller, open_meter
@@ -126,3 +127,48 @@ def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Calla
     assert (status, err) == (0, "")
     assert "controller: Lake Shore 335" in out
     assert "34401A" in out
+
+
+def test_an_output_that_was_left_on_is_told(tmp_path: Path, root: Path) -> None:
+    """A program of one's own that ends without switching off: while it is silent, and at the end."""
+    path = write_bench(tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rig", "emulate", str(path)],
+        cwd=root,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        port = process.stdout.readline().split()[2]
+        controller = open_controller("meerstetter", port, RealClock())
+        controller.configure(4.0, (10.0, 95.0), 0.0)
+        controller.arm_current()
+        controller.set_current_A(1.0)
+        controller.close()
+        told = process.stderr.readline()
+        assert "its output is on, 1 A, and nobody has spoken to it for" in told
+        again = open_controller("meerstetter", port, RealClock())
+        again.configure(4.0, (10.0, 95.0), 0.5)
+        again.arm_current()
+        again.set_current_A(1.0)
+        again.close()
+        assert "it has switched its output off by itself" in process.stderr.readline()
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=20)
+    assert "controller: at the end its output is off" in err
+
+
+def test_what_is_said_of_an_output() -> None:
+    output = Output()
+    assert output.seen(1.0, 9.9, 10.0) == []
+    assert output.seen(0.0, 10.1, 10.2) == []  # it was told to
+    assert output.seen(1.0, 10.3, 10.4) == []
+    assert output.seen(1.0, 10.3, 15.0) == []
+    assert len(output.seen(-1.0, 10.3, 15.4)) == 1
+    assert output.seen(-1.0, 10.3, 15.6) == []  # once
+    assert "by itself" in output.seen(0.0, 10.3, 15.8)[0]
+    assert output.seen(0.0, 10.3, 30.0) == []
