@@ -93,7 +93,8 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
         back = np.flatnonzero(np.diff(time) <= 0.0) + 1
     for k in back[:MOST_FAULTS]:
         after = f"{float(time[k])!r} after {float(time[k - 1])!r}"
-        faults.append(f"{table.source}: {table.at(int(k))}: time_s: {after}: expected increasing times")
+        again = "; it begins anew, as of another sweep: give each as a file of its own" if time[k] <= time[0] else ""
+        faults.append(f"{table.source}: {table.at(int(k))}: time_s: {after}: expected increasing times{again}")
     faults += _more(table, "time_s", back.size)
     if not faults and np.max(np.abs(time)) > MOST_S:
         what = typed("time_s", names, chosen["time_s"].index, "ms") if "time_s" in chosen else ""

@@ -18,8 +18,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 from rig.core.faults import fault
-from rig.files.record import Record, Refused
+from rig.files.record import Record, Refused, unit_of
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, opened
 from rig.many.journal import LOST, Journal, cases_in
@@ -75,7 +77,7 @@ def each_record(
         if isinstance(record, Refused):
             faults[number] = record.faults
             if journal is not None:
-                journal.note(number, _row(Told(faults=record.faults), task))
+                journal.note(number, _row(record, Told(faults=record.faults), task))
     left = [number for number in range(len(records)) if number not in documents and number not in faults]
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:
@@ -95,7 +97,8 @@ def each_record(
                     documents[ended.number] = found.document
                 if out is not None and journal is not None:
                     found.write_files(out / names[ended.number])
-                    row = _row(found, task) if not ended.fault else {"status": LOST, "text": ended.fault}
+                    lost = {"status": LOST, "text": ended.fault}
+                    row = lost if ended.fault else _row(records[ended.number], found, task)
                     journal.add(ended.number, row, ended.seconds)
                 tell(len(documents) + len(faults), len(records), source, found)
     finally:
@@ -108,11 +111,36 @@ def each_record(
     return [documents[number] for number in sorted(documents)], told, others
 
 
-def _row(found: Told, task: Task) -> Row:
-    """For the table."""
-    if found.faults:
+def _row(record: Record | Refused, found: Told, task: Task) -> Row:
+    """For the table: what was read, and what came out."""
+    if isinstance(record, Refused):
         return {"status": "failed", "text": " / ".join(found.faults)}
-    return {"status": "done", **task.row(found.document)}
+    if found.faults:
+        return {"status": "failed", "text": " / ".join(found.faults), **_read(record)}
+    return {"status": "done", **_read(record), **task.row(found.document)}
+
+
+def _read(record: Record) -> Row:
+    """How much a record holds, between what, and what was taken for what: by this an odd one is seen among hundreds."""
+    time = record["time_s"]
+    row: Row = {"rows": record.rows, "duration_s": float(time[-1] - time[0])}
+    for name in ("temperature_degC", "resistance_ohm", "current_A"):
+        if record.has(name):
+            finite = record[name][np.isfinite(record[name])]
+            row |= {f"{name}.lowest": float(finite.min()), f"{name}.highest": float(finite.max())}
+    return {**row, "read": " / ".join(record.said)}
+
+
+def _read_in_words(row: Mapping[str, Any]) -> str:
+    """The same for the page, in HTML."""
+    if "rows" not in row:
+        return ""
+    parts = [f"{row['rows']} rows in {row['duration_s']:.4g} s"]
+    for name in ("temperature_degC", "resistance_ohm", "current_A"):
+        if f"{name}.lowest" in row:
+            parts.append(f"{row[f'{name}.lowest']:.4g} to {row[f'{name}.highest']:.4g} {unit_of(name)}")
+    said = f"<details><summary>read as</summary>{escape(str(row['read']))}</details>" if row.get("read") else ""
+    return escape(", ".join(parts)) + said
 
 
 def folders_of(records: Sequence[Record | Refused], taken: Iterable[str] = (), known: Sequence[str] = ()) -> list[str]:
@@ -206,12 +234,16 @@ def _write_page(out: Path, rows: Sequence[Row], task: Task) -> None:
 def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
     lines = []
     for row in rows:
-        link = f'<a href="{quote(str(row["folder"]))}/report.html">{escape(str(row["record"]))}</a>'
-        texts = [_shown(row.get(name, "")) for name in columns]
-        if row.get("status") != "done":
-            link, texts[0] = escape(str(row["record"])), str(row.get("text", ""))
-        lines.append(f"<tr><td>{link}</td>" + "".join(f"<td>{escape(text)}</td>" for text in texts) + "</tr>")
-    head = "".join(f"<th>{escape(text)}</th>" for text in ("record", *columns.values()))
+        record = str(row["record"])
+        if row.get("status") == "done":
+            first = f'<a href="{quote(str(row["folder"]))}/report.html">{escape(record)}</a>'
+            cells = "".join(f"<td>{escape(_shown(row.get(name, '')))}</td>" for name in columns)
+        else:  # each line of a fault begins with the record's name, which stands before it already
+            why = [line.removeprefix(f"{record}: ") for line in str(row.get("text", "")).split(" / " + record)]
+            text = "<br>".join(escape(line.removeprefix(": ")) for line in why)
+            first, cells = escape(record), f'<td colspan="{len(columns)}">{text}</td>'
+        lines.append(f"<tr><td>{first}</td>{cells}<td>{_read_in_words(row)}</td></tr>")
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("record", *columns.values(), "what was read"))
     return f'<div class="words"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
 
 

@@ -129,3 +129,26 @@ def test_a_journal_of_another_task_is_refused(tmp_path: Path) -> None:
     moved.close()
     with pytest.raises(Faults, match="is of other cases"):
         Journal(tmp_path, "t", {0: {**case, "of": "b"}}, same=("of", "holds"))
+
+
+def test_the_table_says_what_was_read(tmp_path: Path, peltier: Peltier) -> None:
+    """By which the odd one is seen, and a unit that was taken for another."""
+    plate_record(tmp_path / "a.csv", 1, 0.3)
+    lines = (tmp_path / "a.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    kelvin = [f"{time};{float(degC) + 273.15:.4f};{ampere}" for time, degC, ampere in rows[:100]]
+    (tmp_path / "b.csv").write_text("\n".join(["t / min;T / K;I (A)", *kelvin]) + "\n")
+    (tmp_path / "c.csv").write_text("t,T,R\n0,1,2\n1,2,3\n")
+    files, out = [tmp_path / f"{name}.csv" for name in "abc"], tmp_path / "out"
+    status, _, err = peltier("identify", *files, "--each", "--report", out, "--workers", 1)
+    assert status == 2, err
+    first, second, third = _table(out / "identifications.csv")
+    assert (first["rows"], first["duration_s"], first["read"]) == ("240", "239.0", "")
+    assert float(first["temperature_degC.highest"]) == max(float(degC) for _, degC, _ in rows)
+    assert second["duration_s"] == "5940.0"
+    assert "time_s from 't / min' in min, temperature_degC from 'T / K' in K" in second["read"]
+    assert third["rows"] == ""
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "100 rows in 5940 s, " in page
+    assert page.count(str(tmp_path / "c.csv")) == 1  # and its faults without the name once more
+    assert page.count("expected --column") >= 2

@@ -83,3 +83,11 @@ def test_a_last_number_of_which_half_was_written(file: Path, count: int, more: s
 
 def test_names_without_rows_are_told_as_that(file: Path) -> None:
     assert "no row of numbers below them" in refusal(file, "t (s),T (K),R (Ohm)\n")
+
+
+def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
+    sweep = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in range(30))
+    said = refusal(file, f"t (s),T (K),R (Ohm)\n{sweep}\n{sweep}")
+    assert "line 33: time_s: 0.0 after 29.0: expected increasing times; it begins anew, as of another sweep" in said
+    wrong = sweep.replace("\n20,", "\n2,")
+    assert "another sweep" not in refusal(file, f"t (s),T (K),R (Ohm)\n{wrong}")
