@@ -132,6 +132,11 @@ def _open_loop(file: ConfigurationFile) -> Simulated:
         raise fault(file.path, "experiment.target", text)
     test = _test_current(file, time)
     readings = simulate_record(world, time, current, meter_current_A=test)
+    lost = np.flatnonzero(~np.isfinite(readings.temperature_degC))
+    if lost.size:
+        names = ", ".join(effect.name for effect in world.effects) or "none"
+        text = f"from {time[lost[0]]:g} s on the simulated temperature is no number any more; effects: {names}"
+        raise fault(file.path, "simulation", f"{text}; expected equations that stay finite")
     columns: dict[str, Array | list[str]] = {
         "time_s": time,
         "temperature_degC": readings.temperature_degC,

@@ -11,8 +11,11 @@ SIGNATURE = types.float64(*[types.float64] * ARGUMENTS)
 
 
 def heat_term(function: Any) -> Any:
-    """Decorator: the function of `sim.effects.effect.HeatFlow`, compiled; it may call mathematics, no Python."""
+    """Decorator: the function of `sim.effects.effect.HeatFlow`, compiled; it may call mathematics, no Python.
+
+    What it divides by zero is infinite: an exception has no way out of machine code, and the term would be 0 unseen.
+    """
     try:
-        return cfunc(SIGNATURE, cache=True)(function)
+        return cfunc(SIGNATURE, cache=True, error_model="numpy")(function)
     except RuntimeError:  # code that stands in no file has no place for its cache
-        return cfunc(SIGNATURE)(function)
+        return cfunc(SIGNATURE, error_model="numpy")(function)

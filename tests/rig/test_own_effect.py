@@ -100,3 +100,18 @@ def test_the_documents_own_command(
     assert status == 0, err
     assert "plate_fin: coupling_per_s = 0.005, tau_s = 60" in out
     assert read_record(tmp_path / "r.csv").rows > 1000
+
+
+@pytest.mark.parametrize(
+    "term", ["coupling / 0.0 * plate", "math.nan * plate", "1e9 * plate", "plate / (plate - plate)"]
+)
+def test_a_term_that_is_no_number_is_told(bench: Path, peltier: Peltier, term: str) -> None:
+    """A record of empty fields was written; and of a division by zero one as if there were no such effect."""
+    folder = bench.parent
+    code = (folder / "plate_fin.py").read_text().replace("-coupling * (plate - fin)", term)
+    (folder / "own.py").write_text(f"import math\n\n{code}")
+    words = ("--effect-file", folder / "own.py", "--effect", "plate_fin", "--out", folder / "none.csv")
+    status, _, err = peltier("simulate", bench, *words)
+    assert status == 2, err
+    assert "the simulated temperature is no number any more; effects: plate_fin" in err
+    assert not (folder / "none.csv").exists()
