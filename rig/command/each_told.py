@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.command.many_arguments import engine_choice
 from rig.command.many_progress import ManyProgress
 from rig.command.say import Voice
 from rig.core.faults import Faults
+from rig.core.outcome import Stopped
 from rig.files.record import Record, Refused
 
 if TYPE_CHECKING:
@@ -38,7 +40,11 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
                 voice.say(line)
             progress.show(done, of)
 
-        documents, faults, others = each_record(records, task, options.report, engine_choice(options), tell)
+        try:
+            documents, faults, others = each_record(records, task, options.report, engine_choice(options), tell)
+        except Stopped:
+            progress.say(_kept(options.report))
+            raise
     if not documents:
         raise Faults(faults)
     for record in records:
@@ -54,3 +60,10 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
         voice.say(f"report: {options.report / 'report.html'}")
     voice.report(documents)
     return 2 if faults else 0
+
+
+def _kept(report: Path | None) -> str:
+    """What becomes of the records that were done when somebody stops the rest."""
+    if report is None:
+        return "the records that were done are told above and kept nowhere; --report DIR keeps them"
+    return f"{report}: the records that were done are kept; the same command goes on with the others"

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rig.core.faults import Faults
+from rig.core.outcome import Stopped
 from rig.files.named_files import contents_named
 from rig.many.journal import Journal
 from tests.rig.small import write_bench
@@ -152,3 +154,18 @@ def test_the_table_says_what_was_read(tmp_path: Path, peltier: Peltier) -> None:
     assert "100 rows in 5940 s, " in page
     assert page.count(str(tmp_path / "c.csv")) == 1  # and its faults without the name once more
     assert page.count("expected --column") >= 2
+
+
+@pytest.mark.parametrize(("words", "said"), [(True, "the same command goes on"), (False, "--report DIR keeps them")])
+def test_who_stops_it_is_told_what_is_kept(
+    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch, words: bool, said: str
+) -> None:
+    def stopped(*arguments: object) -> None:
+        raise Stopped(signal.SIGINT)
+
+    monkeypatch.setattr("rig.report.many_records.each_record", stopped)
+    files = [plate_record(tmp_path / f"{k}.csv", k, 0.3) for k in (1, 2)]
+    more = ("--report", tmp_path / "out") if words else ()
+    status, _, err = peltier("identify", *files, "--each", *more)
+    assert status == 130
+    assert said in err
