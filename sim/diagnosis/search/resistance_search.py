@@ -64,7 +64,8 @@ class KnownShape:
 @dataclass(frozen=True, eq=False)
 class ResistanceSearch:
     """Fits of the last links. assumed: the effects that the user knows are there; budget: of time, for the search. What
-    was found so far: fits, the best by the names of their effects; shapes, the envelopes last searched for globally."""
+    was found so far: fits, the best by the names of their effects; shapes, the envelopes last searched for globally;
+    views, of the fits last tested, one with relays and the same without, which are the last pair in bare."""
 
     channel: ResistanceChannel
     effects: dict[str, Effect]
@@ -73,6 +74,8 @@ class ResistanceSearch:
     budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
     shapes: deque[KnownShape] = field(default_factory=lambda: deque(maxlen=1))
+    views: deque[View] = field(default_factory=lambda: deque(maxlen=2), init=False)
+    bare: deque[tuple[ResistanceFit, ResistanceFit]] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     def fit(self, names: frozenset[str], near: ResistanceFit | None = None) -> ResistanceFit:
         """The best fit with exactly these effects; `near`: one to begin from."""
@@ -224,7 +227,19 @@ class ResistanceSearch:
 
     def _without_relays(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit as it was before it had relays; itself where it has none, or was never without."""
-        return self.channel.descend(fit.plain, 1) if fit.plain is not None and fit.parameters.has_relays else fit
+        if fit.plain is None or not fit.parameters.has_relays:
+            return fit
+        if not self.bare or self.bare[0][0] is not fit:
+            self.bare.append((fit, self.channel.descend(fit.plain, 1)))
+        return self.bare[0][1]
+
+    def _view(self, fit: ResistanceFit) -> View:
+        """The fit as every effect's score test sees it."""
+        known = next((view for view in self.views if view.fit is fit), None)
+        if known is None:
+            known = View(self.channel, fit)
+            self.views.append(known)
+        return known
 
     def _gone(self, fit: ResistanceFit, plain: ResistanceFit) -> float:
         """Which share of what a fit leaves without its relays another leaves no more: 1 does all of their work."""
@@ -285,7 +300,7 @@ class ResistanceSearch:
 
     def score_test(self, fit: ResistanceFit, name: str, sizes: int = SIZES) -> ScoreTest:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
-        view, effect = View(self.channel, fit), self.effects[name]
+        view, effect = self._view(fit), self.effects[name]
         best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
         for trial in starts_of(effect, self.channel, sizes):
             delta = view.left_of(trial)
@@ -304,7 +319,7 @@ class ResistanceSearch:
         names = frozenset(e.name for e in fit.effects)
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self._without_relays(fit)
-        view, p = View(self.channel, plain), plain.parameters.with_relays(0.0)
+        view, p = self._view(plain), plain.parameters.with_relays(0.0)
         left = {name: [view.left_of(start) for start in starts_of(self.effects[name], self.channel)] for name in others}
         pairs = [(one, two) for one, two in combinations(others, 2) if _pass(view.residual, left[one], left[two])]
         ends = [self._two(p, pair) for pair in pairs]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -41,7 +42,7 @@ BOTH = 0.2, 0.8  # where in the range of sizes a descent begins, on a log scale
 @dataclass(frozen=True, eq=False)
 class TemperatureSearch:
     """Fits of the first links. assumed: the effects that the user knows are there; budget: of time, for the search.
-    fits: what was found so far, the best by the names of their effects."""
+    fits: what was found so far, the best by the names of their effects; views: of the fit that was tested last."""
 
     channel: TemperatureChannel
     effects: dict[str, Effect]
@@ -49,6 +50,7 @@ class TemperatureSearch:
     assumed: frozenset[str] = frozenset()
     budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], TemperatureFit] = field(default_factory=dict)
+    views: deque[FirstView] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     def fit(self, names: frozenset[str], near: TemperatureFit | None = None) -> TemperatureFit:
         """The best fit with exactly these effects; `near`: one with all but one of them to begin from."""
@@ -218,7 +220,9 @@ class TemperatureSearch:
                 ]
                 for start in starting_values(effect, fit)
             ]
-        view, best = FirstView(self.channel, fit), 0.0
+        if not self.views or self.views[0].fit is not fit:
+            self.views.append(FirstView(self.channel, fit))
+        view, best = self.views[0], 0.0
         for value in values:
             delta = view.left_of(switched(effect, list(value)))
             size = float(delta @ delta)

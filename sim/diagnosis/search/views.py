@@ -26,7 +26,7 @@ class FirstView:
     """A fit seen by what is left of it once plate, first temperatures and everything fitted may follow."""
 
     def __init__(self, channel: TemperatureChannel, fit: TemperatureFit) -> None:
-        self._channel, self._fit, p = channel, fit, fit.parameters
+        self._channel, self.fit, p = channel, fit, fit.parameters
         rows = channel.rows
         weight = np.sqrt(channel.weight)
         self.residual = channel.residual(fit) * weight
@@ -46,7 +46,7 @@ class FirstView:
 
     def left_of(self, effect: Switched) -> Array:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
-        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        channel, fit, rows = self._channel, self.fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
         trial = channel.extended(fit.parameters, [*others, effect])
         shown = channel.simulate(trial, trial.x, fit.parameters.first_degC)[1]
@@ -59,7 +59,7 @@ class View:
 
     def __init__(self, channel: ResistanceChannel, fit: ResistanceFit) -> None:
         p = fit.parameters
-        self._channel, self._fit = channel, fit
+        self._channel, self.fit = channel, fit
         self._point = channel.point(p, p.x, fit.coefficients)
         rows = channel.rows
         self.residual = channel.over(channel.output[rows] - self._point.shown[rows])
@@ -80,7 +80,7 @@ class View:
 
     def left_of(self, effect: Switched) -> Array:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
-        channel, fit, rows = self._channel, self._fit, self._channel.rows
+        channel, fit, rows = self._channel, self.fit, self._channel.rows
         others = [e for e in fit.effects if e.name != effect.name]
         trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
         shown = channel.predict_from(trial, fit, near=near)[0]
@@ -88,7 +88,7 @@ class View:
 
     def gain_of_mixing(self) -> float:
         """The log-likelihood that the fit may gain where the phases of its film mix otherwise (score test)."""
-        channel, p, rows = self._channel, self._fit.parameters, self._channel.rows
+        channel, p, rows = self._channel, self.fit.parameters, self._channel.rows
         shown, columns = channel.predict(p, p.x, self._point), []
         for k in range(ENVELOPES, SHAPE):
             x = p.x.copy()
