@@ -34,10 +34,7 @@ def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
     left = search.channel.mean_square(fit)
     if fit.parameters.is_mixed or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
         return fit
-    other = _otherwise(search, fit)
-    if other is None or (left > MUCH_LEFT and search.channel.mean_square(other) > NEARLY_NOTHING):
-        return fit
-    return other
+    return _otherwise(search, fit, NEARLY_NOTHING if left > MUCH_LEFT else np.inf) or fit
 
 
 def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str] | None:
@@ -47,8 +44,8 @@ def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[
     p = fit.parameters
     if p.is_mixed or not p.has_relays or not MUCH_LEFT < search.channel.mean_square(fit) < FAR_FROM_NOISE:
         return None
-    other = _otherwise(search, fit)
-    if other is None or search.channel.mean_square(other) > MUCH_LEFT:
+    other = _otherwise(search, fit, MUCH_LEFT)
+    if other is None:
         return None
     other = search.keep(other)
     stood_in = frozenset(n for n in names if at_the_terminals(search.effects[n])) - search.assumed
@@ -57,14 +54,17 @@ def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[
     return names - stood_in
 
 
-def _otherwise(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit | None:
-    """The fit with another mixing, where that is worth it and no effect at the terminals does as well."""
+def _otherwise(search: ResistanceSearch, fit: ResistanceFit, most_left: float) -> ResistanceFit | None:
+    """The fit with another mixing, where that is worth it and no effect at the terminals does as well. most_left: mean
+    square residual over noise that it may leave."""
     if View(search.channel, fit).gain_of_mixing() < WORTH:
         return None
     begun = [_with(fit.parameters, percolation) for percolation in BEGUN]
     best = max(begun, key=lambda p: search.channel.point(p, p.x).evidence)
     other = search.channel.descend(best, WHOLE_STEPS)
-    if other.score < fit.score + WORTH or other.score < _bent(search, fit) + WORTH:
+    if other.score < fit.score + WORTH or search.channel.mean_square(other) > most_left:
+        return None
+    if other.score < _bent(search, fit) + WORTH:
         return None
     return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
 
