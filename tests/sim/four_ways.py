@@ -117,7 +117,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     p = channel.start("peltier", np.array([1.6e-3, 0.06, 0.018, 25.0]), first)
     begun = replace(p, first_degC=np.array([FIRST_DEGC]))
     path, degC = channel.simulate(begun, begun.x, begun.first_degC)
-    a = TemperatureFit(begun, path, degC, 0.0, np.empty((0, 0)), np.empty(0))
+    a = TemperatureFit(begun, path, degC, 0.0, lambda: np.empty((0, 0)), np.empty(0))
     last = [e for e in effects if e.effect.link in ("film", "ohmmeter")]
     basis, coefficients = the_fits_film()
     film = ResistanceChannel.of(record, path, every, NoiseModel.white(1e-3), basis, relays=False, spacing=spacing)

@@ -8,7 +8,9 @@ normal equations.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -45,15 +47,20 @@ STEPS, SETTLED = 40, 1e-3  # of a descent, which costs little; log-likelihood th
 @dataclass(frozen=True, eq=False)
 class TemperatureFit:
     """parameters; path: the plate's temperature; shown_degC (rows,); minus_log: of the likelihood over the rows that
-    were fitted; jacobian: d shown / d x (rows, unknowns), in K; curvature: of the likelihood, over
-    the noise."""
+    were fitted; slopes: what computes the jacobian, which most fits are not asked for; curvature: of the likelihood,
+    over the noise."""
 
     parameters: PlateParameters
     path: PlatePath
     shown_degC: Array
     minus_log: float
-    jacobian: Array
+    slopes: Callable[[], Array]
     curvature: Array
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """d shown / d x (rows, unknowns), in K."""
+        return self.slopes()
 
     @property
     def effects(self) -> tuple[Switched, ...]:
@@ -161,7 +168,6 @@ class TemperatureChannel(PlateEquations):
         """The local minimum reached from p."""
         low, high, h = self.bounds(p)
         log = logarithmic([*p.base, *unknowns_of(p.effects)], p.x.size)
-        jacobian = np.empty((self.record.rows, p.x.size))
 
         def tried(x: Array, first: Array) -> _Trial:
             path, shown = self.simulate(p, x, first)
@@ -170,7 +176,7 @@ class TemperatureChannel(PlateEquations):
         @np.errstate(over="ignore", invalid="ignore")  # a simulation with a step of an unknown may be without an end
         def linearized(at: _Trial) -> Linearized[_Trial]:
             x, first, shown = at.x, at.first_degC, at.shown_degC
-            self._slopes(p, at, high, h, jacobian)
+            jacobian = self._slopes(p, at, high, h)
             by_first = self.simulate(p, x, first + FIRST_STEP_K)[1][self.rows] - shown[self.rows]
             e = self.over(by_first) / FIRST_STEP_K
             like = self.likelihood(shown)
@@ -210,8 +216,7 @@ class TemperatureChannel(PlateEquations):
             DAMPING,
             PROMISED * tolerance,
         )
-        self._slopes(p, best, high, h, jacobian)
-        return self._fit(p, best.x, best.first_degC, best.path, best.shown_degC, jacobian)
+        return self._fit(p, best, high, h)
 
     def _losses(self, p: PlateParameters, x: Array) -> Losses:
         names = [u.name for u in p.base]
@@ -221,25 +226,23 @@ class TemperatureChannel(PlateEquations):
         """The fit that these parameters are, with its slopes."""
         _, high, h = self.bounds(p)
         path, shown = self.simulate(p, p.x, p.first_degC)
-        jacobian = np.empty((self.record.rows, p.x.size))
-        self._slopes(p, _Trial(p.x, p.first_degC, path, shown, math.nan), high, h, jacobian)
-        return self._fit(p, p.x, p.first_degC, path, shown, jacobian)
+        return self._fit(p, _Trial(p.x, p.first_degC, path, shown, math.nan), high, h)
 
-    def _fit(
-        self, p: PlateParameters, x: Array, first: Array, path: PlatePath, shown: Array, jacobian: Array
-    ) -> TemperatureFit:
-        like = self.likelihood(shown)
-        effects = self.split(p, x)[0]
-        final = replace(p, effects=tuple(effects), x=x, first_degC=first)
+    def _fit(self, p: PlateParameters, at: _Trial, high: Array, h: Array) -> TemperatureFit:
+        like = self.likelihood(at.shown_degC)
+        effects = self.split(p, at.x)[0]
+        final = replace(p, effects=tuple(effects), x=at.x, first_degC=at.first_degC)
         minus_log = float(self.weight @ like.minus_log)
         if self.misfit > 1.0:  # there sizes that nobody meets count against an effect
             minus_log -= self.priors(final)
-        return TemperatureFit(final, path, shown, minus_log, jacobian, like.curvature)
+        slopes = partial(self._slopes, p, at, high, h)
+        return TemperatureFit(final, at.path, at.shown_degC, minus_log, slopes, like.curvature)
 
-    def _slopes(self, p: PlateParameters, at: _Trial, high: Array, h: Array, jacobian: Array) -> None:
-        """d shown / d x by difference quotients, into jacobian (rows, unknowns). What is another one in each record or
-        after each long gap is moved everywhere at once: it shows in its own rows alone."""
+    def _slopes(self, p: PlateParameters, at: _Trial, high: Array, h: Array) -> Array:
+        """d shown / d x by difference quotients, (rows, unknowns). What is another one in each record or after each
+        long gap is moved everywhere at once: it shows in its own rows alone."""
         x, first, shown = at.x, at.first_degC, at.shown_degC
+        jacobian = np.empty((self.record.rows, x.size))
         of_thermometer = frozenset(e.name for e in links_of(p.effects).thermometer)
         owners = [e.name in of_thermometer for e in p.effects for _ in unknowns_of([e])]
         for k, only_shown in enumerate([False] * len(p.base) + owners):
@@ -260,6 +263,7 @@ class TemperatureChannel(PlateEquations):
             mine = np.searchsorted(firsts, row, side="right")[:, None] == 1 + np.arange(firsts.size)
             jacobian[:, own] = np.where(mine, changed[:, None], 0.0) / (moved[own] - x[own])
             begin += firsts.size
+        return jacobian
 
     def residual(self, fit: TemperatureFit) -> Array:
         """In units of the noise, in the fitted rows."""
