@@ -104,7 +104,7 @@ def run(
                 forcing = par[0] * KELVIN * i + 0.5 * par[1] * i * i + par[3] * i + par[2] * par[4] + known
                 slopes[k - 1, 0] = forcing - decay * t
                 x = decay * dt
-                t = t * math.exp(-x) + forcing * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
+                t += slopes[k - 1, 0] * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
                 slopes[k, 1] = forcing - decay * t
             elif dt > 0.0:
                 count = max(1, math.ceil(dt / LONGEST_STEP_S - 1e-9))

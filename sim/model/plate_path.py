@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,15 +20,24 @@ MOST_NODES = 3_000_000  # beyond them rows and commands alone are nodes: 24 MB a
 
 @dataclass(frozen=True, eq=False)
 class PlatePath:
-    """Plate temperature: time_s, plate_degC of shape (nodes,), slopes (nodes, 2) after and before each node."""
+    """Plate temperature: time_s, plate_degC of shape (nodes,), slopes (nodes, 2) after and before each node. known: the
+    times that were asked for last, and the temperatures then: a film is followed at the same ones again and again."""
 
     time_s: Array
     plate_degC: Array
     slopes: Array
     turning_s: Array = field(default_factory=lambda: np.empty(0))
+    known: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=2), init=False)
 
     def at(self, time: Array) -> Array:
         """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
+        found = next((degC for asked, degC in self.known if np.array_equal(asked, time)), None)
+        if found is None:
+            found = self._at(time)
+            self.known.append((time, found))
+        return found.copy()
+
+    def _at(self, time: Array) -> Array:
         k = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, self.time_s.size - 2)
         t0, h = self.time_s[k], self.time_s[k + 1] - self.time_s[k]
         x = np.clip((time - t0) / np.maximum(h, 1e-12), 0.0, 1.0)
@@ -177,8 +187,19 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
     """Times between the rows at which the temperature turns round: the film remembers them."""
     if nodes.time_s.size == nodes.rows.size:
         return np.empty(0)
-    step = np.diff(temperature)
-    turn = np.flatnonzero(np.sign(step[1:]) * np.sign(step[:-1]) < 0.0) + 1  # steps of a trial may be without an end
-    between = np.ones(nodes.time_s.size, dtype=np.bool_)
-    between[nodes.rows] = False
-    return nodes.time_s[turn[between[turn]]]
+    return nodes.time_s[_turns_between(temperature, nodes.rows)]
+
+
+@njit(cache=True)
+def _turns_between(temperature: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The nodes besides these, rising ones, at which the temperature turns round; a trial's may be without an end."""
+    found, count, row = np.empty(temperature.size, dtype=np.int64), 0, 0
+    for k in range(1, temperature.size - 1):
+        while row < rows.size and rows[row] < k:
+            row += 1
+        before, after = temperature[k] - temperature[k - 1], temperature[k + 1] - temperature[k]
+        turns = (before > 0.0 and after < 0.0) or (before < 0.0 and after > 0.0)
+        if turns and not (row < rows.size and rows[row] == k):
+            found[count] = k
+            count += 1
+    return found[:count]

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sim.effects.effect import HeatFlow, Switched
+from sim.effects.effect import Filter, HeatFlow, Switched
 from sim.model.links import links_of
 
 
 def has_own(effect: Switched) -> bool:
     """Whether it is a body on the plate's balance with a temperature of its own."""
     return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
+
+
+def own_temperatures(effects: Sequence[Switched]) -> int:
+    """How many of the effects have one."""
+    forms = [e.effect.form for e in effects if not has_own(e)]
+    filters = sum(isinstance(form, Filter) and form.target == "thermometer" for form in forms)
+    return len(effects) - len(forms) + filters
 
 
 def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:

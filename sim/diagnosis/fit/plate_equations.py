@@ -14,7 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.record import Record, Rows
-from sim.diagnosis.fit.own_temperature import has_own, with_own_temperature
+from sim.diagnosis.fit.own_temperature import has_own, own_temperatures, with_own_temperature
 from sim.diagnosis.fit.plate_parameters import PELTIER, ROOM_K, PlateParameters, base_unknowns
 from sim.diagnosis.fit.unknowns import unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
@@ -79,7 +79,7 @@ class PlateEquations:
 
     def _owns(self, effects: Sequence[Switched]) -> int:
         """How many temperatures of their own, at all beginnings."""
-        return len(with_own_temperature(effects)) * int(self.anew.size)
+        return own_temperatures(effects) * int(self.anew.size)
 
     def rough_firsts(self) -> Array:
         """The first reading of each stretch, degC."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class PlateParameters:
         return {u.name: u.outside(float(x)) for u, x in zip(self.base, self.x, strict=False)}
 
 
+@lru_cache(maxsize=64)  # asked for several times in each simulation
 def base_unknowns(kind: str, inputs: tuple[str, ...] = ()) -> tuple[Unknown, ...]:
     """Of a plate of that kind with these inputs, without effects; the room last."""
     *own, room = PELTIER if kind == "peltier" else HEATER
