@@ -7,9 +7,11 @@ parameters are not linear.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
@@ -77,11 +79,12 @@ class SmoothCurve:
     """Any smooth D(T) on a range: cubic splines, as many as tell any of the named forms within 1e-4 of its span.
 
     Its columns are Legendre's polynomials of degree 1 to 3 over the range, and then what else the splines can do, each
-    of mean square 1 about: a curve of simple form has coefficients of the first few only. mix: from these to splines.
+    of mean square 1 about: a curve of simple form has coefficients of the first few only. knots: (knots,), evenly
+    spaced; cubics: of each column between two of them, (knots - 1, 4, columns), highest power first.
     """
 
     knots: Array
-    mix: Array
+    cubics: Array
 
     @classmethod
     def over(cls, low: float, high: float, count: int = KNOTS) -> SmoothCurve:
@@ -94,22 +97,43 @@ class SmoothCurve:
         others = np.linalg.svd(design - simple @ (simple.T @ design) / GRID, full_matrices=False)[0]
         wanted = np.concatenate((simple[:, 1:], np.sqrt(GRID) * others[:, : design.shape[1] - SIMPLE]), axis=1)
         mix = np.linalg.lstsq(np.column_stack((design, np.ones(GRID))), wanted, rcond=None)[0][:-1]
-        return cls(knots, np.asarray(mix, dtype=np.float64))
+        spline = BSpline(knots, np.vstack((np.zeros(mix.shape[1]), mix)), 3)
+        cubics = np.stack([spline(inner[:-1], nu) / math.factorial(nu) for nu in (3, 2, 1, 0)], axis=1)
+        cubics[:, 3] -= np.sum(mix, axis=0) / (mix.shape[0] + 1)  # less their mean, as the splines are
+        return cls(inner, cubics)
 
     @property
     def count(self) -> int:
-        return self.knots.size - 5
+        """How many columns."""
+        return int(self.cubics.shape[2])
 
     def columns(self, temperature: Array) -> Array:
         """Shape (samples, count): without the constant."""
-        return np.asarray(_splines(self.knots, temperature) @ self.mix, dtype=np.float64)
+        out = np.empty((temperature.size, self.count))
+        _cubic_columns(self.knots, self.cubics, temperature, out)
+        return out
 
     def values(self, temperature: Array, coefficients: Array) -> Array:
         """The columns times coefficients, shape (samples,)."""
-        inside = np.clip(temperature, self.knots[0], self.knots[-1])
-        of_splines = self.mix @ coefficients
-        spline = BSpline(self.knots, np.concatenate(([0.0], of_splines)), 3)
-        return np.asarray(spline(inside) - float(np.sum(of_splines)) / (self.count + 1), dtype=np.float64)
+        out = np.empty((temperature.size, 1))
+        _cubic_columns(self.knots, (self.cubics @ coefficients)[:, :, None], temperature, out)
+        return out[:, 0]
+
+
+@njit(cache=True)
+def _cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -> None:
+    """Cubics between evenly spaced knots, into out (samples, columns); constant beyond the ends, no number of none."""
+    low, high, last = knots[0], knots[-1], knots.size - 2
+    width = (high - low) / (last + 1)
+    for k in range(temperature.size):
+        if math.isnan(temperature[k]):
+            out[k] = math.nan
+            continue
+        inside = min(max(temperature[k], low), high)
+        at = min(int((inside - low) / width), last)
+        u = inside - knots[at]
+        for j in range(out.shape[1]):
+            out[k, j] = ((cubics[at, 0, j] * u + cubics[at, 1, j]) * u + cubics[at, 2, j]) * u + cubics[at, 3, j]
 
 
 def _splines(knots: Array, temperature: Array) -> Array:
