@@ -10,8 +10,9 @@ met.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from compensator.identification.operator_outputs import radius_floor
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE, FilmBasis
 from sim.diagnosis.fit.film_point import Point
-from sim.diagnosis.fit.preisach_density import Relays, followed_by
+from sim.diagnosis.fit.preisach_density import Relays, followed_by, same_effects
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.unknowns import (
     Unknown,
@@ -35,7 +36,7 @@ from sim.effects.effect import Switched
 from sim.model.film_columns import operator_columns, operator_signal
 from sim.model.film_mixing import PhaseMixing
 from sim.model.film_nodes import FilmNodes, film_nodes
-from sim.model.links import Links, behind, columns_followed, links_of
+from sim.model.links import Effects, Links, behind, columns_followed, links_of
 from sim.model.meter_power import MeterCurrent, MeterPower
 from sim.model.ohmmeter import shown_in_rows
 from sim.model.plate_path import PlatePath
@@ -53,9 +54,33 @@ def straight_readings(record: Record) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class Signals:
+    """Columns at the points (`FilmEquations._signals`), and what they hang on: envelopes and change of the phases'
+    step, the film's nodes, the filters of its hysteretic part."""
+
+    columns: Array
+    shape: Array
+    is_mixed: bool
+    nodes: FilmNodes
+    creeps: Effects
+
+    def serve(self, p: FilmParameters, x: Array, nodes: FilmNodes, creeps: Effects) -> bool:
+        """Whether they would come out the same."""
+        return (
+            self.is_mixed == p.is_mixed
+            and np.array_equal(self.shape, x[: ENVELOPES + 1])
+            and nodes.same_film(self.nodes)
+            and np.array_equal(nodes.points, self.nodes.points)
+            and same_effects(self.creeps, creeps)
+            and (not creeps or np.array_equal(nodes.time_s, self.nodes.time_s))
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class FilmEquations:
     """On one record and one path of the plate's temperature. readings: the film's output as far as it is known before a
-    fit, (rows,), by whose resistance the ohmmeter heats; relays: whether the film may be of another kind."""
+    fit, (rows,), by whose resistance the ohmmeter heats; relays: whether the film may be of another kind; signals: of
+    the last point, which are the same for other sizes of an effect of the ohmmeter's."""
 
     record: Record
     path: PlatePath
@@ -63,6 +88,7 @@ class FilmEquations:
     readings: Array
     relays: bool
     spacing: Spacing
+    signals: deque[Signals] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     def on(self, path: PlatePath) -> Self:
         """The same rows on another path."""
@@ -142,6 +168,12 @@ class FilmEquations:
 
     def _signals(self, p: FilmParameters, links: Links, nodes: FilmNodes, x: Array) -> Array:
         """Columns at the points before the phases mix: constant, D, operators; creep included."""
+        if not self.signals or not self.signals[0].serve(p, x, nodes, links.hysteretic_part):
+            columns = self._columns(p, links, nodes, x)
+            self.signals.append(Signals(columns, x[: ENVELOPES + 1].copy(), p.is_mixed, nodes, links.hysteretic_part))
+        return self.signals[0].columns
+
+    def _columns(self, p: FilmParameters, links: Links, nodes: FilmNodes, x: Array) -> Array:
         operators = operator_columns(nodes, x[:ENVELOPES], self._radii(x))
         step = self.step(p, x, nodes.film_degC[nodes.points])
         if step is not None:

@@ -71,7 +71,7 @@ class LinearProblem:
         range_of: Array | None,
     ) -> LinearProblem:
         """With its products."""
-        own, wanted = noise.over(at_rows[fitted]), output[fitted] - offset[fitted]
+        own, wanted = noise.over(np.take(at_rows, fitted, axis=0)), output[fitted] - offset[fitted]
         across, target = own.T @ relays.fitted, noise.over(wanted)
         gram = np.block([[own.T @ own, across], [across.T, relays.gram]])
         right = np.concatenate((own.T @ target, relays.fitted.T @ target))

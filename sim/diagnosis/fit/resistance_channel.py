@@ -9,7 +9,8 @@ projection); envelopes and effects' parameters are searched for by a damped Gaus
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -53,7 +54,8 @@ TRUSTED = 4.0  # mean square residual over noise below which the model's resista
 @dataclass(frozen=True, eq=False)
 class ResistanceChannel(FilmEquations):
     """The equations with the readings that they are fitted to. fitted: the readings that count; rows: of these; output:
-    all readings, 0 where there is none; whitening: of the fitted rows; plane: the relays in the rows."""
+    all readings, 0 where there is none; whitening: of the fitted rows; plane: the relays in the rows; problems: the
+    last one."""
 
     noise: NoiseModel
     fitted: Mask
@@ -61,6 +63,7 @@ class ResistanceChannel(FilmEquations):
     output: Array
     whitening: Whitens
     plane: RelaysOfRecord
+    problems: deque[LinearProblem] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     @classmethod
     def of(
@@ -96,7 +99,7 @@ class ResistanceChannel(FilmEquations):
         film = nodes.of_rows(signals)
         if links.linear and not p.is_mixed:
             at_rows = Ohmmeter(links, nodes, np.empty(0)).columns(signals)
-            problem = LinearProblem.of(at_rows, np.zeros(y.size), film, relays, y, rows, self.whitening, None)
+            problem = self._problem(at_rows, np.zeros(y.size), film, relays, None)
             return problem.solved(x, p.prior.precision(self.basis, problem))
         bends = links.bends or p.is_mixed
         least, most = (FEWEST_ROUNDS, MOST_ROUNDS) if bends else (1, 1)
@@ -121,7 +124,7 @@ class ResistanceChannel(FilmEquations):
                 linear = ohmmeter.plain((whole if slope is None else whole * slope)[:, None])[:, 0]
             first, *other_ranges = self._ranges(links, nodes, signal)
             offset = shown_in_rows(links, nodes, signal, first) - linear
-            problem = LinearProblem.of(at_rows, offset, film, shown, y, rows, self.whitening, first)
+            problem = self._problem(at_rows, offset, film, shown, first)
             found = problem.solved(x, p.prior.precision(self.basis, problem))
             for range_of in other_ranges:
                 offset = shown_in_rows(links, nodes, signal, range_of) - linear
@@ -136,6 +139,17 @@ class ResistanceChannel(FilmEquations):
             if turn + 1 >= least and abs(found.cost - before) < same:
                 break
             before = found.cost
+        return found
+
+    def _problem(
+        self, at_rows: Array, offset: Array, film: Array, relays: Relays, range_of: Array | None
+    ) -> LinearProblem:
+        """With its products, which are those of the last one where that has the same columns."""
+        for last in self.problems:
+            if last.at_rows is at_rows and last.relays is relays:
+                return last.shifted(offset, self.output, range_of)
+        found = LinearProblem.of(at_rows, offset, film, relays, self.output, self.rows, self.whitening, range_of)
+        self.problems.append(found)
         return found
 
     def _about(self, signals: Array, slope: Array | None) -> Array:
@@ -243,11 +257,11 @@ class ResistanceChannel(FilmEquations):
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=self.film_output(p, point))
             if settle and iteration % EACH == EACH - 1:
-                point = self.point(p, point.x, point.coefficients)
+                point = self._about_itself(p, point)
                 p, point = self._settled(p, point, 1)
             elif before - loss(point) < settled:
                 break
-        point = self.point(p, point.x, point.coefficients)
+        point = self._about_itself(p, point)
         p, point = self._settled(p, point, SETTLE if settle else 0)
         effects, _ = self.split(p, point.x)
         residual = self._over_noise(point.shown)
@@ -260,6 +274,12 @@ class ResistanceChannel(FilmEquations):
             jacobian.copy(),
             0.5 * float(residual @ residual),
         )
+
+    def _about_itself(self, p: FilmParameters, point: Point) -> Point:
+        """The point with all that is linear only about a guess taken about its own solution; itself where all is."""
+        links = links_of(p.effects)
+        same = links.linear and not links.heated and not p.is_mixed
+        return point if same else self.point(p, point.x, point.coefficients)
 
     def _misfit(self, point: Point) -> float:
         """How many times the noise's own variance is left, at least 1: a gain counts by what is left."""
