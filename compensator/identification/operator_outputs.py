@@ -188,6 +188,7 @@ def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
     return np.asarray(np.tanh(a * (inputs[:, None] - c)), dtype=np.float64)
 
 
+@njit(cache=True)
 def radius_floor(shape: Array) -> tuple[float, Array]:
     """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
     slope_r, centre_r, slope_l, centre_l = math.exp(shape[0]), float(shape[1]), math.exp(shape[2]), float(shape[3])
