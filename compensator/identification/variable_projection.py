@@ -109,6 +109,11 @@ class Problem:
         self.low, self.high = np.append(low, d_low), np.append(high, d_high)
         self.split = GROUP * structure.groups
         self.v = path.inputs[path.rows]
+        self._fixed = form.columns(self.v, d_low) if d_low.size == 0 else None  # of a form that no theta changes
+
+    def _memoryless(self, theta: Array) -> Array:
+        """D's columns at the readings."""
+        return self.form.columns(self.v, theta[self.split :]) if self._fixed is None else self._fixed
 
     def shapes(self, theta: Array) -> Array:
         return np.ascontiguousarray(theta[: self.split].reshape(-1, GROUP))
@@ -127,7 +132,7 @@ class Problem:
         return self.solve_columns(theta, self.operators(theta)[0])
 
     def solve_columns(self, theta: Array, operators: Array) -> Solution:
-        memoryless = self.form.columns(self.v, theta[self.split :])
+        memoryless = self._memoryless(theta)
         columns = np.concatenate((memoryless, operators, self.path.output[:, None]), axis=1)
         mean = columns.mean(axis=0)
         centred = columns - mean
@@ -169,7 +174,7 @@ class Problem:
 
     def active_columns(self, solution: Solution, operators: Array) -> Array:
         """The columns that carry the fit, the constant first: shape (readings, 1 + active)."""
-        memoryless = self.form.columns(self.v, solution.theta[self.split :])
+        memoryless = self._memoryless(solution.theta)
         used = solution.coefficients != 0.0
         ones = np.ones((self.v.size, 1))
         return np.concatenate((ones, memoryless[:, used], operators[:, solution.weights > 0.0]), axis=1)

@@ -11,7 +11,12 @@ from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import dictionary, half_loop_width, solve_mixed
 from compensator.identification.model_selection import make_problem, rms
 from compensator.identification.nnls import solve_triangle
-from compensator.identification.operator_outputs import radius_floor
+from compensator.identification.operator_outputs import (
+    envelope_values,
+    operator_outputs,
+    radius_floor,
+    weighted_outputs,
+)
 from compensator.identification.rows import FilmRecord, Start, build_path, prepare
 from compensator.identification.triangle import triangle
 from compensator.identification.variable_projection import denser, equal_structure, merged
@@ -85,6 +90,25 @@ def test_the_smallest_radius_is_what_the_order_condition_needs() -> None:
             step[k] = 1e-4
             numeric = (radius_floor(shape + step)[0] - radius_floor(shape - step)[0]) / 2e-4
             assert gradient[k] == pytest.approx(numeric, abs=2e-4)
+
+
+@pytest.mark.parametrize("first", [-2, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_outputs_times_weights_are_the_sum_of_all_operators(first: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    v = 60.0 + np.clip(np.cumsum(rng.normal(size=1500)), -25.0, 25.0)
+    v[400:500] = v[400]  # at rest
+    side = np.sign(np.diff(v, prepend=v[0])).astype(np.int8)
+    side[0], side[900] = first, -first  # begun anew on the way, too
+    shape = np.array([rng.uniform(-3, -1), 61.0, rng.uniform(-3, -1), 58.0])
+    floor, _ = radius_floor(shape)
+    radii = floor + (1.0 - floor) * np.arange(40) / 40
+    weights, rows = rng.normal(size=40), np.flatnonzero(rng.random(1500) < 0.7)
+    gamma = envelope_values(v, side, shape[None, :])
+    each, together = np.empty((rows.size, 40)), np.empty(rows.size)
+    operator_outputs(gamma, side, radii, np.zeros(40, dtype=np.int64), 1.0, rows, each)
+    weighted_outputs(gamma[:, 0].copy(), side, radii, weights, 1.0, rows, together)
+    assert np.max(np.abs(together - each @ weights)) < 1e-12
 
 
 def test_reduced_nonnegative_least_squares() -> None:
