@@ -180,7 +180,7 @@ class TemperatureChannel(PlateEquations):
             by_first = self.simulate(p, x, first + FIRST_STEP_K)[1][self.rows] - shown[self.rows]
             e = self.over(by_first) / FIRST_STEP_K
             like = self.likelihood(shown)
-            j = self.over(jacobian[self.rows])
+            j = self.over(np.take(jacobian, self.rows, axis=0))
             w, pulled = self.weight * like.curvature, self.weight * like.pull
             away, index, scale = self.prior(p, x)
             gradient = j.T @ pulled
@@ -189,7 +189,7 @@ class TemperatureChannel(PlateEquations):
             normal[index, index] += scale * scale
             d = np.bincount(self.stretch, w * e * e, self.stretches) + 1e-9  # > 0 of one without readings
             pull = np.bincount(self.stretch, e * pulled, self.stretches)
-            by_x = np.array([np.bincount(self.stretch, w * e * j[:, k], self.stretches) for k in range(x.size)])
+            by_x = self._by_stretch((w * e)[:, None] * j)
             losses = self._losses(p, x)
             normal, gradient, cross = losses.both_sides(normal), losses.along(gradient), losses.along(1.0 * by_x)
             reduced = normal - (cross / d) @ cross.T
@@ -212,11 +212,18 @@ class TemperatureChannel(PlateEquations):
             steps,
             lambda at: at.cost,
             linearized,
-            lambda before, after: before - after < tolerance,
+            # a gain counts by what is left, as in the last channel
+            lambda before, after: before - after < tolerance * max(1.0, 2.0 * after / self.rows.size),
             DAMPING,
             PROMISED * tolerance,
         )
         return self._fit(p, best, high, h)
+
+    def _by_stretch(self, columns: Array) -> Array:
+        """Sums over the rows of each stretch, (columns, stretches)."""
+        if self.stretches == 1:  # as most records are
+            return np.asarray(np.sum(columns, axis=0)[:, None], dtype=np.float64)
+        return np.array([np.bincount(self.stretch, column, self.stretches) for column in columns.T])
 
     def _losses(self, p: PlateParameters, x: Array) -> Losses:
         names = [u.name for u in p.base]
