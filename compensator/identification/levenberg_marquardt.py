@@ -15,6 +15,7 @@ Sources: K. Levenberg, Q. Appl. Math. 2 (1944) 164; D. Marquardt, J. Soc. Ind. A
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Generic, TypeVar
@@ -81,6 +82,8 @@ def descend(
     at, level = start, damping.first
     for _ in range(steps):
         before = cost(at)
+        if not math.isfinite(before):  # no slope leads back from there
+            break
         at, level = damped_step(at, cost, linearized(at), level, damping, least_gain)
         if settled(before, cost(at)):
             break

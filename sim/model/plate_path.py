@@ -34,7 +34,7 @@ class PlatePath:
         found = next((degC for asked, degC in self.known if np.array_equal(asked, time)), None)
         if found is None:
             found = self._at(time)
-            self.known.append((time, found))
+            self.known.append((time.copy(), found))
         return found.copy()
 
     def _at(self, time: Array) -> Array:

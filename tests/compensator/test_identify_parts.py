@@ -7,6 +7,7 @@ import pytest
 import scipy.optimize
 
 from compensator.identification.covariance import block_sandwich
+from compensator.identification.levenberg_marquardt import Linearized, descend
 from compensator.identification.memoryless_forms import FORMS, Form
 from compensator.identification.mixed_envelopes import dictionary, half_loop_width, solve_mixed
 from compensator.identification.model_selection import make_problem, rms
@@ -203,3 +204,13 @@ def test_a_dictionary_model_reproduces_its_fit() -> None:
     simulated, _ = model.simulate(record.inputs, model.initial_memory(float(v[0]), "cooled"))
     assert np.max(np.abs(simulated + solution.residual - record.output)) < 1e-10
     assert np.min(model.order_margin()) > -1e-12
+
+
+def test_a_descent_from_a_trial_without_an_end_stays_there() -> None:
+    """As of an own effect that is no number: numpy would warn of each of its trials."""
+
+    def linearized(at: float) -> Linearized[float]:
+        nothing = np.full((1, 1), np.nan)
+        return Linearized(nothing, nothing[0], nothing[0], lambda step: at)
+
+    assert descend(1.0, 5, lambda at: np.inf, linearized, lambda before, after: False) == 1.0

@@ -17,6 +17,12 @@ Peltier = Callable[..., tuple[int, str, str]]
 PROFILE = '["start 0 A", "hold 2 s", "ramp to 2 A in 30 s", "hold 20 s", "ramp to 0 A in 10 s", "hold 20 s"]'
 
 
+@pytest.fixture(autouse=True)
+def known_here_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file's effect is known for the rest of the process: to other tests it is not."""
+    monkeypatch.setattr("sim.effects.catalogue._own", {})
+
+
 @pytest.fixture
 def bench(tmp_path: Path, root: Path) -> Path:
     path = write_bench(tmp_path, target=PROFILE)
