@@ -207,10 +207,10 @@ def test_a_dictionary_model_reproduces_its_fit() -> None:
 
 
 def test_a_descent_from_a_trial_without_an_end_stays_there() -> None:
-    """As of an own effect that is no number: numpy would warn of each of its trials."""
+    """As of an own effect that is no number: its damping grew until numpy warned of it."""
 
     def linearized(at: float) -> Linearized[float]:
-        nothing = np.full((1, 1), np.nan)
+        nothing = np.full((2, 2), np.nan)
         return Linearized(nothing, nothing[0], nothing[0], lambda step: at)
 
-    assert descend(1.0, 5, lambda at: np.inf, linearized, lambda before, after: False) == 1.0
+    assert descend(1.0, 100, lambda at: np.inf, linearized, lambda before, after: False) == 1.0
