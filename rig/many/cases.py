@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+from rig.core.outcome import Stopped
 from rig.many.engine import Engine
 
 TRIES = 3  # a case whose process died three times alone is what kills it, and not somebody's `kill`
@@ -100,6 +101,8 @@ def _result(case: Case, future: Future[Any]) -> Ended | None:
         value, fault, seconds = future.result()
     except (BrokenExecutor, CancelledError):
         return None
+    except Stopped:  # a signal that came while this was waiting: it comes once, and is nothing that the case came to
+        raise
     except Exception as error:
         if type(error).__name__ in LOST:
             return None

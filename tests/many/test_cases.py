@@ -12,8 +12,10 @@ from pathlib import Path
 import pytest
 
 from rig.core.faults import Faults
+from rig.core.outcome import Stopped
 from rig.many.cases import Case, Ended, each_ended
 from rig.many.engine import EngineChoice, opened
+from rig.safety.signals import SignalStop
 from tests.many.work import doubled, fails, kills_itself, read_from, size_of, slow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="kills processes")
@@ -56,6 +58,21 @@ def test_a_worker_that_is_killed_loses_nothing(tmp_path: Path) -> None:
     killer.join(timeout=1)
     assert killed
     assert {k: e.value for k, e in ended.items()} == {k: 2 * k for k in range(16)}
+
+
+@pytest.mark.parametrize("dies", [False, True], ids=["side by side", "alone after a worker died"])
+def test_a_signal_ends_it_wherever_it_waits(tmp_path: Path, dies: bool) -> None:
+    """It is raised once: taken for what a case came to, it would be gone, and all the others computed."""
+    cases = [Case(0, kills_itself if dies else doubled, (0,)), Case(1, slow, (1, 60.0, tmp_path))]
+
+    def interrupt() -> None:
+        while not list(tmp_path.iterdir()):  # one worker: the second begins when the first has ended
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    with pytest.raises(Stopped), SignalStop():
+        _all(cases, workers=1)
 
 
 def test_what_is_shared_is_read_once_a_worker() -> None:
