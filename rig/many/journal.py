@@ -43,10 +43,15 @@ class Journal:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._path = folder / "cases.jsonl"
-            self.done = self._read()
             self._lines = self._path.open("a", encoding="utf-8")
         except OSError as error:
-            raise fault(folder, "--out", f"cannot be written: {error.strerror}") from None
+            raise fault(folder, "", f"cannot be written: {error.strerror}") from None
+        try:
+            self._take_alone()
+            self.done = self._read()
+        except BaseException:
+            self._lines.close()
+            raise
         self._written_s = time.monotonic()
 
     def add(self, number: int, values: Mapping[str, Cell], seconds: float) -> None:
@@ -90,10 +95,23 @@ class Journal:
         with _replaced(self.folder / f"{self._name}.nc") as path:
             write_netcdf(path, self.rows())
 
+    def _take_alone(self) -> None:
+        """Lock the lines until they are closed: whoever computed into the same folder meanwhile would compute all of it
+        again, and cut off a line that is just being written. Raises Faults."""
+        if os.name == "nt":
+            return
+        import fcntl
+
+        try:
+            fcntl.flock(self._lines, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            text = "another process is computing into it; wait for its end, or give another DIR"
+            raise fault(self.folder, "", text) from None
+        except OSError:  # a network's file system that locks nothing: nobody is kept out
+            return
+
     def _read(self) -> dict[int, tuple[Row, float]]:
         """The finished lines; an unfinished last one is cut off."""
-        if not self._path.exists():
-            return {}
         content = self._path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         if whole != content:

@@ -133,6 +133,19 @@ def test_a_journal_of_another_task_is_refused(tmp_path: Path) -> None:
         Journal(tmp_path, "t", {0: {**case, "of": "b"}}, same=("of", "holds"))
 
 
+def test_two_at_a_time_do_not_compute_into_one_folder(tmp_path: Path) -> None:
+    """Each would compute everything, and cut off the line that the other is writing."""
+    case = {"number": 0, "of": "a", "holds": "x"}
+    first = Journal(tmp_path, "t", {0: case}, same=("of", "holds"))
+    with (tmp_path / "cases.jsonl").open("a") as lines:
+        lines.write('{"case": {"number"')  # half of a line is there already
+    with pytest.raises(Faults, match=f"{tmp_path}: another process is computing into it"):
+        Journal(tmp_path, "t", {0: case}, same=("of", "holds"))
+    assert (tmp_path / "cases.jsonl").read_text() == '{"case": {"number"'
+    first.close()
+    Journal(tmp_path, "t", {0: case}, same=("of", "holds")).close()
+
+
 def test_the_table_says_what_was_read(tmp_path: Path, peltier: Peltier) -> None:
     """By which the odd one is seen, and a unit that was taken for another."""
     plate_record(tmp_path / "a.csv", 1, 0.3)
