@@ -42,7 +42,7 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
 
         try:
             documents, faults, others = each_record(records, task, options.report, engine_choice(options), tell)
-        except Stopped:
+        except (Stopped, OSError):  # a full disk, too, stops the rest
             progress.say(_kept(options.report))
             raise
     if not documents:

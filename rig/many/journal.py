@@ -15,13 +15,15 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.core.faults import fault
+from rig.files.written import naming
 
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
 TABLE_EVERY_S = 5.0  # a table of 10,000 rows is written in a tenth of a second
@@ -58,8 +60,9 @@ class Journal:
         """A case has ended."""
         self.done[number] = (dict(values), seconds)
         line = {"case": self._identities[number], "values": values, "seconds": round(seconds, 3)}
-        self._lines.write(json.dumps(line) + "\n")
-        self._lines.flush()
+        with naming(self._path):
+            self._lines.write(json.dumps(line) + "\n")
+            self._lines.flush()
         if time.monotonic() - self._written_s > TABLE_EVERY_S:
             self.write_table()
 
@@ -90,7 +93,8 @@ class Journal:
 
     def close(self) -> None:
         """The table, also as NetCDF."""
-        self._lines.close()
+        with naming(self._path):
+            self._lines.close()
         self.write_table()
         with _replaced(self.folder / f"{self._name}.nc") as path:
             write_netcdf(path, self.rows())
@@ -144,18 +148,13 @@ class Journal:
         raise fault(self._path, f"number {number}", f"{text}; expected the DIR of these, or a new one")
 
 
-class _replaced:
-    """A file that is there whole or not at all."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._new = path, path.with_name(path.name + ".new")
-
-    def __enter__(self) -> Path:
-        return self._new
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        if kind is None:
-            os.replace(self._new, self._path)
+@contextmanager
+def _replaced(path: Path) -> Iterator[Path]:
+    """A file that is there whole or not at all. Raises OSError, which names the file."""
+    new = path.with_name(path.name + ".new")
+    with naming(path):
+        yield new
+        os.replace(new, path)
 
 
 def cases_in(folder: Path) -> list[Row]:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rig.files.written import naming
+
 MODEL = "model.toml"
 CANDIDATE = "candidate.toml"  # the model with what was found and is not named, to be tried
 
@@ -20,11 +22,12 @@ class Told:
     faults: tuple[str, ...] = ()
 
     def write_files(self, folder: Path) -> None:
-        """The files of the report into its folder, which is made."""
+        """The files of the report into its folder, which is made. Raises OSError, which names the file."""
         for name, content in self.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
+            with naming(path):
+                path.write_bytes(content)
 
 
 def files_in(folder: Path) -> dict[str, bytes]:

@@ -133,6 +133,23 @@ def test_a_journal_of_another_task_is_refused(tmp_path: Path) -> None:
         Journal(tmp_path, "t", {0: {**case, "of": "b"}}, same=("of", "holds"))
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_told_with_its_file_and_what_is_kept(tmp_path: Path, peltier: Peltier) -> None:
+    files, out = [plate_record(tmp_path / f"{k}.csv", k, 0.3) for k in (1, 2)], tmp_path / "out"
+    page = out / "2" / "identification.json"
+    page.parent.mkdir(parents=True)
+    page.symlink_to("/dev/full")
+    words = ("identify", *files, "--each", "--report", out, "--workers", 1)
+    status, _, err = peltier(*words)
+    assert status == 1
+    assert f"No space left on device: '{page}'" in err
+    assert f"{out}: the records that were done are kept" in err
+    page.unlink()
+    status, _, err = peltier(*words)
+    assert status == 0, err
+    assert [row["status"] for row in _table(out / "identifications.csv")] == ["done", "done"]
+
+
 def test_two_at_a_time_do_not_compute_into_one_folder(tmp_path: Path) -> None:
     """Each would compute everything, and cut off the line that the other is writing."""
     case = {"number": 0, "of": "a", "holds": "x"}
