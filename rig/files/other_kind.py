@@ -24,8 +24,7 @@ MARKS: Final = (  # the first bytes, as the formats' specifications fix them
     (b"CDF\x02", "a NetCDF file; export its table as CSV"),
     (b"MATLAB 5.0 MAT-file", "a MATLAB file; its name has to end in .mat"),
     (b"PK\x03\x04", "an archive (ZIP); if it is a workbook, its name has to end in .xlsx"),
-    (b"\x1f\x8b", "compressed (gzip); unpack it first"),
-    (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc); save it as .xlsx or CSV"),
+    (b"\xd0\xcf\x11\xe0", "a workbook or document of old (.xls, .doc), or one with a password; save it as CSV"),
 )
 MOST_BYTES: Final = 1_000_000  # no configuration, program or letter is longer
 FEW_DIGITS: Final = 0.02  # of the characters: a table of numbers has more than half of them

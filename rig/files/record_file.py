@@ -1,6 +1,6 @@
 """Records in files: read as labs write them, written as CSV with one header line and units in the names.
 
-    read_record         text in any usual encoding and separator, .xlsx, .mat -> Record
+    read_record         text in any usual encoding and separator, compressed or not, .xlsx, .mat -> Record
     write_columns       columns -> CSV
 
 A record of ours has the names of `rig.core.columns.OF_A_RECORD`, in any order; more columns are kept. Of a record
@@ -29,6 +29,7 @@ from rig.files.table import Table
 from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
 from rig.files.units import UNITS
+from rig.files.unpacked import unpacked
 from rig.files.written import naming
 
 __all__ = ["UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
@@ -52,7 +53,7 @@ def read_record(
     try:
         return record_of(_table(path, decimal), mappings, needs, flags)
     except Faults:
-        kind = other_kind(path) if path.suffix.lower() not in (*WORKBOOKS, MATLAB) else ""
+        kind = other_kind(path) if not _workbook(path) and path.suffix.lower() != MATLAB else ""
         if not kind:
             raise
     raise fault(path, "", f"this is no table of numbers: {kind}; expected columns of numbers below a line of names")
@@ -64,15 +65,34 @@ def _fed(path: Path) -> bool:
     return path == Path("/dev/stdin") or path.parent in (Path("/dev/fd"), Path("/proc/self/fd"))
 
 
+def _workbook(path: Path) -> bool:
+    """Whether a file is a workbook, by its name and its first bytes: some programs write text under such a name."""
+    if path.suffix.lower() not in WORKBOOKS:
+        return False
+    try:
+        with path.open("rb") as file:
+            return file.read(2) == b"PK"
+    except OSError:
+        return False
+
+
+def _refuse_folder(path: Path) -> None:
+    """Raises Faults; a run's folder has its record inside."""
+    if path.is_dir():
+        inside = path / "record.csv"
+        raise fault(path, "", "is a folder; expected a file" + (f", as {inside}" if inside.is_file() else ""))
+
+
 def _table(path: Path, decimal: str) -> Table:
     """What a file holds. Raises Faults."""
     try:
+        _refuse_folder(path)
         if path.is_char_device() or path.is_socket() or (path.is_fifo() and not _fed(path)):  # these may have no end
             raise fault(path, "", "is a device or a pipe; expected a file")
     except OSError as error:  # a name that is too long
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
     ending = path.suffix.lower()
-    if ending in WORKBOOKS:
+    if _workbook(path):
         from rig.files.workbook_table import workbook_table
 
         return workbook_table(path, decimal)
@@ -88,8 +108,13 @@ def _table(path: Path, decimal: str) -> Table:
         raise fault(path, "", "no such file") from None
     except OSError as error:
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
+    data, packed_by = unpacked(data, path)
     text, encoding = decoded(data, path)
     table = text_table(text, path, decimal)
+    if packed_by:
+        table.said.append(f"unpacked ({packed_by})")
+    if ending in WORKBOOKS:
+        table.said.append(f"text, and no workbook as its name ({ending}) says")
     if encoding:
         table.said.append(f"text in {encoding}")
     return table

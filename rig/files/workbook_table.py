@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import zipfile
 from datetime import date, datetime, time, timedelta
 from pathlib import Path
@@ -14,6 +15,10 @@ from rig.core.faults import Faults, fault
 from rig.files.table import Table
 from rig.files.text_table import text_table
 
+FEWEST_ROWS = 12  # no model is fitted to fewer readings: a shorter table beside a longer one is a summary, not a record
+FORMULA = re.compile(rb"<f[ >/]")  # of a cell, in the XML of a sheet (ECMA-376, part 1, 18.3.1.40)
+STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{6}")  # what `_shown` makes of a date
+MIDNIGHT = " 00:00:00.000000"  # a column of dates alone has it in every cell: the clock is a column of its own
 MOST_ROWS = 1_048_576  # that a sheet can have; the number of a row in a broken file may be any
 MOST_CELLS = 60_000_000  # beyond this many it is no record
 MOST_BYTES = 2_000_000_000  # unpacked: a full sheet of twenty columns; a file of 2 MB can unpack to this, too
@@ -36,6 +41,7 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
         book = load_workbook(path, read_only=True, data_only=True)
         sheets = {sheet.title: _as_text(sheet, path) for sheet in book.worksheets}
         book.close()
+        formulas = _without_values(path)
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
     except Faults:
@@ -54,12 +60,44 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
             found[title] = table
     if not found:
         raise Faults(faults[:5] or [f"{path}: expected a sheet with names and rows of numbers"])
-    if len(found) > 1:
-        raise fault(path, "", f"tables in {len(found)} sheets ({', '.join(found)}); expected one: save it as CSV")
-    title, table = next(iter(found.items()))
+    long = {title: table for title, table in found.items() if len(table.line_of) >= FEWEST_ROWS} or found
+    if len(long) > 1:
+        raise fault(path, "", f"tables in {len(long)} sheets ({', '.join(long)}); expected one: save it as CSV")
+    title, table = next(iter(long.items()))
+    if title in formulas:
+        text = "open it in a spreadsheet program and save it, or save it as CSV"
+        raise fault(path, f"sheet {title!r}", f"{formulas[title]}, which the file has not; {text}")
     if len(sheets) > 1:
-        table.said.append(f"sheet {title!r}")
+        table.said.append(f"sheet {title!r}" + (f" of {', '.join(map(repr, found))}" if len(found) > 1 else ""))
     return Table(table.source, table.place, table.columns, table.line_of, "row", table.named, table.signs, table.said)
+
+
+def _without_values(path: Path) -> dict[str, str]:
+    """By sheet: that it has formulas whose values are not in the file, which programs leave out that do not compute
+    them. Such a cell reads as an empty one: a whole column would be missing without a word."""
+    from openpyxl import load_workbook
+
+    with zipfile.ZipFile(path) as package:
+        sheets = [name for name in package.namelist() if name.startswith("xl/worksheets/") and name.endswith(".xml")]
+        if not any(FORMULA.search(package.read(name)) for name in sheets):
+            return {}
+    found = {}
+    shown, written = (load_workbook(path, read_only=True, data_only=values) for values in (True, False))
+    for values, formulas in zip(shown.worksheets, written.worksheets, strict=True):
+        for sheet in (values, formulas):
+            sheet.reset_dimensions()
+        cells = [
+            (value, formula.coordinate)
+            for row, beside in zip(values.iter_rows(values_only=True), formulas.iter_rows(), strict=True)
+            for value, formula in zip(row, beside, strict=True)
+            if formula.data_type == "f"
+        ]
+        if cells and all(value is None for value, _ in cells):  # one of many that is empty has "" for its value
+            more = f", and {len(cells) - 1} more" if len(cells) > 1 else ""
+            found[values.title] = f"{cells[0][1]}{more}: expected the values of formulas"
+    shown.close()
+    written.close()
+    return found
 
 
 def _as_text(sheet: Any, path: Path) -> str:
@@ -73,6 +111,11 @@ def _as_text(sheet: Any, path: Path) -> str:
         if len(rows) > MOST_ROWS or max(cells, width * len(rows)) > MOST_CELLS:
             most = f"more than {MOST_ROWS} rows or {MOST_CELLS} cells"
             raise fault(path, f"sheet {sheet.title!r}", f"{most}; expected a record")
+    for k in range(width):
+        column = [row for row in rows if k < len(row) and STAMP.fullmatch(row[k])]
+        if all(row[k].endswith(MIDNIGHT) for row in column):
+            for row in column:
+                row[k] = row[k].removesuffix(MIDNIGHT)
     out = io.StringIO()
     writer = csv.writer(out, delimiter="\t", lineterminator="\n")
     writer.writerows([*row, *[""] * (width - len(row))] for row in rows)
