@@ -108,8 +108,15 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
     for mapping in mappings:
         k = mapping.found_in(taking.names)
         if k is None:
-            there = taking.there()
-            taking.faults.append(taking.at_names(f"no column {mapping.theirs!r} for {mapping.ours}; there are {there}"))
+            other_way = ""
+            if mapping.theirs in OF_A_RECORD and mapping.ours in taking.names:
+                expected = typed(mapping.theirs, taking.names, taking.names.index(mapping.ours))
+                other_way = f"; ours stands first: expected {expected}"
+            text = f"no column {mapping.theirs!r} for {mapping.ours}; there are {taking.there()}{other_way}"
+            taking.faults.append(taking.at_names(text))
+        elif mapping.ours in taking.chosen:
+            text = f"--column {mapping.ours} was typed twice; expected once, with | between several names"
+            taking.faults.append(taking.at_names(text))
         elif mapping.ours not in OF_A_RECORD:
             taking.renamed[k] = mapping.ours
         else:

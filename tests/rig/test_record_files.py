@@ -284,6 +284,14 @@ def test_of_several_names_the_first_that_a_file_has(file: Path) -> None:
     assert "no column 't|Zeit'" in refusal(file, "a,temp,x\n0,25,1\n500,26,2\n", *columns)
 
 
+def test_a_column_that_is_typed_twice_or_the_wrong_way_round(file: Path) -> None:
+    """The last of two was taken without a word, in another unit."""
+    text = "time_s,T\n0,25\n1,26\n"
+    twice = refusal(file, text, "temperature_degC=T@degC", "temperature_degC=T@K")
+    assert "--column temperature_degC was typed twice; expected once" in twice
+    assert "expected --column temperature_degC=T" in refusal(file, text, "T=temperature_degC")
+
+
 def test_a_typed_name_without_a_unit_has_that_of_the_file(file: Path) -> None:
     record = read(file, "a,T_K,c\n0,298,1\n1,363,2\n", "time_s=a", "temperature_degC=T_K")
     np.testing.assert_allclose(record["temperature_degC"], [24.85, 89.85])
