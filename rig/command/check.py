@@ -2,7 +2,7 @@
 
 The output is commanded off first and last; no current flows. Limits and dead man are set and read back; the middle of
 several off commands, each confirmed by the controller, is what STOP takes. Exit status 1 where something is not as
-configured.
+configured, or where another program has a port open, too.
 
 An error that the controller reports is printed with its meaning and what clears it. On a terminal the program asks
 whether to clear it; --clear clears it without asking.
@@ -44,7 +44,7 @@ def main(options: argparse.Namespace) -> int:
 
     with SignalStop() as signals, open_bench(file, whatever_serial_number=True) as bench:
         signals.look()
-        faults = _identities(file, bench, voice)
+        faults = [*_identities(file, bench, voice), *_not_alone(file)]
         result: dict[str, Any] = {
             "format": "peltier-check/1",
             "instruments": {role: str(identity) for role, identity in bench.identities.items()},
@@ -68,6 +68,19 @@ def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str
     for role, identity in bench.identities.items():
         voice.say(f"{role}: {identity}")
     return strangers(file, bench.identities)
+
+
+def _not_alone(file: ConfigurationFile) -> list[str]:
+    """A line for each other program that has one of the ports open as well, whose output nobody here switches off."""
+    from rig.ports.open import open_elsewhere
+
+    ports = [part.port for part in (file.content.bench.controller, file.content.bench.meter) if part is not None]
+    text = "it can command the instrument, and take answers to this program: end it"
+    return [
+        f"{port}: process {process} ({command}) has it open as well; {text}"
+        for port in ports
+        for process, command in open_elsewhere(port)
+    ]
 
 
 def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:

@@ -97,22 +97,35 @@ def holder(port: str) -> tuple[int | None, str]:
     """
     if port.startswith("sim://"):
         return os.getpid(), "this process"
+    found = _have_open(port)
+    process = next((process for process, locked in found if locked), None)
+    if process is None:
+        process = next((process for process, _ in found if process != os.getpid()), None)
+    return (None, "") if process is None else (process, _command(process))
+
+
+def open_elsewhere(port: str) -> list[tuple[int, str]]:
+    """Process number and command line of each other process that has `port` open without a lock, as many programs
+    open one: it can command the instrument, or take the answers to us. Linux only, as `holder` is."""
+    found = [] if port.startswith("sim://") else _have_open(port)
+    return [(process, _command(process)) for process, locked in found if not locked and process != os.getpid()]
+
+
+def _have_open(port: str) -> list[tuple[int, bool]]:
+    """The processes that have a device open, each with whether it has the lock on it."""
     try:
         device = os.path.realpath(port)
-        processes = [entry for entry in os.listdir("/proc") if entry.isdigit()]
+        processes = [int(entry) for entry in os.listdir("/proc") if entry.isdigit()]
     except OSError:
-        return None, ""
-    has_it_open: list[int] = []
+        return []
+    found: dict[int, bool] = {}
     for process in processes:
         with contextlib.suppress(OSError):  # gone meanwhile, or not ours to see
             for descriptor in os.listdir(f"/proc/{process}/fd"):
-                if os.path.realpath(f"/proc/{process}/fd/{descriptor}") != device:
-                    continue
-                if "FLOCK" in Path(f"/proc/{process}/fdinfo/{descriptor}").read_text():
-                    return int(process), _command(process)
-                has_it_open.append(int(process))
-    others = [process for process in has_it_open if process != os.getpid() and not _is_far_end(process, device)]
-    return (others[0], _command(str(others[0]))) if others else (None, "")
+                if os.path.realpath(f"/proc/{process}/fd/{descriptor}") == device:
+                    locked = "FLOCK" in Path(f"/proc/{process}/fdinfo/{descriptor}").read_text()
+                    found[process] = found.get(process, False) or locked
+    return [(process, locked) for process, locked in found.items() if locked or not _is_far_end(process, device)]
 
 
 def is_still_trying(process: int) -> bool:
@@ -136,8 +149,8 @@ def _is_far_end(process: int, device: str) -> bool:
     return False
 
 
-def _command(process: str) -> str:
-    if is_still_trying(int(process)):
+def _command(process: int) -> str:
+    if is_still_trying(process):
         return "still trying to switch the output off; `peltier off CONFIG` takes over"
     with contextlib.suppress(OSError):
         return Path(f"/proc/{process}/cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()

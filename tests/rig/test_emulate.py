@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -95,23 +96,48 @@ def test_a_meter_that_answers_garbage(tmp_path: Path, peltier: Callable[..., tup
     assert not (tmp_path / "run").exists()
 
 
+@contextlib.contextmanager
+def open_in_another(port: str, lock: bool | None) -> Iterator[subprocess.Popen[str]]:
+    """Another process that has a port open. lock: None, as most programs open one."""
+    code = f"import serial, sys; p = serial.Serial({port!r}, exclusive={lock}); print('held', flush=True); "
+    code += "sys.stdin.read()"
+    other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert other.stdout is not None
+    assert other.stdout.readline() == "held\n"
+    yield other
+    other.communicate()
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
 def test_a_port_that_another_process_holds(
-    tmp_path: Path, root: Path, peltier: Callable[..., tuple[int, str, str]]
+    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str
 ) -> None:
     path = write_bench(tmp_path)
     instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
     with PseudoTerminals(instruments) as terminals:
         port = terminals.paths["controller"]
-        code = f"import serial, sys; p = serial.Serial({port!r}, exclusive=True); print('held', flush=True); "
-        code += "sys.stdin.read()"
-        other = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        assert other.stdout is not None
-        assert other.stdout.readline() == "held\n"
-        path = write_bench(tmp_path, time="real", controller=port, meter=terminals.paths["meter"])
-        status, _, err = peltier("run", path, "--out", tmp_path / "run")
-        other.communicate()
+        with open_in_another(port, True) as other:
+            path = write_bench(tmp_path, time="real", controller=port, meter=terminals.paths["meter"])
+            status, _, err = peltier(verb, path, *(("--out", tmp_path / "run") if verb == "run" else ()))
     assert status == 75
     assert str(other.pid) in err
+
+
+def test_check_tells_who_else_has_a_port_open(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
+    """A program that takes no lock is kept out by none, and can switch the output on."""
+    path = write_bench(tmp_path)
+    instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    with PseudoTerminals(instruments) as terminals:
+        port = terminals.paths["controller"]
+        path = write_bench(tmp_path, time="real", controller=port, meter=terminals.paths["meter"])
+        with open_in_another(port, None) as other:
+            status, out, err = peltier("check", path)
+        assert status == 1, err
+        (line,) = [line for line in out.splitlines() if "open as well" in line]
+        assert line.startswith(f"NOT AS CONFIGURED: {port}: process {other.pid} (")
+        status, out, err = peltier("check", path)
+    assert status == 0, err
+    assert "open as well" not in out
 
 
 def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
