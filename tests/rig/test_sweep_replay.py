@@ -56,6 +56,21 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     assert "is of other cases" in err
 
 
+@pytest.mark.parametrize(("controller", "meter"), [("meerstetter", "keithley2000"), ("srs_ldc500", "keithley2400")])
+def test_a_simulation_is_the_same_each_time(tmp_path: Path, peltier: Peltier, controller: str, meter: str) -> None:
+    """Whatever process computes it: the first numbers of a conversation are random on a real line alone."""
+    path = write_bench(tmp_path)
+    text = path.read_text().replace('"meerstetter"', f'"{controller}"').replace('"keithley2000"', f'"{meter}"')
+    path.write_text(text)
+    records = []
+    for seed in (1, 2, 3):
+        random.seed(seed)  # as of another process
+        status, _, err = peltier("simulate", path, "--out", tmp_path / f"{seed}.csv")
+        assert status == 0, err
+        records.append((tmp_path / f"{seed}.csv").read_bytes())
+    assert records[0] == records[1] == records[2]
+
+
 def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> None:
     path = write_bench(tmp_path, more=SWEEP.replace("film_lag:tau_s=1", "film_lg"))
     status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
