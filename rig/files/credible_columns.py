@@ -57,6 +57,7 @@ def faults_in(
         *_resistance_faults(table, values, chosen, names),
         *_temperature_faults(table, values, chosen, names),
         *_size_faults(table, values),
+        *_current_faults(table, values),
     ]
 
 
@@ -181,3 +182,14 @@ def _size_faults(table: Table, values: Mapping[str, Array]) -> list[str]:
         expected = f"expected {bounds_told} for no reading"
         faults += _told(table, name, beyond, column, expected)
     return faults
+
+
+def _current_faults(table: Table, values: Mapping[str, Array]) -> list[str]:
+    """A line where the current stands only in the rows in which it changes: between them it would be unknown, and no
+    three rows are left of which a plate could be found."""
+    known = np.isfinite(values["current_A"]) if "current_A" in values else np.empty(0, dtype=np.bool_)
+    if not known.any() or bool(np.any(known[2:] & known[1:-1] & known[:-2])):
+        return []
+    text = f"stands in {np.count_nonzero(known)} of {known.size} rows, nowhere in three one after the other"
+    expected = "expected in each: fill it down where only changes are written"
+    return [f"{table.source}: current_A: {text}; {expected}"] if known.size > 2 else []

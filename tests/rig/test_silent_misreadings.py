@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -91,3 +92,17 @@ def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
     assert "line 33: time_s: 0.0 after 29.0: expected increasing times; it begins anew, as of another sweep" in said
     wrong = sweep.replace("\n20,", "\n2,")
     assert "another sweep" not in refusal(file, f"t (s),T (K),R (Ohm)\n{wrong}")
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_current_that_is_written_only_where_it_changes(
+    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str
+) -> None:
+    """As merged cells of a workbook are, too. "max() arg is an empty sequence" was all that a diagnosis said."""
+    path = tmp_path / "a.csv"
+    rows = [f"{k},{25 + 0.1 * k},{0.5 if k % 20 == 0 else ''}" for k in range(100)]
+    path.write_text("\n".join(["time_s,temperature_degC,current_A", *rows]) + "\n")
+    status, _, err = peltier(verb, path)
+    assert status == 2
+    expected = "stands in 5 of 100 rows, nowhere in three one after the other; expected in each: fill it down"
+    assert err.startswith(f"{path}: current_A: {expected}")
