@@ -67,9 +67,9 @@ def _fed(path: Path) -> bool:
 
 def _workbook(path: Path) -> bool:
     """Whether a file is a workbook, by its name and its first bytes: some programs write text under such a name."""
-    if path.suffix.lower() not in WORKBOOKS:
-        return False
     try:
+        if path.suffix.lower() not in WORKBOOKS or not path.is_file():  # a pipe that nobody feeds has no first bytes
+            return False
         with path.open("rb") as file:
             return file.read(2) == b"PK"
     except OSError:
