@@ -1,12 +1,13 @@
 """Measured records: how well what a diagnosis finds predicts rows that no fit has seen, beside what was asked.
 
-    ./peltier benchmark measured --data DIR [--only film,pair,joint,steps,later,lamp] [--splits 21]
+    ./peltier benchmark measured --data DIR [--only film,moved,pair,joint,steps,later,lamp] [--splits 21]
 
 DIR holds the records (VO2 films, runs of one Peltier plate, two-heater boards, a lamp). Each is diagnosed as it is, as
 the command does; the error is that of the extended model, run as `predict --initial fitted` runs it: what belongs to a
 record is fitted to its first 30 s.
 
 film    the two single loops: held-out blocks, readings left out, verdict
+moved   the first of them as it is, and with every reading times 1 + 1e-12 of chance: what hangs on that is luck
 pair    one run of the plate to another
 joint   any five of its seven runs jointly, the other two predicted from their currents; --splits of the 21
 steps   random steps of a heater, first half to second, at 1 s and thinned to 4 s: the same names
@@ -31,6 +32,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
+import numpy as np  # noqa: E402 - numpy reads these where it is imported
+
 from rig.analysis.diagnosed import diagnosed  # noqa: E402
 from rig.files.record import Record  # noqa: E402
 from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
@@ -38,6 +41,8 @@ from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
+SMALL_GAP = "vo2_film_small_gap_raw.tsv"
+DRAWS = 12  # of `moved`: the first is the record as it is
 RUNS = ("500", "8010", "8020", "8051", "80510", "8052", "8055")
 PLATE = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")
 STEPS = ("time_s=t_s", "temperature_degC=T1_C", "current_A=duty1@duty")
@@ -70,12 +75,27 @@ def told(what: str, asked: str, found: Diagnosis, channel: str, began: float) ->
 
 
 def film(data: Path, _: int) -> None:
-    for name in ("vo2_film_small_gap_raw.tsv", "vo2_film_major_loop.tsv"):
+    for name in (SMALL_GAP, "vo2_film_major_loop.tsv"):
         began = time.perf_counter()
         found = diagnosed(read(data / name))[0]
         told(name, "0.02", found, "resistance_dec", began)
         left = sum("neighbours" in out.rule for out in found.record.left_out)
         print(f"{'':<44}{left:>9d}  asked 2       readings left out", flush=True)
+
+
+def moved(data: Path, _: int) -> None:
+    record, errors = read(data / SMALL_GAP), []
+    for seed in range(DRAWS):
+        by, began = 1e-12 * (seed > 0), time.perf_counter()
+        rng = np.random.default_rng(seed)
+        columns = {
+            name: values if name == "time_s" else values * (1.0 + by * rng.standard_normal(values.size))
+            for name, values in record.columns.items()
+        }
+        found = diagnosed(Record(columns, record.source))[0]
+        errors.append(told(f"the same, readings moved ({seed})", "0.02", found, "resistance_dec", began))
+    figures = "".join(f"{value:>9.4g}" for value in (statistics.median(errors), min(errors), max(errors)))
+    print(f"{'median; least; most':<44}{figures}  {sum(error > 0.02 for error in errors)} above what is asked")
 
 
 def pair(data: Path, _: int) -> None:
@@ -121,7 +141,7 @@ def lamp(data: Path, _: int) -> None:
 
 
 PARTS: dict[str, Callable[[Path, int], None]] = {
-    "film": film, "pair": pair, "joint": joint, "steps": steps, "later": later, "lamp": lamp,
+    "film": film, "moved": moved, "pair": pair, "joint": joint, "steps": steps, "later": later, "lamp": lamp,
 }  # fmt: skip
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +14,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 
-__all__ = ["Record", "Refused", "unit_of"]
+__all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
 
 @dataclass(frozen=True)
@@ -90,3 +92,10 @@ class Record:
         output = np.full(column.size, math.nan)
         output[good] = np.log10(column[good])
         return output if name == RISING_RESISTANCE else -output
+
+
+def content_digest(record: Record | Refused) -> str:
+    """By which a record is known among many, whatever its name and place are: twelve hexadecimal digits that another
+    content changes. What a refused one holds is why."""
+    holds = record.faults if isinstance(record, Refused) else (record.columns, record.drive)
+    return hashlib.sha256(pickle.dumps(holds)).hexdigest()[:12]

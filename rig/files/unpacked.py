@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import zlib
 from importlib import import_module
-from lzma import LZMAError
 from pathlib import Path
 from typing import Final
 
@@ -25,11 +24,15 @@ def unpacked(data: bytes, path: Path) -> tuple[bytes, str]:
     if not packed_by:
         return data, ""
     try:
-        with import_module(packed_by).open(io.BytesIO(data)) as file:
+        module = import_module(packed_by)
+    except ImportError:  # a Python that was built without bz2 or lzma
+        raise fault(path, "", f"compressed ({packed_by}), which this Python cannot unpack; unpack it first") from None
+    try:
+        with module.open(io.BytesIO(data)) as file:
             content: bytes = file.read(MOST_BYTES + 1)
     except EOFError:
         raise fault(path, "", f"compressed ({packed_by}), and cut off; expected the whole file") from None
-    except (OSError, LZMAError, zlib.error) as error:
+    except (OSError, zlib.error, getattr(module, "LZMAError", OSError)) as error:
         raise fault(path, "", f"compressed ({packed_by}), and damaged: {error}") from None
     if len(content) > MOST_BYTES:
         raise fault(path, "", f"unpacks to more than {MOST_BYTES / 1e9:g} GB; expected a record")

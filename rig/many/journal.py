@@ -25,6 +25,7 @@ import numpy as np
 from rig.core.faults import fault
 from rig.files.written import naming
 
+LINES, TIMES = "cases.jsonl", "times.csv"
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
 TABLE_EVERY_S = 5.0  # a table of 10,000 rows is written in a tenth of a second
 Row = dict[str, Any]
@@ -41,10 +42,11 @@ class Journal:
         its number. Raises Faults where there are others, or where it cannot be read or written."""
         self._same, self.others = tuple(same), 0
         self._numbers = {self._key(identity): number for number, identity in identities.items()}
+        self._of = {identity.get("of") for identity in identities.values()}
         self.folder, self._name, self._identities = folder, name, identities
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._path = folder / "cases.jsonl"
+            self._path = folder / LINES
             self._lines = self._path.open("a", encoding="utf-8")
         except OSError as error:
             raise fault(folder, "", f"cannot be written: {error.strerror}") from None
@@ -86,7 +88,7 @@ class Journal:
     def write_table(self) -> None:
         """The table as far as it is."""
         write_table(self.folder / f"{self._name}.csv", self.rows())
-        with _replaced(self.folder / "times.csv") as path:
+        with _replaced(self.folder / TIMES) as path:
             times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
             path.write_text(f"number,seconds\n{times}", encoding="utf-8")
         self._written_s = time.monotonic()
@@ -141,8 +143,7 @@ class Journal:
         """The number of a line's case now; None where it is none of these and may be left alone. Raises Faults."""
         if not self._same and self._identities.get(number) == case:
             return number
-        of = {identity.get("of") for identity in self._identities.values()}
-        if self._same and (not of or case.get("of") in of):
+        if self._same and (not self._of or case.get("of") in self._of):
             return self._numbers.get(self._key(case))
         text = "is of other cases, of files with other contents, or of another version"
         raise fault(self._path, f"number {number}", f"{text}; expected the DIR of these, or a new one")
@@ -157,10 +158,15 @@ def _replaced(path: Path) -> Iterator[Path]:
         os.replace(new, path)
 
 
+def files_of(name: str) -> list[str]:
+    """What stands in a journal's folder, its table being called `name`."""
+    return [LINES, TIMES, f"{name}.csv", f"{name}.nc"]
+
+
 def cases_in(folder: Path) -> list[Row]:
     """What the cases of a journal are, in the order of its lines; lines that are damaged are left out."""
     try:
-        lines = (folder / "cases.jsonl").read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = (folder / LINES).read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
         return []
     found = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from rig.core.errors import RigError
 from rig.core.faults import Faults, fault
 from rig.core.outcome import Outcome
 from rig.files.named_files import contents_named
-from rig.files.record import Refused
+from rig.files.record import Refused, content_digest
 from rig.files.record_file import Record, read_record, write_columns
 from rig.files.sweep_table import SweepTable, What
 from rig.files.toml_file import checked
@@ -49,7 +48,7 @@ class Sweep:
         if self.records:
             of = _digest(self.raw, {})
             return {
-                n: {"number": n, "record": record.source, "of": of, "holds": _content(record)}
+                n: {"number": n, "record": record.source, "of": of, "holds": content_digest(record)}
                 for n, record in enumerate(self.records)
             }
         rest = {name: table for name, table in self.raw.items() if name != "sweep"}
@@ -94,12 +93,6 @@ def _records(path: Path, names: list[str]) -> list[Record | Refused]:
     if all(isinstance(record, Refused) for record in records):
         raise Faults(line for record in records if isinstance(record, Refused) for line in record.faults)
     return records
-
-
-def _content(record: Record | Refused) -> str:
-    """A digest of what a record holds."""
-    holds = record.faults if isinstance(record, Refused) else (record.columns, record.drive)
-    return hashlib.sha256(pickle.dumps(holds)).hexdigest()[:12]
 
 
 def _digest(raw: dict[str, Any], named: Mapping[str, str]) -> str:

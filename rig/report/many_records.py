@@ -21,10 +21,10 @@ from urllib.parse import quote
 import numpy as np
 
 from rig.core.faults import fault
-from rig.files.record import Record, Refused, unit_of
+from rig.files.record import Record, Refused, content_digest, unit_of
 from rig.many.cases import Case, each_ended
 from rig.many.engine import EngineChoice, opened
-from rig.many.journal import LOST, Journal, cases_in
+from rig.many.journal import LOST, Journal, cases_in, files_of
 from rig.report.figures import svg_text
 from rig.report.many_figure import named_figure
 from rig.report.page import figure, write_page
@@ -34,6 +34,7 @@ from rig.version import __version__
 
 Row = dict[str, Any]
 Tell = Callable[[int, int, str, Told], None]
+READ = ("temperature_degC", "resistance_ohm", "current_A")  # between what a record is: by these an odd one is seen
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Task:
     @property
     def own_files(self) -> list[str]:
         """What stands in DIR beside the records' folders."""
-        return ["cases.jsonl", "times.csv", "report.html", f"{self.table}.csv", f"{self.table}.nc"]
+        return [*files_of(self.table), "report.html"]
 
 
 def each_record(
@@ -121,10 +122,10 @@ def _row(record: Record | Refused, found: Told, task: Task) -> Row:
 
 
 def _read(record: Record) -> Row:
-    """How much a record holds, between what, and what was taken for what: by this an odd one is seen among hundreds."""
+    """How much a record holds, between what, and what was taken for what."""
     time = record["time_s"]
     row: Row = {"rows": record.rows, "duration_s": float(time[-1] - time[0])}
-    for name in ("temperature_degC", "resistance_ohm", "current_A"):
+    for name in READ:
         if record.has(name):
             finite = record[name][np.isfinite(record[name])]
             row |= {f"{name}.lowest": float(finite.min()), f"{name}.highest": float(finite.max())}
@@ -136,7 +137,7 @@ def _read_in_words(row: Mapping[str, Any]) -> str:
     if "rows" not in row:
         return ""
     parts = [f"{row['rows']} rows in {row['duration_s']:.4g} s"]
-    for name in ("temperature_degC", "resistance_ohm", "current_A"):
+    for name in READ:
         if f"{name}.lowest" in row:
             parts.append(f"{row[f'{name}.lowest']:.4g} to {row[f'{name}.highest']:.4g} {unit_of(name)}")
     said = f"<details><summary>read as</summary>{escape(str(row['read']))}</details>" if row.get("read") else ""
@@ -144,17 +145,17 @@ def _read_in_words(row: Mapping[str, Any]) -> str:
 
 
 def folders_of(records: Sequence[Record | Refused], taken: Iterable[str] = (), known: Sequence[str] = ()) -> list[str]:
-    """A folder's name for each record: the known one, where there is one, else its file's, with a number where it is
-    taken. Names that differ in capitals alone are the same on some systems."""
-    used = {name.casefold() for name in (*taken, *known) if name}
+    """A folder's name for each record: the known one, else (known: "") its file's, with a number where it is taken.
+    Names that differ in capitals alone are the same on some systems."""
+    used = {name.casefold() for name in (*taken, *known)}
     names: list[str] = []
-    for k, record in enumerate(records):
-        stem = name = Path(record.source).stem or "record"
-        count = 1
-        while name.casefold() in used and not (known and known[k]):
+    for record, name in zip(records, known or [""] * len(records), strict=True):
+        stem, count = Path(record.source).stem or "record", 1
+        new = stem
+        while not name and new.casefold() in used:
             count += 1
-            name = f"{stem}_{count}"
-        names.append(known[k] if known and known[k] else name)
+            new = f"{stem}_{count}"
+        names.append(name or new)
         used.add(names[-1].casefold())
     return names
 
@@ -166,7 +167,7 @@ def _journal(out: Path, records: Sequence[Record | Refused], task: Task) -> Jour
     before = cases_in(out)
     for case in before:
         by_content.setdefault((str(case.get("of")), str(case.get("holds"))), []).append(case)
-    of, holds = digest_of(task), [_digest(_content(record)) for record in records]
+    of, holds = digest_of(task), [content_digest(record) for record in records]
     known = [""] * len(records)
     for spelled in (True, False):  # copies of one record: first those that are named as they were
         for k, record in enumerate(records):
@@ -182,18 +183,11 @@ def _journal(out: Path, records: Sequence[Record | Refused], task: Task) -> Jour
     return Journal(out, task.table, identities, same=("folder", "of", "holds"))
 
 
-def _content(record: Record | Refused) -> Any:
-    return record.faults if isinstance(record, Refused) else (record.columns, record.drive)
-
-
-def _digest(of: Any) -> str:
-    return hashlib.sha256(pickle.dumps(of)).hexdigest()[:12]
-
-
 def digest_of(task: Task) -> str:
     """Of all that decides what comes out, beside the record."""
     read = [path.read_bytes() for path in task.files]
-    return _digest((task.asked, __version__, [other.columns for other in task.shared], read))
+    of = (task.asked, __version__, [other.columns for other in task.shared], read)
+    return hashlib.sha256(pickle.dumps(of)).hexdigest()[:12]
 
 
 def _known(

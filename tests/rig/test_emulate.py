@@ -25,15 +25,14 @@ from tests.rig.small import write_bench
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
 
 
+def emulating(root: Path, *words: object) -> subprocess.Popen[str]:
+    """`peltier emulate` in a process of its own, with these arguments."""
+    command = [sys.executable, "-m", "rig", "emulate", *map(str, words)]
+    return subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
 def test_the_rig_drives_what_emulate_serves(tmp_path: Path, root: Path) -> None:
-    path = write_bench(tmp_path)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "emulate", str(path), "--speed", "5"],
-        cwd=root,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = emulating(root, write_bench(tmp_path), "--speed", 5)
     try:
         assert process.stdout is not None
         words = [process.stdout.readline().split() for _ in range(2)]
@@ -157,14 +156,7 @@ def test_instruments_with_parity_are_emulated_too(tmp_path: Path, peltier: Calla
 
 def test_an_output_that_was_left_on_is_told(tmp_path: Path, root: Path) -> None:
     """A program of one's own that ends without switching off: while it is silent, and at the end."""
-    path = write_bench(tmp_path)
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "emulate", str(path)],
-        cwd=root,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = emulating(root, write_bench(tmp_path))
     try:
         assert process.stdout is not None
         assert process.stderr is not None

@@ -13,11 +13,14 @@ def has_own(effect: Switched) -> bool:
     return isinstance(effect.effect.form, HeatFlow) and effect.effect.form.own_rate is not None
 
 
+def _delays_the_thermometer(effect: Switched) -> bool:
+    return isinstance(effect.effect.form, Filter) and effect.effect.form.target == "thermometer"
+
+
 def own_temperatures(effects: Sequence[Switched]) -> int:
-    """How many of the effects have one."""
-    forms = [e.effect.form for e in effects if not has_own(e)]
-    filters = sum(isinstance(form, Filter) and form.target == "thermometer" for form in forms)
-    return len(effects) - len(forms) + filters
+    """How many of the effects have one: as many as `with_own_temperature` gives, which a fit asks for too often to have
+    its links put in order each time."""
+    return sum(has_own(e) or _delays_the_thermometer(e) for e in effects)
 
 
 def with_own_temperature(effects: Sequence[Switched]) -> list[Switched]:
