@@ -164,7 +164,7 @@ def the_fits_film() -> tuple[FilmBasis, Array]:
     columns = np.column_stack((np.ones(400), curve.columns(places)))
     coefficients = np.linalg.lstsq(columns, np.polyval(D[::-1], places), rcond=None)[0]
     return FilmBasis(
-        curve, FRACTIONS, RelayPlane.over(60.0, 10.0, 40.0, 100), FilmMixing(60.0, 40.0, -6.0, -2.0)
+        curve, FRACTIONS, RelayPlane.over(60.0, 10.0, (40.0, 80.0), 100), FilmMixing(60.0, 40.0, -6.0, -2.0)
     ), coefficients
 
 

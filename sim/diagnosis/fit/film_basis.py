@@ -8,6 +8,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.sparse_loop import one_loop
 from sim.diagnosis.fit.preisach_density import RelayPlane
 from sim.model.film_columns import SmoothCurve
 from sim.model.film_mixing import FilmMixing
@@ -15,6 +16,7 @@ from sim.model.plate_path import PlatePath
 
 OPERATORS = 96  # radii a hundredth of the loop apart: any weights are smooth on that scale
 PER_OPERATOR = 2  # readings that an operator needs at least; its prior does the rest
+FEW_READINGS = 800  # of a single loop, for which a plane with twice the columns costs next to nothing
 ENVELOPES = 4  # unknowns of the two envelopes: log a and c of the rising one, then of the falling one
 SHAPE = ENVELOPES + 3  # and of how the phases of another film mix: change of their step, exponent, percolation
 MARGIN_K = 0.5  # beyond the plate's temperatures
@@ -50,7 +52,7 @@ class FilmBasis:
         return cls(
             SmoothCurve.over(low - MARGIN_K, high + MARGIN_K) if curve else None,
             np.arange(operators) / operators,
-            RelayPlane.over(middle_degC, reach, high - low, readings),
+            RelayPlane.over(middle_degC, reach, (low, high), readings, readings < FEW_READINGS and one_loop(record)),
             FilmMixing(middle_degC, farthest_K, float(np.min(output)), float(np.max(output))),
         )
 

@@ -24,12 +24,15 @@ from sim.model.film_columns import play_outputs
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Effects, Links, columns_followed
 
-CENTRES = WIDTHS = 24  # of the Preisach plane's grid: a fit costs the square of its 576 columns
+GRID = 24  # centres, and half-widths up to WIDEST, of the Preisach plane: a fit costs the square of its 576 columns
+ONE_LOOP_GRID = 36  # the same of a single loop, of few rows: with 24 a flank hangs on where the grid stands
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
 MOST_COLUMNS = 200
+ONE_LOOP_COLUMNS = 400  # however few its readings: half as many leave out what is wide, and flanks hang on rounding
 CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh
 CLOSER_NARROW = 2.2  # how much closer the half-widths stand where they are narrow: sinh
 WIDEST = 0.2  # half-width, of the range of temperatures: of a film that is not understood, no loop's width is known
+ALL_THAT_SWITCH = 0.5  # the same, of a single loop: its branches may meet at its ends only
 CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (0 to 1): the kernel's lengths, 0.3 of either side
 FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
 STEEP = 0.9  # of a relay's step, times the distance of the centres
@@ -48,23 +51,36 @@ class RelayPlane:
     mix: Array
 
     @classmethod
-    def over(cls, middle_degC: float, reach_K: float, range_K: float, readings: int) -> RelayPlane:
-        """The plane about a loop. reach_K: of the centres to either side; range_K: of the plate's temperatures;
-        readings: of the film, that have to tell of it."""
-        u, v = np.linspace(-1.0, 1.0, CENTRES), np.linspace(0.0, 1.0, WIDTHS)
+    def over(
+        cls, middle_degC: float, reach_K: float, ends_degC: tuple[float, float], readings: int, one_loop: bool = False
+    ) -> RelayPlane:
+        """The plane about a loop. reach_K: of the centres to either side; ends_degC: least and largest of the plate's
+        temperatures; readings: of the film, that have to tell of it; one_loop: whether it went round but once: no minor
+        loop tells of widths then, and any relay that switches between the ends may be there."""
+        low_degC, high_degC = ends_degC
+        widest = ALL_THAT_SWITCH if one_loop else WIDEST
+        last = math.asinh(widest / WIDEST * math.sinh(CLOSER_NARROW)) / CLOSER_NARROW  # 1, or on at the same distances
+        grid = ONE_LOOP_GRID if one_loop else GRID
+        u, v = np.linspace(-1.0, 1.0, grid), np.arange(1 + round((grid - 1) * last)) / (grid - 1)
         centre = middle_degC + reach_K * np.sinh(CLOSER_MIDDLE * u) / math.sinh(CLOSER_MIDDLE)
-        half_width = WIDEST * range_K * np.sinh(CLOSER_NARROW * v) / math.sinh(CLOSER_NARROW)
-        slope = STEEP / np.gradient(centre)
-        over_u, over_v = np.tile(u, WIDTHS), np.repeat(v, CENTRES)
+        half_width = WIDEST * (high_degC - low_degC) * np.sinh(CLOSER_NARROW * v) / math.sinh(CLOSER_NARROW)
+        over_u, over_v = np.tile(u, v.size), np.repeat(v, u.size)
+        of_centre, of_width = np.tile(centre, v.size), np.repeat(half_width, u.size)
+        slope = np.tile(STEEP / np.gradient(centre), v.size)
+        if one_loop:
+            switch = (of_centre + of_width <= high_degC) & (of_centre - of_width >= low_degC)
+            over_u, over_v, slope = over_u[switch], over_v[switch], slope[switch]
+            of_centre, of_width = of_centre[switch], of_width[switch]
         away = np.hypot(
             np.subtract.outer(over_u, over_u) / CORRELATED[0], np.subtract.outer(over_v, over_v) / CORRELATED[1]
         )
         amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
         variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
-        count = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
+        few = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
+        count = ONE_LOOP_COLUMNS if one_loop else few
         mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
         mix /= math.sqrt(float(np.sum(mix * mix)))
-        return cls(np.tile(centre, WIDTHS), np.tile(slope, WIDTHS), np.repeat(half_width, CENTRES), mix)
+        return cls(of_centre, slope, of_width, mix)
 
     @property
     def count(self) -> int:

@@ -1,0 +1,29 @@
+"""The plane of relays: what it has about a single loop, and about a record with minor loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.diagnosis.fit.preisach_density import RelayPlane
+
+ENDS_DEGC = (20.0, 95.0)
+
+
+def over(one_loop: bool) -> RelayPlane:
+    return RelayPlane.over(64.0, 25.0, ENDS_DEGC, 200, one_loop)
+
+
+def test_of_a_single_loop_everything_that_switches_may_be_there_and_nothing_else() -> None:
+    plane = over(one_loop=True)
+    on, off = plane.centre_degC + plane.half_width_K, plane.centre_degC - plane.half_width_K
+    assert np.all(on <= ENDS_DEGC[1])
+    assert np.all(off >= ENDS_DEGC[0])
+    assert float(np.max(plane.half_width_K)) > 0.4 * (ENDS_DEGC[1] - ENDS_DEGC[0])
+    assert plane.count == np.linalg.matrix_rank(plane.mix)  # no column is there for nothing
+
+
+def test_with_minor_loops_they_are_as_wide_as_a_loop_may_be() -> None:
+    plane = over(one_loop=False)
+    assert float(np.max(plane.half_width_K)) == pytest.approx(0.2 * (ENDS_DEGC[1] - ENDS_DEGC[0]))
+    assert plane.count == 100  # two readings each
