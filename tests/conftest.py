@@ -8,9 +8,12 @@ begins with a copy of those that were compiled ahead.
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from pathlib import Path
+from typing import Any, TextIO
 
 import pytest
 
@@ -54,3 +57,34 @@ def peltier(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str,
         return status, captured.out, captured.err
 
     return call
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reports whose figures are made and not drawn, which would be half of a short run. For tests that look at other
+    things; each figure is drawn where its report is tested."""
+
+    def savefig(self: object, file: TextIO, **settings: object) -> None:
+        file.write("<svg></svg>")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", savefig)
+
+
+class _Here(Executor):
+    """Calls what it is given at once, as it would arrive in another process."""
+
+    def submit(self, work: Callable[..., Any], /, *arguments: Any, **more: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        try:
+            work, arguments = pickle.loads(pickle.dumps((work, arguments)))
+            future.set_result(work(*arguments, **more))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@pytest.fixture
+def computed_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many cases computed in this process: each other one takes seconds to begin. For tests of what becomes of the
+    results; tests/many and tests/rig/test_many_records.py are of the processes."""
+    monkeypatch.setattr("rig.many.engine.ProcessPoolExecutor", lambda *settings: _Here())

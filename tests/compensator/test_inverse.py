@@ -151,7 +151,7 @@ def test_a_model_that_violates_the_order_condition_has_a_gap_and_says_so() -> No
 @pytest.mark.parametrize("initial", ["cooled", "heated"])
 def test_the_first_temperature_is_the_lowest_one(initial: str) -> None:
     rng = np.random.default_rng(3)
-    for _ in range(150):
+    for _ in range(60):
         model = any_model(rng)
         inverse = Inverse(model)
         grid = np.linspace(-50.0, 200.0, 300)

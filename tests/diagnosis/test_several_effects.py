@@ -13,7 +13,7 @@ from tests.diagnosis.said import covered, names
 
 
 def test_two_hidden_effects() -> None:
-    blind = case("two", 1, effects=("sensor_lag", "film_lag"), rows=1200)
+    blind = case("two", 1, effects=("sensor_lag", "film_lag"), rows=800)
     document = diagnose(blind.columns).document()
     assert names(document) == set(blind.hidden)
     covered(document, blind)

@@ -19,6 +19,7 @@ from sim.world.plant import SimulatedPlant
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
 
 

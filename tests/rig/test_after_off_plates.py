@@ -54,9 +54,16 @@ def looked(capacity: float, seed: int, lag_s: float, current_A: float, flows: fl
     return look.agrees
 
 
-@pytest.mark.parametrize("capacity", [10.0, 20.0, 60.0])
-@pytest.mark.parametrize("share", [0.5, 0.25, -0.3])
-@pytest.mark.parametrize("lag_s", [0.0, 3.0, 15.0])
+CAPACITIES, SHARES, LAGS_S = [10.0, 20.0, 60.0], [0.5, 0.25, -0.3], [0.0, 3.0, 15.0]
+OBEYED = [  # each two of them together once in the short tests, all of them in the long ones
+    pytest.param(capacity, share, lag_s, marks=[] if (i + j + k) % 3 == 0 else pytest.mark.long)
+    for i, capacity in enumerate(CAPACITIES)
+    for j, share in enumerate(SHARES)
+    for k, lag_s in enumerate(LAGS_S)
+]
+
+
+@pytest.mark.parametrize(("capacity", "share", "lag_s"), OBEYED)
 def test_a_controller_that_obeyed_is_believed(capacity: float, share: float, lag_s: float) -> None:
     for seed in (2, 3):
         assert looked(capacity, seed, lag_s, share * LIMIT_A, 0.0) is not False, seed

@@ -21,6 +21,7 @@ from rig.report.told import Told, files_in
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 PROFILE = (
     '["start 40 degC", "hold 3 s", "ramp to 55 degC at 1 K/s", "hold 3 s", "ramp to 45 degC at 0.7 K/s", "hold 5 s"]'

@@ -11,6 +11,7 @@ import pytest
 import tomli_w
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.mark.long

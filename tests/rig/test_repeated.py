@@ -21,6 +21,7 @@ from tests.compensator.film_models import TEN_OPERATORS as FILM
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def test_a_run_that_learns(tmp_path: Path, peltier: Peltier) -> None:

@@ -57,6 +57,7 @@ def test_run_folder_is_whole(peltier: Peltier, tmp_path: Path) -> None:
     assert [e["text"] for e in events if e["event"] == "phase"][-1] == "track"
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("law", "rms_dec"), [("pid", 0.15), ("feedforward", 0.02), ("instrument_pid", 0.5)])
 def test_every_law_runs(peltier: Peltier, tmp_path: Path, law: str, rms_dec: float) -> None:
     path = write_bench(tmp_path)
@@ -144,6 +145,7 @@ def test_signals_end_with_the_output_off(tmp_path: Path, root: Path, number: sig
     assert document["stop"]["rows"] == len(rows) - 1
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("controller", "meter", "law"),
     [
@@ -211,6 +213,7 @@ def test_a_plate_that_is_too_weak_is_refused_before_it_heats(peltier: Peltier, t
     assert not (tmp_path / "run.part").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_folder_stands_alone(peltier: Peltier, tmp_path: Path) -> None:
     assert peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")[0] == 0
     folder = tmp_path / "run"

@@ -13,6 +13,7 @@ from tests.rig.small import write_bench
 HEATED = '[[effects]]\nname = "self_heating"\ntheta_K_per_W = 1000.0\n'
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("heated", [False, True])
 def test_one_test_current_over_the_target(tmp_path: Path, heated: bool) -> None:
     """The target passes 9.5 kohm, where the meter goes from 0.01 to 0.1 mA."""

@@ -17,6 +17,7 @@ from rig.version import __version__, source_digest
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn", "computed_here")
 SWEEP = """
 [sweep]
 seeds = 2

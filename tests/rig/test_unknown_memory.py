@@ -13,6 +13,7 @@ from rig.files.record_file import read_record
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.mark.parametrize("memory", ["estimate", "assume"])

@@ -104,6 +104,7 @@ def test_tune_for_a_controller_that_takes_setpoints(peltier: Peltier, tmp_path: 
     assert "parameter 3010 = " in out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -> None:
     more = "\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 8\n"
     path = write_bench(tmp_path, target='"written_later.csv"', more=more)  # it asks for neither target nor model
@@ -121,6 +122,7 @@ def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -
     assert np.min(model.film.order_margin()) >= -1e-9
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_path: Path) -> None:
     """A heat sink warms up, which the plate model does not have: printed, in the JSON and in the report."""
     more = "\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 6\n[simulation.heat_sink_warmup]\n"

@@ -25,6 +25,7 @@ from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+pytestmark = pytest.mark.usefixtures("undrawn")
 limited = pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="file sizes are limited on POSIX only")
 
 
