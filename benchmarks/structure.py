@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import functools
 import io
 import json
 import subprocess
@@ -45,9 +46,15 @@ def sources_at(commit: str) -> dict[str, str]:
     return {name: git("show", f"{commit}:{name}") for name in names if name.endswith(".py")}
 
 
+@functools.cache
+def tree(source: str) -> ast.Module:
+    """A module's syntax tree, which several rules look at."""
+    return ast.parse(source)
+
+
 def statements(source: str) -> int:
     """How many statements, without docstrings."""
-    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.stmt)]
+    nodes = [node for node in ast.walk(tree(source)) if isinstance(node, ast.stmt)]
     return sum(not _is_text(node) for node in nodes)
 
 
@@ -57,7 +64,7 @@ def _is_text(node: ast.stmt) -> bool:
 
 def long_functions(path: str, source: str) -> Iterator[tuple[str, int]]:
     """Name and lines of each function that is too long."""
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree(source)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
             lines = node.end_lineno - node.lineno + 1
             if lines > LONGEST_FUNCTION and f"{path}:{node.name}" not in EXCUSED:
@@ -68,7 +75,7 @@ def constants(source: str) -> Iterator[tuple[str, int, bool]]:
     """Name and line of each numeric constant, and whether a reason stands beside it."""
     tokens = tokenize.generate_tokens(io.StringIO(source).readline)
     comments = {token.start[0] for token in tokens if token.type == tokenize.COMMENT}
-    for node in ast.parse(source).body:
+    for node in tree(source).body:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
             continue
         target = node.targets[0] if isinstance(node, ast.Assign) else node.target

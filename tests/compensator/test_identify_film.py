@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 
@@ -32,6 +33,12 @@ def record(seed: int, samples: int = 3000, temperature_noise_K: float = 0.0) -> 
     v = decaying_profile(samples)
     y = outputs(is_prandtl_ishlinskii(seed), v) + NOISE * rng.normal(size=samples)
     return 0.5 * np.arange(samples), v + temperature_noise_K * rng.normal(size=samples), y, v
+
+
+@functools.cache
+def fitted(seed: int) -> FilmFit:
+    """The record of that seed, fitted with a film of the class."""
+    return identify_film(*record(seed)[:3], kind="extended_generalized_pi")
 
 
 def rms(values: np.ndarray) -> float:
@@ -68,7 +75,7 @@ def test_noise_on_the_temperature_does_not_ratchet_the_operators() -> None:
 def test_the_residual_is_what_the_returned_model_leaves() -> None:
     time, temperature, y, _ = record(2)
     for kind in ("extended_generalized_pi", "generalized_pi", "mixed_envelopes"):
-        fit = identify_film(time, temperature, y, kind=kind)
+        fit = fitted(2) if kind == "extended_generalized_pi" else identify_film(time, temperature, y, kind=kind)
         assert fit.model.kind == kind
         simulated, _ = fit.model.simulate(temperature, fit.memories[0])
         assert rms(simulated - y) == pytest.approx(fit.rmse, rel=1e-6)
@@ -113,7 +120,8 @@ def test_a_relay_film_needs_mixed_envelopes_and_d() -> None:
 
 def test_the_search_is_global_and_repeatable() -> None:
     time, temperature, y, _ = record(0)
-    fits = [identify_film(time, temperature, y, kind="extended_generalized_pi", seed=seed) for seed in (0, 0, 1, 2)]
+    again = [identify_film(time, temperature, y, kind="extended_generalized_pi", seed=seed) for seed in (0, 1, 2)]
+    fits = [fitted(0), *again]
     assert np.array_equal(fits[0].model.weights, fits[1].model.weights)
     errors = [fit.rmse for fit in fits]
     assert max(errors) < 1.005 * min(errors)
@@ -176,8 +184,7 @@ def test_outputs_read_between_the_rows_are_taken_at_their_own_time() -> None:
 def test_bands_hold_the_truth() -> None:
     inside = []
     for seed in (0, 1, 2):
-        time, temperature, y, _ = record(seed)
-        fit = identify_film(time, temperature, y, kind="extended_generalized_pi")
+        fit = fitted(seed)
         v = random_profile(1500, seed)
         prediction = fit.predict(0.5 * np.arange(v.size), v)
         off = np.abs(prediction.output - outputs(is_prandtl_ishlinskii(seed), v))

@@ -172,7 +172,7 @@ def chain_of(film: Film) -> Chain:
     return with_film(Chain(read_columns(columns, held_out=True), dict(catalogue())), frozenset())
 
 
-@pytest.mark.parametrize("exponent", [-0.6, 0.5])
+@pytest.mark.parametrize("exponent", [pytest.param(-0.6, marks=pytest.mark.long), 0.5])
 def test_how_the_phases_of_a_film_mix_is_found(exponent: float) -> None:
     """By a fit that is weighed by the noise of a film of the class, before the record's own is known."""
     film = draw_film(np.random.default_rng(8), "mixed", form=0)

@@ -39,6 +39,10 @@ def closed(*descriptors: int) -> Begun:
     return begin
 
 
+def short_bench(folder: Path) -> Path:
+    return write_bench(folder, target='["start 20 kohm", "hold 1 s"]')
+
+
 def run(path: Path, begun: Begun) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "rig", "run", str(path), "--out", str(path.parent / "run")]
     return subprocess.run(command, capture_output=True, text=True, preexec_fn=begun, timeout=120.0)
@@ -49,13 +53,13 @@ def run(path: Path, begun: Begun) -> subprocess.CompletedProcess[str]:
     [nobody_reads(1, 2), *(pytest.param(closed(*streams), marks=pytest.mark.long) for streams in ((0, 1, 2), (1,)))],
 )
 def test_a_run_goes_on(tmp_path: Path, begun: Begun) -> None:
-    done = run(write_bench(tmp_path), begun)
+    done = run(short_bench(tmp_path), begun)
     assert done.returncode == 0
     assert (tmp_path / "run" / "report.html").exists()
 
 
 def test_what_stdout_does_not_take_is_told_on_stderr(tmp_path: Path) -> None:
-    done = run(write_bench(tmp_path), nobody_reads(1))
+    done = run(short_bench(tmp_path), nobody_reads(1))
     assert "output off, confirmed by the controller" in done.stderr
     assert f"report: {tmp_path / 'run' / 'report.html'}" in done.stderr
 

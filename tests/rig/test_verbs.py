@@ -125,7 +125,7 @@ def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -
 @pytest.mark.usefixtures("undrawn")
 def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_path: Path) -> None:
     """A heat sink warms up, which the plate model does not have: printed, in the JSON and in the report."""
-    more = "\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 6\n[simulation.heat_sink_warmup]\n"
+    more = "\n[calibration]\ntemperature_degC = [35, 85]\nminor_loops = 2\n[simulation.heat_sink_warmup]\n"
     more += "sink_capacity_ratio = 10.0\nsink_conductance_ratio_per_s = 0.4\n"
     path = write_bench(tmp_path, more=more)
     path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 25.0"))

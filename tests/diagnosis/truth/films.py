@@ -39,7 +39,7 @@ class Film:
         else:
             state = np.full(self.count, self.before[0])
         for there in self.before:
-            share(self.kind, self.table, state, there, True)
+            share(self.kind, self.table, state, there, state)
         return state
 
     @property

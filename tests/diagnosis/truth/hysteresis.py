@@ -56,7 +56,7 @@ def _curve(table: Array, v0: float, m0: float, v1: float, m1: float, x: float) -
 
 
 @njit(cache=True, error_model="numpy")
-def _reversal_film(table: Array, state: Array, x: float, commit: bool) -> float:
+def _reversal_film(table: Array, state: Array, x: float, after: Array) -> float:
     """State: count of turning points, T, share, then (T, share) of each turning point, the oldest first."""
     n, v, m = int(state[0]), state[1], state[2]
     if x == v:
@@ -74,19 +74,17 @@ def _reversal_film(table: Array, state: Array, x: float, commit: bool) -> float:
     here = _curve(
         table, state[3 + 2 * (n - 1)], state[4 + 2 * (n - 1)], state[3 + 2 * (n - 2)], state[4 + 2 * (n - 2)], x
     )
-    if commit:
-        state[0], state[1], state[2] = float(n), x, here
+    after[0], after[1], after[2] = float(n), x, here
     return table[2, 0] * here
 
 
 @njit(cache=True, error_model="numpy")
-def _relays(table: Array, state: Array, x: float, commit: bool) -> float:
+def _relays(table: Array, state: Array, x: float, after: Array) -> float:
     """Decades of all relays that see x, degC."""
     total = 0.0
     for j in range(state.size):
         z = min(x + table[0, j], max(x - table[0, j], state[j]))
-        if commit:
-            state[j] = z
+        after[j] = z
         total += table[1, j] * 0.5 * (1.0 + erf((z - table[2, j]) / (sqrt(2.0) * table[3, j])))
     return total
 
@@ -94,10 +92,10 @@ def _relays(table: Array, state: Array, x: float, commit: bool) -> float:
 @njit(cache=True, error_model="numpy")
 def _seen(table: Array, state: Array, x: float, decades: float) -> float:
     """What relays see at x in the mean field of all of them: a fixed point, since the field is weak."""
-    shift = 0.0
+    shift, after = 0.0, np.empty(state.size)
     for _ in range(100):
         before = shift
-        shift = table[4, 0] * (_relays(table, state, x + before, False) / decades - 0.5)
+        shift = table[4, 0] * (_relays(table, state, x + before, after) / decades - 0.5)
         if abs(shift - before) < 1e-10:
             break
     return x + shift
@@ -121,29 +119,29 @@ def _mixed(metal: float, decades: float, exponent: float, activation: float, x: 
 
 
 @njit(cache=True, error_model="numpy")
-def share(kind: int, table: Array, state: Array, x: float, commit: bool) -> float:
-    """Decades of the transition at film temperature x, degC; the memory in `state` moves only with `commit`."""
+def share(kind: int, table: Array, state: Array, x: float, after: Array) -> float:
+    """Decades of the transition at film temperature x, degC; `after` gets the memory there, and may be `state`
+    itself. (With a flag in its place each of its values would be compiled apart.)"""
     if kind == REVERSAL:
-        return _reversal_film(table, state, x, commit)
+        return _reversal_film(table, state, x, after)
     total = 0.0
     if kind == PLAY:
         upper = tanh(table[2, 2] * x + table[2, 3])  # gamma_L
         lower = tanh(table[2, 0] * x + table[2, 1])  # gamma_R
         for j in range(state.size):
             w = min(upper + table[0, j], max(lower - table[0, j], state[j]))
-            if commit:
-                state[j] = w
+            after[j] = w
             total += table[1, j] * w
         return total
     if kind == PREISACH:
-        return _relays(table, state, x, commit)
+        return _relays(table, state, x, after)
     decades = np.sum(table[1])
     if kind == MOVING:
-        return _relays(table, state, _seen(table, state, x, decades), commit)
+        return _relays(table, state, _seen(table, state, x, decades), after)
     if kind == MIXED:
-        metal = _relays(table, state, x, commit) / decades
+        metal = _relays(table, state, x, after) / decades
         return _mixed(metal, decades, table[4, 0], table[5, 0], x)
-    return _medium(_relays(table, state, x, commit) / decades, decades, table[4, 0])
+    return _medium(_relays(table, state, x, after) / decades, decades, table[4, 0])
 
 
 @njit(cache=True, error_model="numpy")
@@ -160,13 +158,14 @@ def memoryless(form: int, d: Array, x: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _heated(
-    kind: int, table: Array, state: Array, form: int, d: Array, base: float, q: float, creep_share: float, slow: float
+    kind: int, table: Array, state: Array, form: int, d: Array, base: float, q: float, creep_share: float, slow: float,
+    scratch: Array,
 ) -> float:  # fmt: skip
     """The film temperature x with x = base + q R(x), where R falls with x: one root, by a bracketed secant."""
     low, high, f_low, f_high = base, 0.0, 0.0, 0.0
     x = base
     for k in range(80):
-        h = share(kind, table, state, x, False)
+        h = share(kind, table, state, x, scratch)
         ohm = 10.0 ** -((1.0 - creep_share) * h + creep_share * slow + memoryless(form, d, x))
         f = x - base - q * ohm
         if k == 0:
@@ -192,8 +191,8 @@ def film_path(
     creep_share: float, creep_tau_s: float,
 ) -> Array:  # fmt: skip
     """log10 R along the fine path. Self-heating is solved implicitly at every step; creep is an exact lag of ramps."""
-    out = np.empty(time.size)
-    slow = share(kind, table, state, base_degC[0], False)
+    out, scratch = np.empty(time.size), np.empty(state.size)
+    slow = share(kind, table, state, base_degC[0], scratch)
     before = slow
     for i in range(time.size):
         keep = weight = 0.0
@@ -204,8 +203,8 @@ def film_path(
         x = base_degC[i]
         q = heat_K_per_ohm[i]
         if q > 0.0:
-            x = _heated(kind, table, state, form, d, x, q, creep_share, slow)
-        h = share(kind, table, state, x, True)
+            x = _heated(kind, table, state, form, d, x, q, creep_share, slow, scratch)
+        h = share(kind, table, state, x, state)
         if creep_share > 0.0 and gap > 0.0:
             slow = keep * slow + h * (1.0 - weight) + before * (weight - keep)
         before = h
