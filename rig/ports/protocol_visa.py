@@ -17,6 +17,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
+import os
 import re
 from typing import Any
 
@@ -30,6 +32,13 @@ ABORTS = re.compile(rb"[\x03\x18]")
 TIMED_OUT, NO_SUCH_OPERATION = "VI_ERROR_TMO", "VI_ERROR_NSUP_OPER"
 HELD = ("VI_ERROR_RSRC_BUSY", "VI_ERROR_RSRC_LOCKED")
 MISSING = f"PyVISA is not installed: {to_install('visa')}"
+
+
+@functools.cache
+def _made_once(manager: Any, library: str | None) -> Any:
+    """PyVISA's resource manager for what PYVISA_LIBRARY says: each time that one is made, PyVISA asks the linker and a
+    compiler for makers' libraries, 0.2 s, and a port is tried again and again."""
+    return manager()
 
 
 class Serial(SerialBase):
@@ -51,7 +60,8 @@ class Serial(SerialBase):
         name = str(self.portstr).partition("://")[2]
         mode = AccessModes.exclusive_lock if self.exclusive else AccessModes.no_lock
         try:
-            resource: Any = pyvisa.ResourceManager().open_resource(name, access_mode=mode, open_timeout=OPEN_TIMEOUT_MS)
+            manager = _made_once(pyvisa.ResourceManager, os.environ.get("PYVISA_LIBRARY"))
+            resource: Any = manager.open_resource(name, access_mode=mode, open_timeout=OPEN_TIMEOUT_MS)
             is_line = resource.interface_type == InterfaceType.asrl
         except Exception as error:  # a library that is missing is a ValueError or an OSError, and each has its own
             raise _meaning(error, name) from error

@@ -216,6 +216,19 @@ def test_closed_and_opened_anew(bus: Bus, transport: Transport) -> None:
     assert transport.receive_line(b"\n", transport.clock.now_s() + 1.0) == b"here"
 
 
+def test_a_port_that_is_tried_again_and_again_looks_for_a_library_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+
+    def manager() -> types.SimpleNamespace:
+        made.append(True)
+        return types.SimpleNamespace(open_resource=lambda *_, **__: Bus())
+
+    monkeypatch.setattr(pyvisa, "ResourceManager", manager)
+    for _ in range(3):
+        open_port(GPIB, LineSettings()).close()
+    assert made == [True]
+
+
 @pytest.mark.parametrize("name", ["error_resource_busy", "error_resource_locked"])
 def test_another_process_has_it(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     def refuse(*_: object, **__: object) -> None:
