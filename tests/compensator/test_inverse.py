@@ -38,7 +38,7 @@ def test_monotone_models_come_back_in_few_evaluations(block: int) -> None:
     assert most <= 20
 
 
-@pytest.mark.parametrize("block", range(8))
+@pytest.mark.parametrize("block", [*range(4), *(pytest.param(k, marks=pytest.mark.long) for k in range(4, 8))])
 def test_any_model_comes_back_and_nothing_reachable_is_missed(block: int) -> None:
     rng = np.random.default_rng(1000 + block)
     for _ in range(150):

@@ -11,7 +11,9 @@ from tests.diagnosis.plate_record import record
 from tests.diagnosis.said import covered, names
 
 
-@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.other_processor), 1])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(0, marks=pytest.mark.other_processor), pytest.param(1, marks=pytest.mark.long)]
+)
 def test_nothing_hidden_nothing_named(seed: int) -> None:
     document = diagnose(case("clean", seed, rows=2000).columns).document()
     assert names(document) == set()
