@@ -47,6 +47,7 @@ print(json.dumps(answers))
 COLD = """
 import compensator.identification.film, sim.diagnosis.diagnose, rig.rehearsal.swept, rig.guard.process, rig.report.run
 import rig.command.calibrate, rig.command.identify, rig.command.diagnose, rig.command.sweep, rig.command.watch
+import rig.command.tune, rig.experiment.tuning, rig.report.tuning
 """
 
 
@@ -82,7 +83,6 @@ def test_what_needs_nothing_of_posix_works(bench: Path, root: Path) -> None:
         "init fresh",
         "check config.toml",
         "ports",
-        "tune config.toml",
         "invert model.toml target.csv --out inverted.csv",
         "simulate config.toml --out simulated.csv",
         "off config.toml",
@@ -92,7 +92,7 @@ def test_what_needs_nothing_of_posix_works(bench: Path, root: Path) -> None:
 
 
 def test_the_rest_can_be_loaded(bench: Path, root: Path) -> None:
-    """identify, diagnose, calibrate, sweep: they take long, so what they import is all that is asked."""
+    """identify, diagnose, calibrate, sweep, tune: they take long, so what they import is all that is asked."""
     done = python(root, bench, COLD)
     assert done.returncode == 0, done.stderr
 

@@ -61,7 +61,8 @@ class RelayPlane:
         widest = ALL_THAT_SWITCH if one_loop else WIDEST
         last = math.asinh(widest / WIDEST * math.sinh(CLOSER_NARROW)) / CLOSER_NARROW  # 1, or on at the same distances
         grid = ONE_LOOP_GRID if one_loop else GRID
-        u, v = np.linspace(-1.0, 1.0, grid), np.arange(1 + round((grid - 1) * last)) / (grid - 1)
+        further = round((grid - 1) * last)
+        u, v = np.linspace(-1.0, 1.0, grid), np.linspace(0.0, further / (grid - 1), further + 1)
         centre = middle_degC + reach_K * np.sinh(CLOSER_MIDDLE * u) / math.sinh(CLOSER_MIDDLE)
         half_width = WIDEST * (high_degC - low_degC) * np.sinh(CLOSER_NARROW * v) / math.sinh(CLOSER_NARROW)
         over_u, over_v = np.tile(u, v.size), np.repeat(v, u.size)
