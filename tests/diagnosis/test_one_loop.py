@@ -53,7 +53,7 @@ def test_held_out_rows_are_told(said: dict[str, object]) -> None:
 
 def test_branches_that_meet_at_the_ends_alone_are_told_too() -> None:
     degC, side = once_round(20.0)
-    grains = ((66.0, 1.8, 1.2, 0.55), (70.0, 1.8, 1.2, 0.4), (60.0, 8.0, 8.0, 0.05))  # the last: tails, like the films
-    share = sum(part * ndtr((degC - c_degC - h_K * side) / spread_K) for c_degC, h_K, spread_K, part in grains)
+    kinds = ((66.0, 1.8, 1.2, 0.55), (70.0, 1.8, 1.2, 0.4), (60.0, 8.0, 8.0, 0.05))  # the last: tails, like the films
+    share = sum(part * ndtr((degC - c_degC - h_K * side) / spread_K) for c_degC, h_K, spread_K, part in kinds)
     said = diagnosed(degC, (5.9 - 0.018 * (degC - 20.0)) * (1.0 - share) + 1.9 * share, 0)
     assert said["channels"]["resistance_dec"]["rmse_extended"] < 0.008  # type: ignore[index]

@@ -91,6 +91,12 @@ def test_what_needs_nothing_of_posix_works(bench: Path, root: Path) -> None:
         assert (status, "Traceback" in err) == (0, False), f"{command}: {err}"
 
 
+@pytest.mark.long
+def test_tune_needs_nothing_of_posix_either(bench: Path, root: Path) -> None:
+    ((status, _, err),) = told(root, bench, "tune config.toml")
+    assert (status, "Traceback" in err) == (0, False), err
+
+
 def test_the_rest_can_be_loaded(bench: Path, root: Path) -> None:
     """identify, diagnose, calibrate, sweep, tune: they take long, so what they import is all that is asked."""
     done = python(root, bench, COLD)

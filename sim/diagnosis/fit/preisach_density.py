@@ -33,7 +33,7 @@ CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh
 CLOSER_NARROW = 2.2  # how much closer the half-widths stand where they are narrow: sinh
 WIDEST = 0.2  # half-width, of the range of temperatures: of a film that is not understood, no loop's width is known
 ALL_THAT_SWITCH = 0.5  # the same, of a single loop: its branches may meet at its ends only
-CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (0 to 1): the kernel's lengths, 0.3 of either side
+CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (1 at WIDEST): the kernel's lengths, 0.3 of each
 FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
 STEEP = 0.9  # of a relay's step, times the distance of the centres
 ROWS_AT_ONCE = 256  # times 576 relays in single precision stay in a processor's own cache
@@ -77,8 +77,8 @@ class RelayPlane:
         )
         amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
         variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
-        few = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
-        count = ONE_LOOP_COLUMNS if one_loop else few
+        told = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
+        count = ONE_LOOP_COLUMNS if one_loop else told
         mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
         mix /= math.sqrt(float(np.sum(mix * mix)))
         return cls(of_centre, slope, of_width, mix)
