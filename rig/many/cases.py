@@ -43,8 +43,8 @@ class Ended:
 
 
 def each_ended(cases: Iterable[Case], engine: Engine) -> Iterator[Ended]:
-    """Every case once, in the order in which they end. Only so many are on their way that no worker waits. Raises
-    Faults where the engine is gone for good."""
+    """Every case once, in the order in which they end; those that are found ended at once, in the order given. Only so
+    many are on their way that no worker waits. Raises Faults where the engine is gone for good."""
     left = iter(cases)
     flying: dict[Future[Any], Case] = {}
     while True:
@@ -52,7 +52,7 @@ def each_ended(cases: Iterable[Case], engine: Engine) -> Iterator[Ended]:
         if not flying and not lost:
             return
         ended = wait(flying, return_when=FIRST_COMPLETED).done if flying and not lost else set()
-        for future in ended:
+        for future in [one for one in flying if one in ended]:  # a set's own order is another one in each process
             case = flying.pop(future)
             found = _result(case, future)
             if found is None:
