@@ -23,7 +23,7 @@ from sim.diagnosis.data.noise_model import NoiseModel
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.fit.film_basis import FilmBasis
 from sim.diagnosis.fit.fitted_chain import FittedChain
-from sim.diagnosis.fit.preisach_density import RelayPlane
+from sim.diagnosis.fit.preisach_density import MINOR_LOOPS, RelayPlane
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -163,9 +163,8 @@ def the_fits_film() -> tuple[FilmBasis, Array]:
     curve, places = SmoothCurve.over(20.0, 110.0), np.linspace(20.0, 110.0, 400)
     columns = np.column_stack((np.ones(400), curve.columns(places)))
     coefficients = np.linalg.lstsq(columns, np.polyval(D[::-1], places), rcond=None)[0]
-    return FilmBasis(
-        curve, FRACTIONS, RelayPlane.over(60.0, 10.0, (40.0, 80.0), 100), FilmMixing(60.0, 40.0, -6.0, -2.0)
-    ), coefficients
+    plane = RelayPlane.over(60.0, 10.0, (40.0, 80.0), 100, MINOR_LOOPS)
+    return FilmBasis(curve, FRACTIONS, plane, FilmMixing(60.0, 40.0, -6.0, -2.0)), coefficients
 
 
 def every_effect() -> list[Effect]:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim.diagnosis.fit.preisach_density import RelayPlane
+from sim.diagnosis.fit.preisach_density import MINOR_LOOPS, ONE_LOOP, Extent, RelayPlane
 
 ENDS_DEGC = (20.0, 95.0)
 
 
-def over(one_loop: bool) -> RelayPlane:
-    return RelayPlane.over(64.0, 25.0, ENDS_DEGC, 200, one_loop)
+def over(extent: Extent) -> RelayPlane:
+    return RelayPlane.over(64.0, 25.0, ENDS_DEGC, 200, extent)
 
 
 def test_of_a_single_loop_everything_that_switches_may_be_there_and_nothing_else() -> None:
-    plane = over(one_loop=True)
+    plane = over(ONE_LOOP)
     on, off = plane.centre_degC + plane.half_width_K, plane.centre_degC - plane.half_width_K
     assert np.all(on <= ENDS_DEGC[1])
     assert np.all(off >= ENDS_DEGC[0])
@@ -24,6 +24,6 @@ def test_of_a_single_loop_everything_that_switches_may_be_there_and_nothing_else
 
 
 def test_with_minor_loops_they_are_as_wide_as_a_loop_may_be() -> None:
-    plane = over(one_loop=False)
+    plane = over(MINOR_LOOPS)
     assert float(np.max(plane.half_width_K)) == pytest.approx(0.2 * (ENDS_DEGC[1] - ENDS_DEGC[0]))
     assert plane.count == 100  # two readings each

@@ -9,7 +9,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.data.sparse_loop import one_loop
-from sim.diagnosis.fit.preisach_density import RelayPlane
+from sim.diagnosis.fit.preisach_density import MINOR_LOOPS, ONE_LOOP, RelayPlane
 from sim.model.film_columns import SmoothCurve
 from sim.model.film_mixing import FilmMixing
 from sim.model.plate_path import PlatePath
@@ -48,11 +48,12 @@ class FilmBasis:
         first, middle_degC, third = quartiles_degC
         reach = min(max(REACH * (third - first), LEAST_REACH * (high - low)), FARTHEST * (high - low))
         output = record.output[record.output_used]
+        extent = ONE_LOOP if readings < FEW_READINGS and one_loop(record) else MINOR_LOOPS
         farthest_K = max(high - middle_degC, middle_degC - low)
         return cls(
             SmoothCurve.over(low - MARGIN_K, high + MARGIN_K) if curve else None,
             np.arange(operators) / operators,
-            RelayPlane.over(middle_degC, reach, (low, high), readings, readings < FEW_READINGS and one_loop(record)),
+            RelayPlane.over(middle_degC, reach, (low, high), readings, extent),
             FilmMixing(middle_degC, farthest_K, float(np.min(output)), float(np.max(output))),
         )
 

@@ -24,20 +24,37 @@ from sim.model.film_columns import play_outputs
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Effects, Links, columns_followed
 
-GRID = 24  # centres, and half-widths up to WIDEST, of the Preisach plane: a fit costs the square of its 576 columns
-ONE_LOOP_GRID = 36  # the same of a single loop, of few rows: with 24 a flank hangs on where the grid stands
 PER_COLUMN = 2  # readings that a column needs at least; its prior does the rest
-MOST_COLUMNS = 200
-ONE_LOOP_COLUMNS = 400  # however few its readings: half as many leave out what is wide, and flanks hang on rounding
+WIDEST = 0.2  # half-width, of the range of temperatures: of a film that is not understood, no loop's width is known
 CLOSER_MIDDLE = 1.2  # how much closer the centres stand in the middle: sinh
 CLOSER_NARROW = 2.2  # how much closer the half-widths stand where they are narrow: sinh
-WIDEST = 0.2  # half-width, of the range of temperatures: of a film that is not understood, no loop's width is known
-ALL_THAT_SWITCH = 0.5  # the same, of a single loop: its branches may meet at its ends only
 CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (1 at WIDEST): the kernel's lengths, 0.3 of each
 FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
 STEEP = 0.9  # of a relay's step, times the distance of the centres
 ROWS_AT_ONCE = 256  # times 576 relays in single precision stay in a processor's own cache
 FARTHEST_DEGC = 1e9  # a trial's plate may be without an end, single precision is not: all relays have switched there
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How much of the Preisach plane there is. grid: centres, and half-widths up to WIDEST; widest: half-width, of the
+    range of temperatures; only_what_switches: without the relays that no temperature of the record switches both ways;
+    fewest, most: columns, between which the readings decide."""
+
+    grid: int
+    widest: float
+    only_what_switches: bool
+    fewest: int
+    most: int
+
+
+MINOR_LOOPS = Extent(  # they tell of widths themselves; a fit costs the square of the 576 relays; 8 are no density yet
+    grid=24, widest=WIDEST, only_what_switches=False, fewest=8, most=200
+)
+ONE_LOOP = Extent(  # its branches may meet at its ends only. With 24 centres a flank hangs on where the grid stands;
+    # with half as many columns as readings what is wide is left out, and flanks hang on rounding
+    grid=36, widest=0.5, only_what_switches=True, fewest=400, most=400
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,23 +69,20 @@ class RelayPlane:
 
     @classmethod
     def over(
-        cls, middle_degC: float, reach_K: float, ends_degC: tuple[float, float], readings: int, one_loop: bool = False
+        cls, middle_degC: float, reach_K: float, ends_degC: tuple[float, float], readings: int, extent: Extent
     ) -> RelayPlane:
         """The plane about a loop. reach_K: of the centres to either side; ends_degC: least and largest of the plate's
-        temperatures; readings: of the film, that have to tell of it; one_loop: whether it went round but once: no minor
-        loop tells of widths then, and any relay that switches between the ends may be there."""
+        temperatures; readings: of the film, that have to tell of it."""
         low_degC, high_degC = ends_degC
-        widest = ALL_THAT_SWITCH if one_loop else WIDEST
-        last = math.asinh(widest / WIDEST * math.sinh(CLOSER_NARROW)) / CLOSER_NARROW  # 1, or on at the same distances
-        grid = ONE_LOOP_GRID if one_loop else GRID
-        further = round((grid - 1) * last)
-        u, v = np.linspace(-1.0, 1.0, grid), np.linspace(0.0, further / (grid - 1), further + 1)
+        last = math.asinh(extent.widest / WIDEST * math.sinh(CLOSER_NARROW)) / CLOSER_NARROW  # 1 at WIDEST
+        further = round((extent.grid - 1) * last)
+        u, v = np.linspace(-1.0, 1.0, extent.grid), np.linspace(0.0, further / (extent.grid - 1), further + 1)
         centre = middle_degC + reach_K * np.sinh(CLOSER_MIDDLE * u) / math.sinh(CLOSER_MIDDLE)
         half_width = WIDEST * (high_degC - low_degC) * np.sinh(CLOSER_NARROW * v) / math.sinh(CLOSER_NARROW)
         over_u, over_v = np.tile(u, v.size), np.repeat(v, u.size)
         of_centre, of_width = np.tile(centre, v.size), np.repeat(half_width, u.size)
         slope = np.tile(STEEP / np.gradient(centre), v.size)
-        if one_loop:
+        if extent.only_what_switches:
             switch = (of_centre + of_width <= high_degC) & (of_centre - of_width >= low_degC)
             over_u, over_v, slope = over_u[switch], over_v[switch], slope[switch]
             of_centre, of_width = of_centre[switch], of_width[switch]
@@ -77,8 +91,7 @@ class RelayPlane:
         )
         amplitude = np.exp(-0.5 * (over_u / FALLS_OFF) ** 2)
         variances, directions = np.linalg.eigh(np.exp(-away) * np.outer(amplitude, amplitude))
-        told = min(MOST_COLUMNS, max(readings // PER_COLUMN, 8))  # fewer are no density
-        count = ONE_LOOP_COLUMNS if one_loop else told
+        count = min(extent.most, max(readings // PER_COLUMN, extent.fewest))
         mix = directions[:, ::-1][:, :count] * np.sqrt(variances[::-1][:count])
         mix /= math.sqrt(float(np.sum(mix * mix)))
         return cls(of_centre, slope, of_width, mix)
