@@ -21,10 +21,11 @@ def name(page: Path) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """Anchors of a page's headings, as code hosts make them."""
+    """Anchors of a page's headings, as code hosts make them, and those that the page sets itself."""
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     heads = re.findall(r"^#+\s+(.*)$", text, re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads}
+    own = re.findall(r'<a id="([^"]+)"></a>', text)
+    return {re.sub(r"[^\w\- ]", "", head.strip().lower()).replace(" ", "-") for head in heads} | {*own}
 
 
 def dead_links(page: Path) -> list[str]:
@@ -76,7 +77,16 @@ def test_every_figure_is_shown_and_drawn() -> None:
     assert figures == shown == drawn
 
 
+def test_each_decision_stands_once_under_a_topic() -> None:
+    text = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    index, *_ = text.split("<a id=", 1)
+    made = re.findall(r'^<a id="d(\d+)"></a>\n\*\*\1\. ', text, re.MULTILINE)
+    assert made == re.findall(r"^\*\*(\d+)\. ", text, re.MULTILINE)
+    assert sorted(re.findall(r"\(#d(\d+)\)", index)) == sorted(made)
+
+
 def test_a_dead_link_would_be_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("# A word\n[here](#a-word) [gone](#another) [file](missing.md) [far](https://example.org)\n")
+    found = '# A word\n<a id="own"></a>\n[here](#a-word) [there](#own) [far](https://example.org)\n'
+    page.write_text(f"{found}[gone](#another) [file](missing.md)\n")
     assert dead_links(page) == ["#another", "missing.md"]
