@@ -11,6 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+COMMAND = re.compile(r"\b(benchmark|test) +([\w/.]+)")
+SHORT = re.compile(r"\*\*(missed|not all|not run)\*\*")
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 CODE = re.compile(r"^```.*?^```|^ {4}[^\n]*|`[^`\n]*`", re.MULTILINE | re.DOTALL)
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -75,6 +77,26 @@ def test_every_figure_is_shown_and_drawn() -> None:
     source = (ROOT / "docs" / "draw_figures.py").read_text(encoding="utf-8")
     drawn = {f"{key}.svg" for key in re.findall(r'^    "(\w+)": \w+,$', source, re.MULTILINE)}
     assert figures == shown == drawn
+
+
+def cells(row: str) -> list[str]:
+    return [cell.strip() for cell in row.strip("|").split("|")]
+
+
+def test_what_is_measured_to_fall_short_stands_in_the_list_at_the_top() -> None:
+    """Each row of a section with a mark is in the first table, and no other."""
+    first, *sections = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8").split("\n## ")[1:]
+    listed = [cells(row)[0] for row in first.splitlines() if row.startswith("|")][2:]
+    rows = [row for section in sections for row in section.splitlines() if row.startswith("|")]
+    assert [cells(row)[0] for row in rows if SHORT.search(row)] == listed
+
+
+def test_measured_figures_name_commands_that_are_there() -> None:
+    text = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
+    named = {each for code in CODE.findall(text) for each in COMMAND.findall(code)} - {("benchmark", "NAME")}
+    there = {"benchmark": lambda what: ROOT / "benchmarks" / f"{what}.py", "test": lambda what: ROOT / what}
+    assert named
+    assert [what for verb, what in sorted(named) if not there[verb](what).exists()] == []
 
 
 def test_each_decision_stands_once_under_a_topic() -> None:
