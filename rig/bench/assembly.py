@@ -13,7 +13,7 @@ from rig.bench.output_off import OutputOff
 from rig.bench.serial_numbers import strangers
 from rig.bench.simulation import simulated_world
 from rig.core.clock import Clock, RealClock, VirtualClock
-from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut, called, of_whom
+from rig.core.errors import Corrupt, InstrumentError, OutOfStep, PortHeld, TimedOut, called, of_whom
 from rig.core.faults import Faults, fault
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
@@ -21,6 +21,7 @@ from rig.drivers.meter import ResistanceMeter
 from rig.drivers.registry import check_options, controller_class, meter_class, open_controller, open_meter
 from rig.files.configuration import ConfigurationFile, ControllerTable, MeterTable
 from rig.guard.line import UNGUARDED, Guard
+from rig.ports.open import open_elsewhere
 from rig.ports.registry import register, unregister
 from rig.ports.silence import nobody_answers
 from sim.instruments.instrument import Instrument
@@ -51,11 +52,12 @@ class Bench:
 
 @contextmanager
 def open_bench(
-    file: ConfigurationFile, guard: Guard = UNGUARDED, *, whatever_serial_number: bool = False
+    file: ConfigurationFile, guard: Guard = UNGUARDED, *, only_look: bool = False
 ) -> Iterator[Bench]:
     """Open the ports, identify the instruments, set their limits; the output is commanded off first.
 
-    whatever_serial_number: take another instrument of the kind as well; otherwise it is a Fault.
+    only_look: take another instrument of the kind as well, and a port that another program has open without a lock;
+    otherwise these are a Fault and PortHeld, the latter before anything is sent.
     guard: told what is held before it is opened, and that it was let go of when the output is off and confirmed.
     Raises RigError (PortHeld, TimedOut, Refused, ...), Faults, and NotConfirmedOff where the output cannot be
     switched off. At the end the output is commanded off once more, and the ports are closed.
@@ -68,12 +70,14 @@ def open_bench(
             ports = _simulated(file, clock, stack)
         elif not any("://" in port for port in ports) and os.path.realpath(ports[0]) == os.path.realpath(ports[1]):
             raise fault(file.path, "bench.meter.port", f"{ports[1]!r} is bench.controller.port too; expected another")
+        if not only_look:
+            _require_alone(ports)
         controller = _opened(open_controller, file, "controller", c.bench.controller, ports[0], clock, guard)
         stack.callback(controller.close)
         stack.enter_context(OutputOff(controller, c.bench.controller, guard))
         with _told_where(controller, "controller", c.bench.controller):
             identities = {"controller": controller.identify()}
-        _require_ours(file, identities, whatever_serial_number)
+        _require_ours(file, identities, only_look)
         try:
             with _told_where(controller, "controller", c.bench.controller):
                 controller.configure(c.limits.current_A, c.limits.temperature_degC, c.bench.controller.dead_man_s)
@@ -85,7 +89,7 @@ def open_bench(
             stack.callback(meter.close)
             with _told_where(meter, "meter", c.bench.meter):
                 identities["meter"] = meter.identify()
-            _require_ours(file, identities, whatever_serial_number)
+            _require_ours(file, identities, only_look)
             try:
                 with _told_where(meter, "meter", c.bench.meter):
                     meter.configure(c.bench.meter.four_wire, c.bench.meter.nplc, c.limits.meter_current_A)
@@ -116,10 +120,18 @@ def _called(instrument: Any, role: str, table: ControllerTable | MeterTable) -> 
     return who or called(table.port, role, table.driver)
 
 
-def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], whatever_serial_number: bool) -> None:
-    lines = [] if whatever_serial_number else strangers(file, identities)
+def _require_ours(file: ConfigurationFile, identities: Mapping[str, Identity], only_look: bool) -> None:
+    lines = [] if only_look else strangers(file, identities)
     if lines:
         raise Faults(lines)
+
+
+def _require_alone(ports: list[str]) -> None:
+    """No other program has a port open, one that takes no lock included: it could command what we switch off, and take
+    the answers to us. Raises PortHeld."""
+    for port in ports:
+        for process, command in open_elsewhere(port):
+            raise PortHeld(port, process, command)
 
 
 def _opened(

@@ -42,7 +42,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
-    with SignalStop() as signals, open_bench(file, whatever_serial_number=True) as bench:
+    with SignalStop() as signals, open_bench(file, only_look=True) as bench:
         signals.look()
         faults = [*_identities(file, bench, voice), *_not_alone(file)]
         result: dict[str, Any] = {

@@ -20,6 +20,7 @@ from rig.drivers.registry import open_controller, open_meter
 from rig.files.configuration import read_configuration
 from rig.ports.open import LineSettings, open_port
 from rig.ports.pseudo_terminal import PseudoTerminals
+from sim.instruments.instrument import Instrument
 from tests.rig.small import write_bench
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals need POSIX")
@@ -107,19 +108,42 @@ def open_in_another(port: str, lock: bool | None) -> Iterator[subprocess.Popen[s
     other.communicate()
 
 
-@pytest.mark.parametrize("verb", ["run", "check"])
-def test_a_port_that_another_process_holds(
-    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str
+class Heard:
+    """An instrument, and what it was told."""
+
+    def __init__(self, instrument: Instrument) -> None:
+        self._instrument, self.data = instrument, b""
+
+    def receive(self, data: bytes, time_s: float) -> None:
+        self.data += data
+        self._instrument.receive(data, time_s)
+
+    def transmit(self, time_s: float) -> bytes:
+        return self._instrument.transmit(time_s)
+
+    def next_transmit_s(self) -> float | None:
+        return self._instrument.next_transmit_s()
+
+
+@pytest.mark.parametrize(
+    ("verb", "role", "lock"),
+    [("run", "controller", True), ("check", "controller", True), ("run", "controller", None), ("run", "meter", None)],
+)
+def test_a_port_that_another_process_has(
+    tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str, role: str, lock: bool | None
 ) -> None:
+    """With a lock, or without one, as most programs open it: in one line, before anything is sent."""
     path = write_bench(tmp_path)
-    instruments = {role: i for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    instruments = {role: Heard(i) for role, _, i in emulated_instruments(read_configuration(path), 0.0)}
     with PseudoTerminals(instruments) as terminals:
-        port = terminals.paths["controller"]
-        with open_in_another(port, True) as other:
-            path = write_bench(tmp_path, time="real", controller=port, meter=terminals.paths["meter"])
+        path = write_bench(tmp_path, time="real", **terminals.paths)
+        with open_in_another(terminals.paths[role], lock) as other:
             status, _, err = peltier(verb, path, *(("--out", tmp_path / "run") if verb == "run" else ()))
     assert status == 75
-    assert str(other.pid) in err
+    (line,) = err.splitlines()
+    assert f"{terminals.paths[role]} is held by process {other.pid} (" in line
+    assert [one.data for one in instruments.values()] == [b"", b""]
+    assert not (tmp_path / "run").exists()
 
 
 def test_check_tells_who_else_has_a_port_open(tmp_path: Path, peltier: Callable[..., tuple[int, str, str]]) -> None:
