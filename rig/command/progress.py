@@ -13,10 +13,11 @@ from rig.experiment.expected import Phases, still_to_come
 
 
 class Progress:
-    """An onlooker (`rig.experiment.expected`) that shows in a line how far an experiment is."""
+    """An onlooker (`rig.experiment.expected`) that shows in a line how far an experiment is. virtual: in simulated
+    time, which passes faster than the user's, and is called so."""
 
-    def __init__(self, line: TerminalLine | PatientLine) -> None:
-        self._line = line
+    def __init__(self, line: TerminalLine | PatientLine, virtual: bool = False) -> None:
+        self._line, self._about = line, "a simulated" if virtual else "about"
         self._coming: Phases = []
         self._now = ("", 0.0, 0.0)  # the phase that runs: its name, seconds done, seconds in all
         self._before_s = self._run_s = 0.0  # of the runs before this one; of this one
@@ -54,7 +55,7 @@ class Progress:
 
     def in_words(self, tick: Tick) -> str:
         """The line."""
-        total = f"{clock(self.elapsed_s)} of about {clock(self.elapsed_s + self.to_go_s)}"
+        total = f"{clock(self.elapsed_s)} of {self._about} {clock(self.elapsed_s + self.to_go_s)}"
         parts = [f"{tick.phase:<9} {total}, {clock(self.to_go_s)} to go", number(_value(tick.temperature), "degC", 2)]
         if self._quantity:
             parts.append(self._film(_value(tick.resistance)))

@@ -51,7 +51,7 @@ class Voice:
 
         self._line = PatientLine(TerminalLine(sys.stderr))
         try:
-            yield Progress(self._line)
+            yield Progress(self._line, virtual)
         finally:
             self._line.clear()
             self._line = None

@@ -148,6 +148,15 @@ def test_a_terminals_line_is_rewritten_in_place_and_cleared() -> None:
     assert screen.getvalue().endswith("\r" + " " * len(shown[0]) + "\r")
 
 
+def test_simulated_time_is_called_so() -> None:
+    """A line that says 22 minutes to go, where half a minute is, is taken at its word."""
+    screen = Screen(True)
+    progress = Progress(TerminalLine(screen, lambda: screen.now_s), virtual=True)
+    progress.expect([("track", 100.0)], "A", "resistance_ohm")
+    progress.tick(a_tick(0.0, "track"))
+    assert "0:00 of a simulated 1:40, 1:40 to go   61.23 degC" in screen.getvalue()
+
+
 def test_a_log_gets_a_line_now_and_then() -> None:
     screen = Screen(False)
     line = TerminalLine(screen, lambda: screen.now_s)
