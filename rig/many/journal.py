@@ -29,7 +29,7 @@ LINES, TIMES = "cases.jsonl", "times.csv"
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
 TABLE_EVERY_S = 5.0  # a table of 10,000 rows is written in a tenth of a second
 Row = dict[str, Any]
-Cell = str | float | int
+Cell = str | float | int | list[str]  # of text lines: one of JSON's lists in the journal, one text in the table
 
 
 class Journal:
@@ -185,7 +185,11 @@ def write_table(path: Path, rows: list[Row]) -> None:
     with _replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, names_of(rows), lineterminator="\n", restval="")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({name: _in_table(cell) for name, cell in row.items()} for row in rows)
+
+
+def _in_table(cell: Cell) -> str | float | int:
+    return " / ".join(cell) if isinstance(cell, list) else cell
 
 
 def names_of(rows: Iterable[Mapping[str, Any]]) -> list[str]:
@@ -201,7 +205,7 @@ def write_netcdf(path: Path, rows: list[Row]) -> None:
         setattr(file, "history", b"peltier-rig")  # noqa: B010 - an attribute of the file, not of the class
         file.createDimension("case", len(rows))
         for name in names_of(rows):
-            column = [row.get(name, "") for row in rows]
+            column = [_in_table(row.get(name, "")) for row in rows]
             if all(value == "" or isinstance(value, (int, float)) for value in column):
                 variable = file.createVariable(name, "f8", ("case",))
                 variable[:] = np.array([math.nan if value == "" else float(value) for value in column])

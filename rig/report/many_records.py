@@ -115,9 +115,9 @@ def each_record(
 def _row(record: Record | Refused, found: Told, task: Task) -> Row:
     """For the table: what was read, and what came out."""
     if isinstance(record, Refused):
-        return {"status": "failed", "text": " / ".join(found.faults)}
+        return {"status": "failed", "text": list(found.faults)}
     if found.faults:
-        return {"status": "failed", "text": " / ".join(found.faults), **_read(record)}
+        return {"status": "failed", "text": list(found.faults), **_read(record)}
     return {"status": "done", **_read(record), **task.row(found.document)}
 
 
@@ -198,7 +198,7 @@ def _known(
     faults: dict[int, tuple[str, ...]] = {}
     for number, (values, _) in (journal.done if journal is not None and out is not None else {}).items():
         if values.get("status") == "failed":
-            faults[number] = (str(values.get("text", "")),)
+            faults[number] = tuple(_why(values))
         elif values.get("status") == "done" and out is not None:
             path = out / names[number] / task.document
             if not path.is_file():
@@ -209,6 +209,12 @@ def _known(
                 text = "is damaged; expected what came out of its record, or a new DIR for --report"
                 raise fault(path, "", text) from None
     return documents, faults
+
+
+def _why(row: Mapping[str, Any]) -> list[str]:
+    """The lines that say why a record has nothing: of its faults, or one of how its process ended."""
+    text = row.get("text", [])
+    return [text] if isinstance(text, str) else list(text)
 
 
 def _write_page(out: Path, rows: Sequence[Row], task: Task) -> None:
@@ -233,8 +239,7 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str
             first = f'<a href="{quote(str(row["folder"]))}/report.html">{escape(record)}</a>'
             cells = "".join(f"<td>{escape(_shown(row.get(name, '')))}</td>" for name in columns)
         else:  # each line of a fault begins with the record's name, which stands before it already
-            why = [line.removeprefix(f"{record}: ") for line in str(row.get("text", "")).split(" / " + record)]
-            text = "<br>".join(escape(line.removeprefix(": ")) for line in why)
+            text = "<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row))
             first, cells = escape(record), f'<td colspan="{len(columns)}">{text}</td>'
         lines.append(f"<tr><td>{first}</td>{cells}<td>{_read_in_words(row)}</td></tr>")
     head = "".join(f"<th>{escape(text)}</th>" for text in ("record", *columns.values(), "what was read"))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.many.engine import given
+from rig.report.told import Told
 
 
 def doubled(value: int) -> int:
@@ -39,3 +40,9 @@ def size_of(value: Any) -> int:
 def read_from(value: Any) -> tuple[int, int]:
     """(process, identity of the object): the same object as long as it is read once."""
     return os.getpid(), id(given(value))
+
+
+def refused(record: Any, *asked: Any) -> Told:
+    """Two faults of a record, of which one speaks of its file twice."""
+    source = given(record).source
+    return Told(faults=(f"{source}: row 3 / {source}: row 4", f"{source}: row 9"))

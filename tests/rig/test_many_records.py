@@ -10,6 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.files.record import Record
+from rig.many.engine import EngineChoice
+from rig.report.many_records import Task, each_record
+from tests.many.work import refused
+
 Peltier = Callable[..., tuple[int, str, str]]
 
 
@@ -99,6 +104,19 @@ def test_the_others_are_written_where_one_is_refused(records: list[Path], tmp_pa
     status, _, err = peltier("identify", tmp_path / "none.csv", tmp_path / "nor.csv", "--each")
     assert status == 2
     assert err.splitlines() == [f"{tmp_path / name}: no such file" for name in ("none.csv", "nor.csv")]
+
+
+def test_the_faults_of_a_record_stay_apart(tmp_path: Path) -> None:
+    """On the page and when the command is given again, whatever stands in them; one cell in the table."""
+    task = Task(refused, None, "identification.json", "identifications", "", dict, len, {})
+    faults = ["a.csv: row 3 / a.csv: row 4", "a.csv: row 9"]
+    record = Record({"time_s": np.arange(3.0)}, source="a.csv")
+    for _ in range(2):
+        told = each_record([record], task, tmp_path, EngineChoice(workers=1), lambda *_: None)
+        assert told == ([], faults, 0)
+    assert "row 3 / a.csv: row 4<br>row 9</td>" in (tmp_path / "report.html").read_text()
+    (row,) = csv.DictReader((tmp_path / "identifications.csv").read_text().splitlines())
+    assert row["text"] == " / ".join(faults)
 
 
 def test_identify_each_has_no_single_model(records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
