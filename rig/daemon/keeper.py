@@ -22,7 +22,7 @@ from rig.daemon.desk import Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.job_run import JobRun
 from rig.daemon.row import quality_of
-from rig.daemon.systemd import Notifier
+from rig.daemon.systemd import EndTold, Notifier
 from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
 from rig.drivers.heater_drive import drive_unit
@@ -35,7 +35,6 @@ TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew
 CHECK_OUTPUT_TICKS = 10
 JOB_ENDS_S = 10.0  # for a job's thread to notice that the gate is closed
-ENDS_S = 25.0  # all of an end but the dead man's time: the exchange under way, a job's thread, rows, log, page
 
 
 class _Running(NamedTuple):
@@ -60,7 +59,7 @@ class Keeper:
     def keep(self) -> None:
         """Hold the bench for ever. Raises Stopped on a signal, PortHeld and Faults at the first opening."""
         desk = self._desk
-        with SignalStop() as signals:
+        with EndTold(self._notifier, self._file.content.bench.controller.dead_man_s) as signals:
             self._signals = signals
             desk.writer.start()
             try:
@@ -92,7 +91,7 @@ class Keeper:
             with open_bench(self._file, self._guard) as bench:
                 self._opened = True
                 self._attach(bench)
-                try:  # from here on an end is told: a stop may come with the first word of being ready
+                try:  # from here on an end is known to the desk: a stop may come with the first word of being ready
                     self._notifier.ready("the bench is held, the output is off")
                     desk.changed()
                     self._hold(bench)
@@ -124,9 +123,6 @@ class Keeper:
     def _release(self, error: BaseException) -> None:
         """The output off and the job over, before the ports are closed."""
         desk = self._desk
-        if isinstance(error, Stopped):
-            dead_man_s = self._file.content.bench.controller.dead_man_s if desk.has_dead_man else 0.0
-            self._notifier.ends(ENDS_S + dead_man_s)
         off = desk.gate.stop(error)
         if not off.confirmed:
             desk.output, desk.confirmed = "unknown", False

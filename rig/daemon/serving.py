@@ -18,7 +18,7 @@ from rig.daemon.desk import Desk, history_folder
 from rig.daemon.keeper import Keeper
 from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make
-from rig.daemon.systemd import Notifier, watchdog_s
+from rig.daemon.systemd import EndTold, Notifier, watchdog_s
 from rig.daemon.web_process import WebProcess, stop_listener
 from rig.drivers.registry import controller_class
 from rig.files.configuration import ConfigurationFile
@@ -71,18 +71,20 @@ def _require_patient_systemd(file: ConfigurationFile) -> None:
         raise Faults(faults)
 
 
-def _off_first(file: ConfigurationFile, guard: Guard) -> None:
+def _off_first(file: ConfigurationFile, guard: Guard, notifier: Notifier) -> None:
     """The output off before a large history is checked. What goes wrong here the keeper meets again, and tells.
 
-    Raises PortHeld.
+    Raises PortHeld; and on a signal Stopped, or NotConfirmedOff.
     """
-    try:
-        with open_bench(file, guard):
-            pass
-    except PortHeld:
-        raise
-    except (RigError, NotConfirmedOff):
-        return
+    with EndTold(notifier, file.content.bench.controller.dead_man_s) as signals:
+        try:
+            with open_bench(file, guard):
+                pass
+        except PortHeld:
+            raise
+        except (RigError, NotConfirmedOff):
+            if signals.received is not None:
+                raise
 
 
 def _told_of_tokens(file: ConfigurationFile) -> list[str]:
@@ -116,12 +118,12 @@ def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:
         folder = stack.enter_context(closing(Alone(history_folder(file))))
         with suppress(OSError):  # a full disk: the desk tries again, and tells
             folder.take()
-        _off_first(file, guard)
+        notifier = stack.enter_context(closing(Notifier()))
+        _off_first(file, guard, notifier)
         desk = Desk(file, RealClock(), notes, folder.take, log)
         held = no_job_because(desk)[: 1 if desk.latch is not None else 0]
         for line in [*warnings(desk), *held, *_told_of_tokens(file)]:
             log(line)
-        notifier = stack.enter_context(closing(Notifier()))
         listener.start(Answers(desk))
         for web in _web_processes(file, place, desk, stack):
             stack.callback(web.stop)

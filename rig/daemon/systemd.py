@@ -13,8 +13,12 @@ import math
 import os
 import socket
 import time
+from types import FrameType
+
+from rig.safety.signals import SignalStop
 
 EVERY_S = 1.0  # at most one WATCHDOG=1 in this time
+ENDS_S = 25.0  # all of an end but the dead man's time: the exchange under way, a job's thread, rows, log, page
 
 
 def watchdog_s() -> float:
@@ -63,3 +67,17 @@ class Notifier:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+
+class EndTold(SignalStop):
+    """A `SignalStop` that tells systemd at once how long the end may take: what switches the output off on the way out
+    may wait for the controller's dead man, before the daemon is ready as well as after."""
+
+    def __init__(self, notifier: Notifier, dead_man_s: float) -> None:
+        super().__init__()
+        self._notifier, self._within_s = notifier, ENDS_S + dead_man_s
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self.received is None:
+            self._notifier.ends(self._within_s)
+        super()._handle(number, frame)

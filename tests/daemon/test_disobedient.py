@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +17,15 @@ import pytest
 
 from rig.bench.assembly import emulated_instruments
 from rig.bench.simulation import simulated_world
+from rig.core.outcome import NotConfirmedOff
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.files.configuration import read_configuration
 from rig.guard.left_behind import Left, write_end
+from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
 from sim.world.plant import SimulatedPlant
-from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
 from tests.instruments.disobedient import Disobedient
 
 DEAD_MAN_S, LATE_S = 2.0, 1.5  # LATE_S: that a busy computer may be
@@ -75,6 +81,34 @@ def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Pa
         until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
         until(lambda: bench.desk.confirmed, "the confirmation")
         assert BY_ITS_DEAD_MAN in bench.desk.notes
+
+
+def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
+    """The dead man of a controller that is silent from the first "off" on is waited for, whoever ends the daemon."""
+    path = write_current(tmp_path, '["start 1 A", "hold 60 s"]')
+    emulated: dict[str, Any] = {role: one for role, _, one in emulated_instruments(read_configuration(path), 0.0)}
+    emulated["controller"] = Disobedient(emulated["controller"], "silent")
+    emulated["controller"].begin()
+    with PseudoTerminals(emulated) as terminals, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notified:
+        notified.bind(str(tmp_path / "notify"))
+        notified.settimeout(LONGEST_S)
+        text = path.read_text().replace('time = "virtual"\n', "")
+        for role in ("controller", "meter"):
+            text = text.replace('"sim://"', f'"{terminals.paths[role]}"', 1)
+        path.write_text(text + '[serve]\nport = 0\nfolder = "kept"\n')
+        more = {"PELTIER_SOCKET": str(tmp_path / "bench.sock"), "NOTIFY_SOCKET": str(tmp_path / "notify")}
+        with subprocess.Popen(
+            [sys.executable, "-m", "rig", "serve", str(path)],
+            env={**os.environ, **more},
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as daemon:
+            until(lambda: holder(terminals.paths["controller"])[0], "the port")
+            daemon.terminate()
+            assert notified.recv(4096) == b"EXTEND_TIMEOUT_USEC=30000000"  # its dead man's 5 s
+            _, err = daemon.communicate()
+    assert daemon.returncode == NotConfirmedOff.exit_status
+    assert "OUTPUT NOT CONFIRMED OFF" in err
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
