@@ -44,6 +44,7 @@ VERBS = {
     "reset": "clear a latched trip or stop, with a reason",
 }
 ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
+LONGEST_NAME = 12  # words that are tried as one name: a list of a thousand records is not a million looks
 
 
 def overview() -> str:
@@ -81,7 +82,20 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
-    return ended(lambda: _act(verb, words[1:], own_process), verb, own_process)
+    status = ended(lambda: _act(verb, words[1:], own_process), verb, own_process)
+    for name in _taken_apart(words[1:]) if status == 2 else ():
+        print(f"peltier {verb}: a name with spaces needs quotation marks: {name!r}", file=sys.stderr)
+    return status
+
+
+def _taken_apart(words: list[str]) -> list[str]:
+    """Names of files that a shell has made several words of: they are there, their first words alone are not."""
+    found = []
+    for first, word in enumerate(words):
+        if not word.startswith("-") and not os.path.exists(word):
+            names = [" ".join(words[first:end]) for end in range(first + 2, first + LONGEST_NAME + 1)]
+            found += [name for name in dict.fromkeys(names) if os.path.exists(name)][:1]
+    return found
 
 
 def _act(verb: str, words: list[str], own_process: bool) -> int:

@@ -98,3 +98,16 @@ def test_numbers_that_no_plate_has_are_fitted_without_a_word_from_numpy(peltier:
         status, out, _ = peltier("identify", file, *words)
     assert status == 0
     assert "something is missing" in out
+
+
+@pytest.mark.parametrize("words", [("diagnose",), ("run",), ("off",)])
+def test_a_name_with_spaces_that_the_shell_took_apart(peltier: Peltier, tmp_path: Path, words: tuple[str, ...]) -> None:
+    """Told where the whole name is there, by verbs that take one file or many; and where it is not, nothing is."""
+    whole = tmp_path / "my film of today.csv"
+    apart = str(whole).split(" ")
+    assert "quotation" not in peltier(*words, *apart)[2]
+    whole.write_text("")
+    status, _, err = peltier(*words, *apart)
+    assert status == 2
+    assert err.splitlines()[-1] == f"peltier {words[0]}: a name with spaces needs quotation marks: {str(whole)!r}"
+    assert "quotation" not in peltier(*words, whole)[2]
