@@ -26,6 +26,7 @@ from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
 from rig.drivers.meter import LOG_RESISTANCE, film_output, on_since_s
 from rig.files.run_folder import RunFolder
+from rig.ports.silence import fallen_silent
 from rig.safety.after_off import Courses
 from rig.safety.bench_watch import BenchWatch, Sent, is_reading, status_in_words, status_of
 from rig.safety.first_plate import KnownPlate
@@ -322,4 +323,4 @@ class Loop:
         now = self.bench.clock.now_s()
         of_whom(error, self.bench.called.get(role, role))
         self.folder.event(now - self._start_s, "no_reading", f"{name}: {error}")
-        return missing(now, str(error))
+        return missing(now, f"{error}{fallen_silent(getattr(self.bench, role), now)}")

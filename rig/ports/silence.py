@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+FALLEN_SILENT_S = 1.0  # several questions in a row: one that is lost is asked again within a tenth of it
+
 
 def nobody_answers(instrument: Any, port: str, role: str, driver: str, asked: str) -> str | None:
     """The line for it; None where anything at all was heard, or where an instrument's own driver has no transport.
@@ -11,13 +13,22 @@ def nobody_answers(instrument: Any, port: str, role: str, driver: str, asked: st
     role: "controller" or "meter"; asked: what for, in words.
     """
     transport = getattr(instrument, "transport", None)
-    if transport is None or getattr(transport, "heard", True):
+    if transport is None or getattr(transport, "heard_s", 0.0) is not None:
         return None
     line = _line_in_words(transport.port)
     return (
         f"{port}: nobody answers there; the {role} ({driver}) was asked {asked}{line}. Look whether it is switched on "
         f"and plugged in, whether this is its port (`peltier ports --ask`), and at bench.{role}: driver, baud, options"
     )
+
+
+def fallen_silent(instrument: Any, now_s: float) -> str:
+    """Of an instrument that answered before: for how long nothing has come from it, and what to look at, to be put
+    behind what went wrong. "" where something came lately, or where an instrument's own driver has no transport."""
+    heard_s = getattr(getattr(instrument, "transport", None), "heard_s", None)
+    if heard_s is None or now_s - heard_s < FALLEN_SILENT_S:
+        return ""
+    return f"; nothing at all has come from it for {now_s - heard_s:.1f} s: look at its supply and its cable"
 
 
 def _line_in_words(port: Any) -> str:

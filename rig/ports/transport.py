@@ -47,7 +47,8 @@ class Port(Protocol):
 class Transport:
     """One serial line. port: open, with a write time-out; clock: the one its reads block by.
 
-    who: the instrument at its other end, for what is told of it. heard: whether anything at all has come from there.
+    who: the instrument at its other end, for what is told of it. heard_s: when anything at all came from there last,
+    on the clock; None: never.
     """
 
     def __init__(self, port: Port, clock: Clock, who: str = "") -> None:
@@ -55,7 +56,7 @@ class Transport:
         self.clock = clock
         self.who = who
         self.stale_bytes = 0
-        self.heard = False
+        self.heard_s: float | None = None
         self._received = b""
         self._asked, self._asked_s = b"", 0.0  # what was sent last, and when
 
@@ -77,7 +78,7 @@ class Transport:
                 end = received.find(terminator)
                 if end >= 0:
                     self._received = received[end + len(terminator) :]
-                    self.heard = True
+                    self.heard_s = self.clock.now_s()
                     return received[:end]
                 if len(received) > LONGEST_LINE:
                     self._received = b""
@@ -85,7 +86,8 @@ class Transport:
                 remaining_s = deadline_s - self.clock.now_s()
                 if remaining_s < SHORTEST_WAIT_S:
                     self._received = received
-                    self.heard = self.heard or bool(received)
+                    if received:
+                        self.heard_s = self.clock.now_s()
                     raise TimedOut(self._gave_up(len(received), deadline_s))
                 port = self.port
                 port.timeout = remaining_s
@@ -117,7 +119,8 @@ class Transport:
         except GONE as error:
             raise self._meaning(error) from error
         self.stale_bytes += len(stale)
-        self.heard = self.heard or bool(stale)
+        if stale:
+            self.heard_s = self.clock.now_s()
         return stale
 
     def reopen(self) -> None:
