@@ -37,19 +37,16 @@ def stairs(readings: Array, second: Array, least: float, sure: float) -> tuple[A
         np.minimum(part, most, out=part)
     total = np.concatenate(([0.0], np.cumsum(size)))[bounds]
     floor = OF_ABSOLUTE * SECOND * least
-
-    def cost(first: int, last: int) -> float:
-        count = int(bounds[last] - bounds[first])
-        return count * float(np.log(max((total[last] - total[first]) / count, floor)))
-
+    begin, end = np.triu_indices(cells + 1, 1)
+    count = bounds[end] - bounds[begin]
+    cost = np.full((cells + 1, cells + 1), np.inf)  # of one step from a bound to another
+    cost[begin, end] = count * np.log(np.maximum((total[end] - total[begin]) / count, floor))
     best = np.full((MOST_STEPS + 1, cells + 1), np.inf)
     came = np.zeros((MOST_STEPS + 1, cells + 1), dtype=np.int64)
     best[0, 0] = 0.0
     for steps in range(1, MOST_STEPS + 1):
-        for last in range(steps, cells + 1):
-            values = [best[steps - 1, first] + cost(first, last) for first in range(steps - 1, last)]
-            k = int(np.argmin(values))
-            best[steps, last], came[steps, last] = values[k], steps - 1 + k
+        values = best[steps - 1][:, None] + cost
+        came[steps], best[steps] = np.argmin(values, axis=0), np.min(values, axis=0)
     worth = best[1:, cells] + sure * np.arange(MOST_STEPS)
     steps, last, marks = 1 + int(np.argmin(worth)), cells, []
     while steps:
