@@ -121,10 +121,9 @@ def plate_at_film_nodes(
     elif links.film_lags or links.meter_lags:
         turns = np.concatenate((turns, 0.5 * (record.time_s[1:] + record.time_s[:-1])))
     same = turns.size == 0 and np.array_equal(taken, record.time_s)
-    time = record.time_s
+    time, place = record.time_s, np.arange(taken.size)
     if not same:
-        time = np.union1d(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
-    place = np.arange(taken.size) if same else np.searchsorted(time, np.clip(taken, 0.0, None))
+        time, place = path.together(np.concatenate((time, turns)), np.clip(taken, 0.0, None))
     temperature = path.at(time)
     if gaps.size and not same:  # what is read there is on the way from one end to the other
         gap = _gap_of(time, begin, end)

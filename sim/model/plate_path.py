@@ -21,13 +21,15 @@ MOST_NODES = 3_000_000  # beyond them rows and commands alone are nodes: 24 MB a
 @dataclass(frozen=True, eq=False)
 class PlatePath:
     """Plate temperature: time_s, plate_degC of shape (nodes,), slopes (nodes, 2) after and before each node. known: the
-    times that were asked for last, and the temperatures then: a film is followed at the same ones again and again."""
+    times that were asked for last, and the temperatures then: a film is followed at the same ones again and again.
+    joined: what was `together` last, of which it is the same."""
 
     time_s: Array
     plate_degC: Array
     slopes: Array
     turning_s: Array = field(default_factory=lambda: np.empty(0))
     known: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=2), init=False)
+    joined: deque[tuple[Array, Array, Rows]] = field(default_factory=lambda: deque(maxlen=1), init=False)
 
     def at(self, time: Array) -> Array:
         """Plate temperature at any times: cubic between nodes, constant slope beyond the ends."""
@@ -36,6 +38,15 @@ class PlatePath:
             found = self._at(time)
             self.known.append((time.copy(), found))
         return found.copy()
+
+    def together(self, times: Array, taken: Array) -> tuple[Array, Rows]:
+        """All of some times, each once, rising, and where those of them are at which rows were taken, (rows,): the same
+        for every size of a lag."""
+        asked = np.concatenate((times, taken))
+        if not self.joined or not np.array_equal(self.joined[0][0], asked):
+            time = np.unique(asked)
+            self.joined.append((asked, time, np.searchsorted(time, taken)))
+        return self.joined[0][1:]
 
     def _at(self, time: Array) -> Array:
         k = np.clip(np.searchsorted(self.time_s, time, side="right") - 1, 0, self.time_s.size - 2)
