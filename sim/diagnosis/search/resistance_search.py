@@ -302,8 +302,8 @@ class ResistanceSearch:
         """How much one more effect may bring, the film's linear coefficients and envelopes free (score test)."""
         view, effect = self._view(fit), self.effects[name]
         best, nearest, start = 0.0, -np.inf, starts_of(effect, self.channel)[0]
-        for trial in starts_of(effect, self.channel, sizes):
-            delta = view.left_of(trial)
+        starts = starts_of(effect, self.channel, sizes)
+        for trial, delta in zip(starts, view.left_of_each(starts).T, strict=True):
             size, along = float(delta @ delta), float(delta @ view.residual)
             if not size > NOTHING or not np.isfinite(size):
                 continue
@@ -320,7 +320,7 @@ class ResistanceSearch:
         others = sorted(n for n in self.effects if n not in names and at_the_terminals(self.effects[n]))
         plain = self._without_relays(fit)
         view, p = self._view(plain), plain.parameters.with_relays(0.0)
-        left = {name: [view.left_of(start) for start in starts_of(self.effects[name], self.channel)] for name in others}
+        left = {n: [*view.left_of_each(starts_of(self.effects[n], self.channel)).T] for n in others}
         pairs = [(one, two) for one, two in combinations(others, 2) if _pass(view.residual, left[one], left[two])]
         ends = [self._two(p, pair) for pair in pairs]
         return self.keep(self._wide(max(ends, key=lambda end: end.score))) if ends else None

@@ -7,6 +7,7 @@ with the residual says whether the record asks for it (score test).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -80,11 +81,17 @@ class View:
 
     def left_of(self, effect: Switched) -> Array:
         """What one more effect, in place of one of the same name, changes in the fitted rows, over the noise."""
+        return self.left_of_each([effect])[:, 0]
+
+    def left_of_each(self, effects: Sequence[Switched]) -> Array:
+        """The same of several, each by itself, (rows, effects): all in the time of two."""
         channel, fit, rows = self._channel, self.fit, self._channel.rows
-        others = [e for e in fit.effects if e.name != effect.name]
-        trial, near = channel.extended(fit.parameters, [*others, effect]), self._point.problem.relays
-        shown = channel.predict_from(trial, fit, near=near)[0]
-        return self._left(channel.over((shown - self._base)[rows]))
+        near, changes = self._point.problem.relays, []
+        for effect in effects:
+            others = [e for e in fit.effects if e.name != effect.name]
+            shown = channel.predict_from(channel.extended(fit.parameters, [*others, effect]), fit, near=near)[0]
+            changes.append((shown - self._base)[rows])
+        return self._left(channel.over(np.stack(changes, axis=1)))
 
     def gain_of_mixing(self) -> float:
         """The log-likelihood that the fit may gain where the phases of its film mix otherwise (score test)."""
@@ -94,13 +101,14 @@ class View:
             x = p.x.copy()
             x[k] += STEP
             moved = channel.predict(replace(p, mixes=True), x, self._point)
-            columns.append(self._left(channel.over((moved - shown)[rows])))
-        left = np.stack(columns, axis=1)
+            columns.append((moved - shown)[rows])
+        left = self._left(channel.over(np.stack(columns, axis=1)))
         if not np.all(np.isfinite(left)):
             return 0.0
         return 0.5 * float(self.residual @ (left @ np.linalg.lstsq(left, self.residual)[0]))
 
-    def _left(self, delta: Array) -> Array:
-        """What is left of a change of the fitted rows, over the noise, once everything that is free has followed."""
-        delta = self._point.off(delta[:, None])[:, 0]
-        return np.asarray(delta - self._q @ (self._q.T @ delta), dtype=np.float64)
+    def _left(self, changes: Array) -> Array:
+        """What is left of changes of the fitted rows, (rows, changes), over the noise, once everything that is free has
+        followed."""
+        changes = self._point.off(changes)
+        return np.asarray(changes - self._q @ (self._q.T @ changes), dtype=np.float64)
