@@ -176,6 +176,8 @@ def _shown(effects: Effects, values: Array) -> Array:
 
 def links_of(effects: Sequence[Switched]) -> Links:
     """The effects in their order. Raises ValueError for an effect twice, or of a form that its link does not have."""
+    if not effects:  # as of every base model, asked for in each of its trials
+        return Links()
     names = [e.name for e in effects]
     for name in names:
         if names.count(name) > 1:
