@@ -14,6 +14,7 @@ from sim.diagnosis.data.joined import joined
 from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.in_its_unit import in_its_unit
+from sim.diagnosis.judge.carried_over import carried_over
 from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
@@ -35,6 +36,7 @@ from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import (
     decided_elsewhere,
+    left_open,
     out_of_time,
     unlogged_currents,
     warnings_of,
@@ -193,8 +195,8 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     lattice = _lattice(chain)
     held_out = replace(held_out, on_lattice=lattice is not None)
     noise = held_out.noise(names)
-    everywhere = held_out.rmse_everywhere(names)
-    channels = _channels(held_out, names, noise, _expected(held_out, names, everywhere))
+    carried = carried_over(held_out, names)
+    channels = _channels(held_out, names, noise, carried.expected)
     say("candidates")
     candidates = candidates_of(chain, judged, held_out.left, held_out.parts, held_out.rows, noise)
     say("intervals")
@@ -204,7 +206,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         smooth, shown = held_out.residuals(names), held_out.left(names)
         gains = {c: gain(smooth[c], shown[c], held_out.rows) for c in smooth if c == "temperature_K"}
         findings = sorted([*findings, replace(lattice, gain=gains)], key=lambda f: -f.evidence)
-    unexplained = _unexplained(chain, judged, channels, everywhere)
+    unexplained = _unexplained(chain, judged, channels, carried.times)
     next_experiment = next_experiments(
         chain.effects,
         [f.name for f in findings],
@@ -228,7 +230,12 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
         channels,
         unexplained,
         film_kind(chain, names),
-        [*warnings_of(chain, names, hidden, limits), *unlogged_currents(record), *decided_elsewhere(held_out.halves)],
+        [
+            *warnings_of(chain, names, hidden, limits),
+            *unlogged_currents(record),
+            *left_open(carried),
+            *decided_elsewhere(held_out.halves),
+        ],
         next_experiment,
         record,
         chain,
@@ -265,16 +272,6 @@ def _channels(
     return channels
 
 
-def _expected(held_out: HeldOutRows, names: frozenset[str], everywhere: Mapping[str, float]) -> dict[str, float]:
-    """The RMSE of each channel with the true effects: noise, the plate's path between the rows, and, where it matters,
-    what the fitted rows leave open of the film."""
-    expected = held_out.noise(names, with_path=True)
-    film = "resistance_dec"
-    if film in expected and everywhere.get(film, 0.0) > UNSEEN * expected[film]:
-        expected[film] = float(np.hypot(expected[film], held_out.film_left_open_dec(names)))
-    return expected
-
-
 def _findings(
     chain: Chain, judged: Verdict, held_out: HeldOutRows, confounders: Mapping[str, list[str]]
 ) -> list[Finding]:
@@ -292,7 +289,7 @@ def _findings(
 
 
 def _unexplained(
-    chain: Chain, judged: Verdict, channels: Mapping[str, Channel | None], everywhere: Mapping[str, float]
+    chain: Chain, judged: Verdict, channels: Mapping[str, Channel | None], times: Mapping[str, float]
 ) -> dict[str, str | None]:
     """By channel: what is left in the fitted rows, or that held-out rows are predicted much worse; None: nothing."""
     record, names = chain.record, judged.fitted
@@ -307,9 +304,8 @@ def _unexplained(
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue
-        times = everywhere[name] / found.expected
-        if times > UNSEEN:
-            unexplained[name] = f"{ONLY_UNSEEN} {times:.2g} times worse than {found.foreseen}"
+        if times[name] > UNSEEN:
+            unexplained[name] = f"{ONLY_UNSEEN} {times[name]:.2g} times worse than {found.foreseen}"
     return unexplained
 
 

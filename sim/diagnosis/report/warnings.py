@@ -12,6 +12,7 @@ import numpy as np
 from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
+from sim.diagnosis.judge.carried_over import CarriedOver
 from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
@@ -162,6 +163,18 @@ def unlogged_currents(record: Record) -> list[Warning]:
         "and a prediction from it is off by more than the noise"
     )
     return [Warning("current_between_rows", text)]
+
+
+def left_open(carried: CarriedOver) -> list[Warning]:
+    """Of held-out rows of which the fitted rows tell too little."""
+    left, of = carried.not_counted
+    if not left:
+        return []
+    text = (
+        f"{left} of {of} held-out rows go where the fitted rows tell less of the film than a reading does: they count "
+        "for no verdict, and the error in held-out rows is mostly theirs. More loops there would tell"
+    )
+    return [Warning("film_left_open", text)]
 
 
 def decided_elsewhere(halves: Halves | None) -> list[Warning]:

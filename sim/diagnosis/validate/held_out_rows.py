@@ -11,7 +11,6 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.validate.gain import rmse
 from sim.diagnosis.validate.halves import Halves
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.diagnosis.validate.left_open import film_left_open
@@ -78,35 +77,43 @@ class HeldOutRows:
         if with_path and first is not None and (walk := first.channel.noise.wandering) is not None:
             noise["temperature_K"] = float(np.hypot(noise["temperature_K"], root_mean_square(walk.deviation)))
         if facts is not None:
-            output = np.concatenate([_output(record) for record in self._records])
+            output = self._output
             rows = np.flatnonzero(self.rows & np.isfinite(output))
             noise["resistance_dec"] = facts.noise.rms(output[rows])
             if with_path:
-                known = None if self.others else rows
-                noise["resistance_dec"] = root_mean_square(facts.noise.marginal(output[rows], known))
+                noise["resistance_dec"] = root_mean_square(self.film_noise_dec()[rows])
         return noise
 
-    def film_left_open_dec(self, names: frozenset[str]) -> float:
-        """RMS of what the fitted rows leave open of the film here (`sim.diagnosis.validate.left_open`)."""
-        output = np.concatenate([_output(record) for record in self._records])
-        open_dec = np.full(output.size, np.nan)
-        begin = 0
-        for record in self._records:
-            if record.output is not None:
-                other = record if self.others else None
-                open_dec[begin : begin + record.rows] = film_left_open(self.chain, names, other)
-            begin += record.rows
-        return root_mean_square(open_dec[self.rows & np.isfinite(output)])
+    def film_noise_dec(self) -> Array:
+        """Of the film's readings, with what the plate's path is uncertain by, (rows,), nan where nothing is judged."""
+        output, facts = self._output, self.chain.facts
+        assert facts is not None
+        rows = np.flatnonzero(self.rows & np.isfinite(output))
+        noise_dec = np.full(output.size, np.nan)
+        noise_dec[rows] = facts.noise.marginal(output[rows], None if self.others else rows)
+        return noise_dec
 
-    def rmse_everywhere(self, names: frozenset[str]) -> dict[str, float]:
-        """Of each channel, what belongs to another record fitted to all of it: what its first rows leave open of that
-        is no fault of the model."""
-        left = self._everywhere.left(names)
-        return {name: rmse(residual[self.rows & np.isfinite(residual)]) for name, residual in left.items()}
+    def film_left_open_dec(self, names: frozenset[str]) -> Array:
+        """What the fitted rows leave open of the film (`sim.diagnosis.validate.left_open`), (rows,), nan in a record
+        without one."""
+        parts = []
+        for record in self._records:
+            other = record if self.others else None
+            parts.append(_nothing(record) if record.output is None else film_left_open(self.chain, names, other))
+        return np.concatenate(parts)
+
+    def left_everywhere(self, names: frozenset[str]) -> dict[str, Array]:
+        """As `left`, what belongs to another record fitted to all of it."""
+        return self._everywhere.left(names)
 
     @property
     def _everywhere(self) -> HeldOutRows:
         return replace(self, others=tuple(other._replace(told=None) for other in self.others))
+
+    @property
+    def _output(self) -> Array:
+        """The film's readings, (rows,), nan where none was read."""
+        return np.concatenate([_output(record) for record in self._records])
 
     @property
     def _records(self) -> list[Record]:
@@ -125,5 +132,9 @@ class HeldOutRows:
 def _output(record: Record) -> Array:
     """The film's, nan where none was read."""
     if record.output is None:
-        return np.full(record.rows, np.nan)
+        return _nothing(record)
     return np.where(record.output_used, record.output, np.nan)
+
+
+def _nothing(record: Record) -> Array:
+    return np.full(record.rows, np.nan)
