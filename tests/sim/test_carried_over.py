@@ -52,6 +52,7 @@ def test_what_is_missed_where_the_record_leaves_the_film_open_does_not_count() -
 
 def test_what_is_missed_where_the_record_tells_counts() -> None:
     found = judged(0.04, slice(0, 80), slice(80, 160))
+    assert found.not_counted == (0, 0)
     assert found.times[FILM] > 5.0
 
 

@@ -25,7 +25,8 @@ FILM: Final = "resistance_dec"
 @dataclass(frozen=True)
 class CarriedOver:
     """By channel: expected, the RMSE with the true effects, K and decades; times, the RMSE over what is expected, of a
-    film over the rows that are counted; not_counted: of the film, how many of how many rows are not."""
+    film over the rows that are counted; not_counted: of the film, how many of how many rows are not, where these alone
+    are missed."""
 
     expected: dict[str, float]
     times: dict[str, float]
@@ -47,8 +48,10 @@ def carried_over(held_out: HeldOutRows, names: frozenset[str]) -> CarriedOver:
     expected[FILM] = rmse(foreseen[rows])
     times[FILM] = rmse(missed[rows]) / expected[FILM]
     told = rows & (open_dec <= noise_dec)
-    of = (int(np.sum(rows)), int(np.sum(told)))
-    if times[FILM] <= UNSEEN or of[1] < LEAST_TOLD * of[0]:
+    every, few = int(np.sum(rows)), int(np.sum(told))
+    if times[FILM] <= UNSEEN or few < LEAST_TOLD * every:
         return CarriedOver(expected, times)
-    times[FILM] = rmse(missed[told]) / rmse(foreseen[told])
-    return CarriedOver(expected, times, (of[0] - of[1], of[0]))
+    of_told = rmse(missed[told]) / rmse(foreseen[told])
+    if of_told > UNSEEN:
+        return CarriedOver(expected, times)
+    return CarriedOver(expected, {**times, FILM: of_told}, (every - few, every))
