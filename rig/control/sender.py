@@ -16,6 +16,7 @@ from dataclasses import replace
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, TimedOut, of_whom
+from rig.ports.silence import fallen_silent
 from rig.safety.bench_watch import OFF, BenchWatch, Sent
 from rig.safety.interlock import Limits
 
@@ -97,9 +98,10 @@ class Sender:
         of_whom(error, self._called)
         since_s = before_s if self._unacknowledged_s is None else self._unacknowledged_s
         self._unacknowledged_s, self.why = since_s, str(error)
-        unacknowledged_s = self._bench.clock.now_s() - since_s
+        now_s = self._bench.clock.now_s()
+        unacknowledged_s = now_s - since_s
         if unacknowledged_s > self._longest_s:
-            expected = f"expected one every {self._longest_s:g} s"
+            expected = f"expected one every {self._longest_s:g} s{fallen_silent(self._bench.controller, now_s)}"
             error.args = (f"{error}; no command was acknowledged for {unacknowledged_s:.2f} s, {expected}",)
             raise error
         if not self.sent.heats_or_cools or math.isnan(self.sent.setpoint_degC) != math.isnan(wanted.setpoint_degC):

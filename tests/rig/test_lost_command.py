@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -89,6 +90,7 @@ def test_commands_that_nobody_takes_end_it_in_time(
     assert "(controller, meerstetter): no answer to VSC351" in err
     assert "no command was acknowledged for 2." in err
     assert "expected one every 2 s" in err
+    assert "look at its supply" not in err  # it answers to all else
     assert "output off, confirmed" in err
     assert json.loads((tmp_path / "run.part" / "run.json").read_text())["stop"]["reason"] == "TimedOut"
 
@@ -101,6 +103,20 @@ def test_silence_that_lasts_names_the_instrument(
     assert status == 10
     assert "no good reading of the thermometer for 2." in err
     assert "(controller, meerstetter): no answer to ?VR03E8" in err
+
+
+def test_a_controller_that_falls_silent_is_told_as_such(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    """Where its own dead man acts before a reading is too old, it is the commands that end the run."""
+    deafened(monkeypatch, [20.0], 1e9)
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("[bench.meter]", "dead_man_s = 1.0\n[bench.meter]"))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 11
+    said = re.search(r"expected one every 1 s; nothing at all has come from it for (\S+) s: look at its supply", err)
+    assert said is not None
+    assert 1.0 <= float(said[1]) < 2.0  # and the exchange that was under way
 
 
 def test_over_a_pseudo_terminal(tmp_path: Path, peltier: Peltier) -> None:
