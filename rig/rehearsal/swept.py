@@ -116,6 +116,7 @@ def sweep(
     folder = out if keep_records else None
     try:
         with SignalStop(), opened(choice, max(len(left), 1)) as engine:
+            raw = engine.share(todo.raw)
 
             def cases() -> Any:
                 for number in left:
@@ -123,9 +124,7 @@ def sweep(
                         yield Case(number, of_record, (todo.table.what, engine.share(todo.records[number])))
                     else:
                         point = todo.points[number]
-                        yield Case(
-                            number, of_point, (todo.table.what, todo.path, engine.share(todo.raw), point, folder)
-                        )
+                        yield Case(number, of_point, (todo.table.what, todo.path, raw, point, folder))
 
             for ended in each_ended(cases(), engine):
                 values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
