@@ -95,7 +95,7 @@ def recorded(
             try:
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
-                error.add_note(f"{folder.part} is not whole: {problem}")
+                _note(error, f"{folder.part} is not whole", problem)
         if not bench.watched_after:
             _write_report(folder, error, report)
         raise error
@@ -136,6 +136,14 @@ def _look_after_off(
         raise NotConfirmedOff(look.text) from error
 
 
+def _note(error: BaseException, what: str, problem: Exception) -> None:
+    """Why, too, where that is not told yet: a full disk has one reason for every file."""
+    told = [str(error), *getattr(error, "__notes__", [])]
+    known = (getattr(problem, "strerror", None) or str(problem)) in "; ".join(told)
+    if not (known and any(note.startswith(what) for note in told)):
+        error.add_note(what if known else f"{what}: {problem}")
+
+
 def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:
     """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
     first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
@@ -144,7 +152,7 @@ def _write_report(folder: RunFolder, error: BaseException, report: Report) -> No
     try:
         report(folder)
     except Exception as problem:  # whatever it is, how the run ended is more important
-        error.add_note(f"no report could be written: {problem}")
+        _note(error, "no report could be written", problem)
     else:
         error.add_note(f"report: {folder.part / 'report.html'}")
 
