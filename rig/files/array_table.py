@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rig.core.faults import Faults, fault
+from rig.files.column_meaning import meaning_of
 from rig.files.matlab_vectors import vectors_of
 from rig.files.table import Column, Table
 
@@ -60,12 +61,14 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
 
 
 def matlab_table(path: Path) -> Table:
-    """The vectors of one length in a .mat file, in structs too. Raises Faults."""
+    """The vectors of one length in a .mat file, in structs and arrays of them too. Raises Faults."""
     vectors = vectors_of(path)
     lengths = [values.size for _, values in vectors if values.size >= 2]
     if not lengths:
-        raise fault(path, "", "no vectors of numbers; expected one for each column, in a struct or beside each other")
-    rows = max(set(lengths), key=lambda n: (lengths.count(n), n))
+        text = "in a struct or beside each other, or an array of structs with a number in each field"
+        raise fault(path, "", f"no vectors of numbers; expected one for each column, {text}")
+    lengths += [values.size for name, values in vectors if meaning_of(name).ours is not None]  # each counts twice
+    rows = max(set(lengths) - {0, 1}, key=lambda n: (lengths.count(n), n))
     chosen = [(name, values) for name, values in vectors if values.size == rows]
     names = [name for name, _ in chosen]
     if len(set(names)) < len(names):

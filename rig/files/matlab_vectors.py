@@ -22,11 +22,13 @@ from rig.core.faults import Faults, fault
 MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
 DEEPEST = 3  # structs inside each other
+NUMBERS = "biuf"  # numpy's kinds of real numbers
 READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
 
 
 def vectors_of(path: Path) -> list[tuple[str, Array]]:
-    """Names and vectors; a matrix gives one for each of its columns. Raises Faults."""
+    """Names and vectors; a matrix gives one for each of its columns, an array of structs one for each of its fields:
+    of text where a struct has none or several numbers in it. Raises Faults."""
     if not path.is_file():
         raise fault(path, "", "no such file")
     command = [sys.executable, "-c", READ.format(paths=sys.path, most=MOST_NUMBERS), str(path)]
@@ -79,9 +81,30 @@ def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
             yield from _vectors(value, depth + 1)
             continue
         values = np.asarray(value)
-        if values.dtype.kind not in "biuf":
+        if values.dtype.kind == "O" and values.size and all(hasattr(one, "_fieldnames") for one in values.flat):
+            yield from _rows(list(values.flat))
+        if values.dtype.kind not in NUMBERS:
             continue
         if values.ndim == 1:
             yield name, values
         elif values.ndim == 2 and values.shape[1] <= MOST_COLUMNS:
             yield from ((f"{name}{k + 1}", values[:, k]) for k in range(values.shape[1]))
+
+
+def _rows(structs: list[Any]) -> Iterator[tuple[str, Any]]:
+    """Of an array of structs, a row each, the fields that have one number in some; what else they have stays text."""
+    for field in structs[0]._fieldnames:
+        values = [np.asarray(getattr(struct, field)) for struct in structs]
+        alone = [value.ndim == 0 and value.dtype.kind in NUMBERS for value in values]
+        if all(alone):
+            yield field, np.array(values)
+        elif any(alone):
+            yield field, np.array(list(map(_in_words, values)))
+
+
+def _in_words(value: Any) -> str:
+    if value.size == 0:
+        return ""
+    if value.ndim:
+        return f"{value.size} values"
+    return repr(float(value)) if value.dtype.kind in NUMBERS else str(value)

@@ -13,10 +13,12 @@ from typing import Any
 from rig.core.extras import to_install
 from rig.core.faults import Faults, fault
 from rig.files.table import Table
+from rig.files.text_form import is_value
 from rig.files.text_table import text_table
 
 FEWEST_ROWS = 12  # no model is fitted to fewer readings: a shorter table beside a longer one is a summary, not a record
 FORMULA = re.compile(rb"<f[ >/]")  # of a cell, in the XML of a sheet (ECMA-376, part 1, 18.3.1.40)
+MERGED = re.compile(rb"<(?:\w+:)?mergeCell\s[^>]*\bref=[\"'](\w+:\w+)[\"']")  # the same, 18.3.1.54
 STAMP = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{6}")  # what `_shown` makes of a date
 MIDNIGHT = " 00:00:00.000000"  # a column of dates alone has it in every cell: the clock is a column of its own
 MOST_ROWS = 1_048_576  # that a sheet can have; the number of a row in a broken file may be any
@@ -50,7 +52,7 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
         raise fault(path, "", f"cannot be read as .xlsx: {type(error).__name__}: {error}") from None
     found: dict[str, Table] = {}
     faults: list[str] = []
-    for title, text in sheets.items():
+    for title, (text, _) in sheets.items():
         try:
             table = text_table(text, path, decimal)
         except Faults as fault_found:
@@ -67,6 +69,10 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     if title in formulas:
         text = "open it in a spreadsheet program and save it, or save it as CSV"
         raise fault(path, f"sheet {title!r}", f"{formulas[title]}, which the file has not; {text}")
+    down = [area for area in sheets[title][1] if area.max_row > max(area.min_row, table.line_of[0] - 1)]
+    if down:
+        more = f" and {len(down) - 1} more" if len(down) > 1 else ""
+        table.said.append(f"merged cells taken as the same in each of their rows: {down[0].coord}{more}")
     if len(sheets) > 1:
         table.said.append(f"sheet {title!r}" + (f" of {', '.join(map(repr, found))}" if len(found) > 1 else ""))
     return Table(table.source, table.place, table.columns, table.line_of, "row", table.named, table.signs, table.said)
@@ -100,8 +106,35 @@ def _without_values(path: Path) -> dict[str, str]:
     return found
 
 
-def _as_text(sheet: Any, path: Path) -> str:
-    """A sheet's cells as tab-separated text, numbers to the same bits."""
+def _merged(sheet: Any, path: Path) -> list[Any]:
+    """A sheet's merged cells, as openpyxl's CellRange; a sheet that is read row by row does not tell them itself."""
+    from openpyxl.worksheet.cell_range import CellRange
+
+    with zipfile.ZipFile(path) as package:
+        below = package.read(sheet._worksheet_path).rpartition(b"sheetData>")[2]  # the cells themselves are above
+    return sorted((CellRange(area.decode()) for area in MERGED.findall(below)), key=lambda a: (a.min_row, a.min_col))
+
+
+def _filled(rows: list[list[str]], merged: list[Any]) -> list[Any]:
+    """What merged cells hold, which is in the first of them, into all of them; those that hold something.
+
+    A label belongs to all its rows, and a name to all its columns; a remark that is alone in its row to none. A number
+    is one column's: the others get where it is, which is no number.
+    """
+    holding = []
+    for area in merged:
+        first, column = area.min_row - 1, area.min_col - 1
+        held = rows[first][column] if first < len(rows) and column < len(rows[first]) else ""
+        alone = sum(map(bool, rows[first])) == 1 if held else False
+        beside = f"merged with {area.coord.partition(':')[0]}" if is_value(held) else "" if alone else held
+        for row in rows[first : area.max_row] if held else ():
+            row[column : area.max_col] = [held, *[beside] * (len(row[column : area.max_col]) - 1)]
+        holding += [area] if held else []
+    return holding
+
+
+def _as_text(sheet: Any, path: Path) -> tuple[str, list[Any]]:
+    """A sheet's cells as tab-separated text, numbers to the same bits; and those that are merged."""
     sheet.reset_dimensions()  # else rows beyond the size that the file says of itself would be left out in silence
     rows: list[list[str]] = []
     cells = width = 0
@@ -111,15 +144,18 @@ def _as_text(sheet: Any, path: Path) -> str:
         if len(rows) > MOST_ROWS or max(cells, width * len(rows)) > MOST_CELLS:
             most = f"more than {MOST_ROWS} rows or {MOST_CELLS} cells"
             raise fault(path, f"sheet {sheet.title!r}", f"{most}; expected a record")
+    for row in rows:
+        row += [""] * (width - len(row))
+    merged = _filled(rows, _merged(sheet, path))
     for k in range(width):
-        column = [row for row in rows if k < len(row) and STAMP.fullmatch(row[k])]
+        column = [row for row in rows if STAMP.fullmatch(row[k])]
         if all(row[k].endswith(MIDNIGHT) for row in column):
             for row in column:
                 row[k] = row[k].removesuffix(MIDNIGHT)
     out = io.StringIO()
     writer = csv.writer(out, delimiter="\t", lineterminator="\n")
-    writer.writerows([*row, *[""] * (width - len(row))] for row in rows)
-    return out.getvalue()
+    writer.writerows(rows)
+    return out.getvalue(), merged
 
 
 def _shown(cell: Any) -> str:

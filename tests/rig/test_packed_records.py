@@ -6,11 +6,13 @@ import bz2
 import datetime
 import gzip
 import lzma
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import scipy.io
 
 from rig.core.faults import Faults
 from rig.files.record_file import read_record
@@ -20,7 +22,7 @@ ROWS = [[0.5 * k, 25.0 + 0.1 * k, 0.8] for k in range(30)]
 TEXT = "\n".join(",".join(map(str, row)) for row in [HEAD, *ROWS]) + "\n"
 
 
-def workbook(path: Path, *sheets: tuple[str, list[list[Any]]]) -> Path:
+def workbook(path: Path, *sheets: tuple[str, list[list[Any]]], merged: Sequence[str] = ()) -> Path:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook()
     book.remove(book.active)
@@ -28,6 +30,8 @@ def workbook(path: Path, *sheets: tuple[str, list[list[Any]]]) -> Path:
         sheet = book.create_sheet(title)
         for row in rows:
             sheet.append(row)
+        for cells in merged:
+            sheet.merge_cells(cells)
     book.save(path)
     return path
 
@@ -94,6 +98,62 @@ def test_formulas_without_their_values_are_no_empty_column(tmp_path: Path) -> No
     path = workbook(tmp_path / "a.xlsx", ("Data", [[*HEAD, "resistance_ohm"], *rows]))
     with pytest.raises(Faults, match=r"sheet 'Data': D2, and 29 more: expected the values of formulas"):
         read_record(path)
+
+
+def test_what_is_merged_over_rows_is_in_each_of_them(tmp_path: Path) -> None:
+    """The first row alone had it, and a plateau of 15 rows was one reading."""
+    rows = [[*row, 40.0 + k if k % 15 == 0 else None] for k, row in enumerate(ROWS)]
+    words = ["end", None, None, None]
+    table = ("Data", [[*HEAD, "setpoint_degC"], *rows, words])
+    path = workbook(tmp_path / "a.xlsx", table, merged=["D2:D16", "D17:D31", "A32:D32", "F3:F9"])
+    said = "; ".join(is_read(path))
+    assert "merged cells taken as the same in each of their rows: D2:D16 and 1 more" in said
+    assert "words after the last row left out: 'end'" in said
+    assert list(read_record(path)["setpoint_degC"]) == [40.0] * 15 + [55.0] * 15
+
+
+def test_a_name_over_several_columns_is_the_name_of_each(tmp_path: Path) -> None:
+    units = ["s", "degC", "A"]
+    is_read(workbook(tmp_path / "a.xlsx", ("Data", [["Time", "Plate", None], units, *ROWS]), merged=["B1:C1"]))
+    groups = [["time_s", "Plate", None], [None, *HEAD[1:]]]
+    is_read(workbook(tmp_path / "a.xlsx", ("Data", [*groups, *ROWS]), merged=["A1:A2", "B1:C1"]))
+    two = [["time", "temperature", None], ["s", "degC", "degC"], *ROWS]
+    path = workbook(tmp_path / "a.xlsx", ("Data", two), merged=["B1:C1"])
+    with pytest.raises(Faults, match="'temperature_degC=#2@degC' or --column 'temperature_degC=#3@degC'"):
+        read_record(path, [], HEAD[:2])
+
+
+def test_a_number_over_two_columns_is_not_taken_for_either(tmp_path: Path) -> None:
+    rows = [HEAD, *ROWS[:5], [2.5, 25.5, None], *ROWS[6:]]
+    with pytest.raises(Faults, match="row 7: current_A: 'merged with B7': expected a number"):
+        read_record(workbook(tmp_path / "a.xlsx", ("Data", rows), merged=["B7:C7"]))
+
+
+def structs(path: Path, **more: Any) -> Path:
+    """The record as an array of structs, one for each row, as data(k).time_s = ... makes it."""
+    data = np.empty((1, len(ROWS)), dtype=[(name, object) for name in [*HEAD, "note"]])
+    data[0] = [(*row, "warm") for row in ROWS]
+    for name, value in more.items():
+        data[name][0, 3] = value
+    scipy.io.savemat(path, {"data": data, "range": np.arange(1.0, 4.0)})
+    return path
+
+
+def test_an_array_of_structs_is_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    assert is_read(structs(path)) == ("of another length and left: range",)
+    assert np.isnan(read_record(structs(path, current_A=[]))["current_A"][3])
+    for value, told in (("off", "'off'"), ([1.0, 2.0], "'2 values'")):
+        with pytest.raises(Faults, match=f"row 3: current_A: {told}: expected a number"):
+            read_record(structs(path, current_A=value))
+
+
+def test_settings_in_an_array_of_structs_are_no_record(tmp_path: Path) -> None:
+    """There are more of them than columns, and none has a column's name."""
+    settings = np.array([[(0.0, 1.0, 2.0, 3.0, 4.0)] * 3], dtype=[(name, object) for name in "abcde"])
+    columns = dict(zip(HEAD, np.array(ROWS).T, strict=True))
+    scipy.io.savemat(tmp_path / "a.mat", {"channels": settings, **columns})
+    is_read(tmp_path / "a.mat")
 
 
 def test_a_date_and_a_clock_in_columns_of_their_own(tmp_path: Path) -> None:
