@@ -216,6 +216,8 @@ class Desk:
         text = f"the history cannot be written: {text}"
         if self.in_loop:
             self.gate.stop(Tripped("history", text, self.clock.now_s()))
+        else:
+            self._tell(text)
         self.latching.keep_again()
         self.changed()
 

@@ -62,7 +62,8 @@ def _end_by(error: BaseException) -> _End:
         return _End("failed", "; ".join(error.lines), 2)
     if isinstance(error, RigError):
         return _End("failed", str(error), 1, type(error).__name__.lower(), f"the run lost an instrument: {error}")
-    return _End("failed", f"{type(error).__name__}: {error}", 1, "program_fault")
+    beside = [note for note in getattr(error, "__notes__", []) if not note.startswith("output off")]  # told elsewhere
+    return _End("failed", "; ".join([f"{type(error).__name__}: {error}", *beside]), 1, "program_fault")
 
 
 class JobRun(Watcher):

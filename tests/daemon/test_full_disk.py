@@ -15,6 +15,8 @@ import pytest
 from rig.daemon import latching
 from rig.daemon.latch_file import LATCH, read
 from rig.files.configuration import read_configuration
+from rig.files.run_folder import RunFolder
+from rig.history.store import Store
 from tests.daemon.benches import RunningBench, until, write_current
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -101,3 +103,39 @@ def test_a_trip_on_a_full_disk_finds_the_room_that_was_taken_before(tmp_path: Pa
             assert bench.desk.latching.on_disk
             disk.free()
             assert bench.desk.reset("there is room again")
+
+
+def test_a_disk_that_becomes_full_in_a_job_and_at_rest_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    full: list[bool] = []
+
+    def refusing(real: Callable[..., Any], error: Exception, after: int) -> Callable[..., Any]:
+        calls: list[Any] = []
+
+        def called(*given: Any, **more: Any) -> Any:
+            calls.append(given)
+            if full or len(calls) > after > 0:
+                raise error
+            return real(*given, **more)
+
+        return called
+
+    no_room = OSError(errno.ENOSPC, "No space left on device")
+    monkeypatch.setattr(RunFolder, "flush", refusing(RunFolder.flush, no_room, after=1))
+    monkeypatch.setattr(
+        Store, "add", refusing(Store.add, sqlite3.OperationalError("database or disk is full"), after=0)
+    )
+    path = bench_in(tmp_path, tmp_path / "kept")
+    with closing(RunningBench(path, tmp_path / "bench.sock")) as bench:
+        bench.until_state("idle")
+        job = bench.desk.submit(read_configuration(path))
+        until(lambda: job.ended_s, "the job's end")
+        assert job.state == "failed", (job.state, job.reason)
+        assert job.reason is not None
+        assert job.reason.startswith("OSError: [Errno 28] No space left on device; ")
+        assert job.reason.endswith(".part is not whole")
+        assert (bench.state()["output"], bench.state()["output_confirmed"]) == ("off", True)
+        logged: list[str] = []
+        monkeypatch.setattr(bench.desk, "_log", logged.append)
+        full.append(True)
+        until(lambda: any("the history cannot be written: " in line for line in logged), "a line in the log")
+        full.clear()
