@@ -10,7 +10,7 @@ CLOSE = 8.0  # log-likelihood: a set that is this close is as good
 CLOSE_BESIDE_RELAYS = 2.0 * ABSORBS  # of two effects each may owe as much to what relays lack: a lag of 0.5 s in the
 # film, at rows 1 s apart, was 33 worse than one of the ohmmeter; where lags are told apart it is hundreds
 LOOKED_AT = 3
-FAR = 32.0  # log-likelihood that no more steps make up for after a few
+FAR = 40.0  # log-likelihood after a few steps that no more steps make up for
 HOPE = 0.5  # share of the effect's own score test that a confounder has to reach
 
 
@@ -19,13 +19,12 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
     out: dict[str, list[str]] = {}
     whole = chain.score(names)
     for name in chain.budget.in_time(judged.names, 1.0):
-        rest, close = names - {name}, CLOSE
+        rest = names - {name}
         upstream, downstream = chain.split(rest)
         is_last = name in chain.split(names)[1]
         found = []
+        beside_relays = is_last and not is_prandtl_ishlinskii(chain, names)
         if is_last:
-            if not is_prandtl_ishlinskii(chain, names):
-                close = CLOSE_BESIDE_RELAYS
             search = chain.last(upstream)
             fit = search.fit(downstream)
             others = [n for n in search.effects if n not in rest]
@@ -35,17 +34,17 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
             first = chain.first.fit(upstream)
             others = [n for n in chain.first.effects if n not in rest]
             gains = {n: chain.first.score_test(first, n) for n in others}
-        own = min(gains[name], judged.evidence[name])
+        own = gains[name] if beside_relays else min(gains[name], judged.evidence[name])
         order = sorted((n for n in others if n != name), key=lambda n: -gains[n])[:LOOKED_AT]
         for other in order:
             if gains[other] < HOPE * own:
                 continue
-            if is_last:
+            if is_last and not beside_relays:  # a few steps say nothing of where relays settle
                 named, quick = search.fit(chain.split(names)[1]), search.quick(fit, other)
-                if quick.score < named.score - close - FAR:
+                if quick.score < named.score - FAR:
                     continue
                 chain.followed(rest | {other}, max(quick, search.instead(named, name, other), key=lambda f: f.score))
-            if chain.score(rest | {other}) > whole - close:
+            if chain.score(rest | {other}) > whole - (CLOSE_BESIDE_RELAYS if beside_relays else CLOSE):
                 found.append(other)
         out[name] = found
     return out
