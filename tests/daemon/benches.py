@@ -6,9 +6,10 @@ import asyncio
 import contextlib
 import http.client
 import json
+import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -40,6 +41,20 @@ def write_current(
     path = folder / f"{name}.toml"
     path.write_text(text.replace("\nperiod_s = 0.1", "\nperiod_s = 0.05"))
     return path
+
+
+def put_on(path: Path, ports: Mapping[str, str], more: str = "") -> None:
+    """Make a configuration that of a daemon at these ports, on a real clock. more: lines of [serve]."""
+    text = path.read_text().replace('time = "virtual"\n', "")
+    for role in ("controller", "meter"):
+        text = text.replace('"sim://"', f'"{ports[role]}"', 1)
+    path.write_text(text + '[serve]\nport = 0\nfolder = "kept"\n' + more)
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """Of a daemon as a process of its own: its socket, and the one by which systemd is told."""
+    more = {"PELTIER_SOCKET": str(folder / "bench.sock"), "NOTIFY_SOCKET": str(folder / "notify")}
+    return {**os.environ, **more}
 
 
 def until(true: Callable[[], Any], what: str = "it") -> Any:

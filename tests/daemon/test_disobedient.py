@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from rig.ports.open import holder
 from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
 from sim.world.plant import SimulatedPlant
-from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, running, until, write_current
+from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, environment, put_on, running, until, write_current
 from tests.instruments.disobedient import Disobedient
 
 DEAD_MAN_S, LATE_S = 2.0, 1.5  # LATE_S: that a busy computer may be
@@ -92,14 +91,10 @@ def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
     with PseudoTerminals(emulated) as terminals, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notified:
         notified.bind(str(tmp_path / "notify"))
         notified.settimeout(LONGEST_S)
-        text = path.read_text().replace('time = "virtual"\n', "")
-        for role in ("controller", "meter"):
-            text = text.replace('"sim://"', f'"{terminals.paths[role]}"', 1)
-        path.write_text(text + '[serve]\nport = 0\nfolder = "kept"\n')
-        more = {"PELTIER_SOCKET": str(tmp_path / "bench.sock"), "NOTIFY_SOCKET": str(tmp_path / "notify")}
+        put_on(path, terminals.paths)
         with subprocess.Popen(
             [sys.executable, "-m", "rig", "serve", str(path)],
-            env={**os.environ, **more},
+            env=environment(tmp_path),
             stderr=subprocess.PIPE,
             text=True,
         ) as daemon:

@@ -21,7 +21,7 @@ from rig.bench.assembly import emulated_instruments
 from rig.daemon.client import Client
 from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
-from tests.daemon.benches import HEADERS, until, write_current
+from tests.daemon.benches import HEADERS, environment, put_on, until, write_current
 
 Peltier = Callable[..., tuple[int, str, str]]
 STARTS_S = 200.0  # of patience on a busy computer
@@ -46,11 +46,6 @@ class Daemon:
         return until(lambda: s if (s := self.ask("state")["state"])["state"] == word else None, word)
 
 
-def environment(folder: Path) -> dict[str, str]:
-    more = {"PELTIER_SOCKET": str(folder / "bench.sock"), "NOTIFY_SOCKET": str(folder / "notify")}
-    return {**os.environ, **more}
-
-
 @contextlib.contextmanager
 def started(folder: Path) -> Iterator[Daemon]:
     """A daemon that is ready, until the end of the block."""
@@ -59,10 +54,7 @@ def started(folder: Path) -> Iterator[Daemon]:
     with PseudoTerminals(emulated) as terminals, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notified:
         notified.bind(str(folder / "notify"))
         notified.settimeout(STARTS_S)
-        text = path.read_text().replace('time = "virtual"\n', "")
-        for role in ("controller", "meter"):
-            text = text.replace('"sim://"', f'"{terminals.paths[role]}"', 1)
-        path.write_text(text + '[serve]\nport = 0\nfolder = "kept"\nidle_period_s = 0.2\n')
+        put_on(path, terminals.paths, "idle_period_s = 0.2\n")
         process = subprocess.Popen(
             [sys.executable, "-m", "rig", "serve", str(path)],
             env=environment(folder),

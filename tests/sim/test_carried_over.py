@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.judge.carried_over import FILM, CarriedOver, carried_over
+from sim.diagnosis.judge.carried_over import CarriedOver, carried_over
 from sim.diagnosis.validate.held_out_rows import HeldOutRows
 
+FILM = "resistance_dec"
 ROWS = 400
 NOISE_DEC = 0.002
 

@@ -84,7 +84,7 @@ class View:
         return self.left_of_each([effect])[:, 0]
 
     def left_of_each(self, effects: Sequence[Switched]) -> Array:
-        """The same of several, each by itself, (rows, effects): all in the time of two."""
+        """The same of several, each by itself, (rows, effects): the film's columns are read once for all of them."""
         channel, fit, rows = self._channel, self.fit, self._channel.rows
         near, changes = self._point.problem.relays, []
         for effect in effects:
