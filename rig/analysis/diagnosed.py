@@ -20,6 +20,8 @@ from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
 from rig.files.record_file import Record
+from sim.diagnosis.data.record import Record as Rows
+from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.result import Diagnosis
@@ -38,11 +40,13 @@ def diagnosed(
     further: Sequence[Record] = (),
     false_alarm: float | None = None,
     say: Callable[[str], None] = lambda text: None,
+    of_film: Sequence[Record] = (),
 ) -> tuple[Diagnosis, ExtendedModel]:
     """The diagnosis of one record, with the film's form found; output: of the film, as in a model file; assume:
     effects that are there, with the parameters that are known; budget_s: how long it may take; further: records
     of the same rig, diagnosed with it as one; false_alarm: the share of records with nothing in them that may be given
-    a name, None: `FALSE_ALARM`. Raises Faults where nothing can be said."""
+    a name, None: `FALSE_ALARM`; of_film: other records of the film, which tell the extended model's, too. Raises
+    Faults where nothing can be said."""
     together = [record, *further]
     output = rising(together, output, say)
     telling = [telling_columns(one, output) for one in together]
@@ -75,7 +79,7 @@ def diagnosed(
             clock=time.monotonic,
             say=say,
         )
-        extended = extended_model(diagnosis)
+        extended = extended_model(diagnosis, None, rows_of_film(diagnosis, of_film))
     except (np.linalg.LinAlgError, ArithmeticError) as error:  # the first is a ValueError too
         text = f"no fit could be made of this record ({type(error).__name__}: {error})"
         raise fault(record.source, "", f"{text}; expected readings that follow current or temperature") from None
@@ -83,6 +87,12 @@ def diagnosed(
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
+
+
+def rows_of_film(diagnosis: Diagnosis, records: Sequence[Record]) -> list[Rows]:
+    """Other records of the film as the extended model takes them. Raises ValueError for one that has too few rows."""
+    quantity = diagnosis.chain.record.quantity
+    return [read_columns(one.columns, held_out=False, quantity=quantity) for one in records]
 
 
 def model_of(extended: ExtendedModel) -> Model:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -96,7 +97,9 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         plate_model = plate.model
         lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
         found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
-    return replace(found, model=Model(film_model, plate_model))
+    sources = [Path(record.source).absolute() for record in found.film_records]
+    told_by = tuple(str(path) for path in sources if path.is_file())
+    return replace(found, model=Model(film_model, plate_model, film_records=told_by))
 
 
 def seen_degC(records: Sequence[Record]) -> tuple[float, float]:

@@ -198,7 +198,7 @@ def identify_calibration(
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
     error_K = (simulated - plate_degC)[checked]
-    model = Model(film, plate_fit.model)
+    model = Model(film, plate_fit.model, film_records=(str(folder.path.absolute() / "record.csv"),))
     if plate_fit.lag_s > 0.0:
         model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))
     rmse = float(np.sqrt(np.mean(error**2)))

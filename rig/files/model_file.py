@@ -169,6 +169,7 @@ class ModelTable(Table):
     """A whole model file; each of [[effects]] has a name of the catalogue and all its parameters."""
 
     drive: Drive | None = None
+    film_records: list[str] = []
     film: FilmTable | None = None
     plate: PlateTable | None = None
     effects: list[dict[str, float | str]] = []
@@ -178,13 +179,14 @@ class ModelTable(Table):
 class Model:
     """What a model file holds: a film, a plate, or both, and effects beyond the base model. drive: what the film's
     temperature is predicted from, where the file says so. mixing: how the film's phases add up, None: in their
-    logarithms."""
+    logarithms. film_records: whole paths of the records that told the film."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: tuple[dict[str, float | str], ...] = ()
     drive: Drive | None = None
     mixing: PhaseMixing | None = None
+    film_records: tuple[str, ...] = ()
 
     def switched(self) -> tuple[Switched, ...]:
         """The mixing of the film's phases, and the effects with their values. Raises Faults where one is not in the
@@ -216,6 +218,7 @@ def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) 
         tuple(table.effects),
         table.drive,
         table.film.mixing.mixing() if table.film and table.film.mixing else None,
+        tuple(table.film_records),
     )
 
 
@@ -272,6 +275,8 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
     table: dict[str, Any] = {}
     if model.drive is not None:
         table["drive"] = model.drive
+    if model.film is not None and model.film_records:
+        table["film_records"] = list(model.film_records)
     if model.film is not None:
         table["film"] = _film(model.film)
     if model.film is not None and model.mixing is not None:

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.diagnosed import diagnosed, model_of
+from rig.analysis.diagnosed import diagnosed, model_of, rows_of_film
 from rig.analysis.one_row import of_diagnosis
 from rig.core.faults import Faults
 from rig.files.effect_tables import add_effect_files, assumed_effects
 from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.model_file import write_model
+from rig.files.film_records import film_records_before
+from rig.files.model_file import Model, write_model
 from rig.files.record_file import Record
 from rig.many.engine import given
 from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_words import lines
 from rig.report.many_records import Task
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
-from sim.diagnosis.extended_model import extended_model
+from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.result import with_model
 
 RANK = (
@@ -63,6 +64,7 @@ def told(
     say: progress."""
     _know(asked.effect_files)
     one: Record = given(record)
+    before = film_records_before(one.source, say) if model is not None else []
     try:
         diagnosis, extended = diagnosed(
             one,
@@ -75,24 +77,34 @@ def told(
             further,
             asked.false_alarm,
             say,
+            before,
         )
     except Faults as faults:
         return Told(faults=tuple(faults.lines))
     if model is not None:
         diagnosis = with_model(diagnosis, model)
+    together = [one, *further]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
             comment = f"extended model of the diagnosis of {Path(one.source).name}"
-            write_model(folder / MODEL, model_of(extended), comment)
+            write_model(folder / MODEL, _of_records(extended, together, before), comment)
         if report if report is not None else model is not None:
             write_diagnosis_report(folder, diagnosis, one.source, one.drive)
             if diagnosis.candidates:
                 best = diagnosis.candidates[0]
                 comment = f"with what was found in {Path(one.source).name} and is not named: {', '.join(best.names)}"
-                write_model(folder / CANDIDATE, model_of(extended_model(diagnosis, best)), comment)
+                other = extended_model(diagnosis, best, rows_of_film(diagnosis, before))
+                write_model(folder / CANDIDATE, _of_records(other, together, before), comment)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
+
+
+def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
+    """The model, with the records that told its film, where they are files."""
+    told_by = [*together, *(before if extended.others else [])]
+    paths = [Path(record.source).absolute() for record in told_by]
+    return replace(model_of(extended), film_records=tuple(str(path) for path in paths if path.is_file()))
 
 
 @lru_cache

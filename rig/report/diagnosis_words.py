@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sim.diagnosis.report.upper_limits import UpperLimit
@@ -235,7 +236,8 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out += plate_lines(diagnosis)
     if diagnosis.film is not None:
         film = diagnosis.film
-        out.append(f"film: D(T) of the form {film['memoryless']}, {film['operators']} operators with weight")
+        form, operators = film["memoryless"], film["operators"]
+        out.append(f"film: D(T) of the form {form}, {operators} operators with weight{_told_by(film)}")
         out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
     out += [f"not named: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)
@@ -243,6 +245,12 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
     out += [f"next: {text}" for text in diagnosis.next_experiment]
     return out
+
+
+def _told_by(film: Mapping[str, Any]) -> str:
+    """Which records the film's model comes from, where it is not this one alone."""
+    further = film.get("further_records", 0)
+    return f"; told by this record and {further} before it" if further else ""
 
 
 def mixing_in_words(diagnosis: Diagnosis) -> str:

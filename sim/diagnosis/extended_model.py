@@ -7,6 +7,7 @@ model's class gets operators with envelopes of their own each, where that helps.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -21,11 +22,12 @@ from compensator.identification.mixed_envelopes import RESOLUTIONS, dictionary, 
 from compensator.identification.model_selection import FEWER_WORTH, WORTH, rms
 from compensator.identification.operator_outputs import Integers
 from compensator.thermal.plate import PlateModel
-from sim.diagnosis.data.record import held_out_rows
+from sim.diagnosis.data.record import Record, held_out_rows
 from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
 from sim.diagnosis.fit.plate_parameters import PlateParameters
+from sim.diagnosis.identified_film import identified_film
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
@@ -39,6 +41,7 @@ SEARCH_ROWS, MOST_ROWS = 1500, 6000  # to search with, and to fit with: thinned 
 SCALES = (0.1, 1.0, 0.1, 1.0)  # log a and K: what an envelope moves by in a step
 CURVE_SCALES = (0.3, 3.0)  # the same of D's first parameter, which is a logarithm, and of the others, which are K
 DESCENT = 10  # evaluations: the search begins at the diagnosis' own film
+BY_CHANCE = 3.0  # deviations by which an error over so many rows may be larger though the model is as good
 TURNS = 2  # of a problem that is linear only about a solution
 
 
@@ -46,17 +49,21 @@ TURNS = 2  # of a problem that is linear only about a solution
 class ExtendedModel:
     """film, plate: None where the record has none; effects: tables as in a model file; rmse: of the film's model on
     held-out rows, driven as in the diagnosis, in decades or in the unit of the film's output; mixing: of the film's
-    phases, None: in their logarithms."""
+    phases, None: in their logarithms; others: how many further records of the film told it, too."""
 
     film: FilmModel | None
     plate: PlateModel | None
     effects: list[dict[str, float | str]]
     rmse: float | None
     mixing: PhaseMixing | None = None
+    others: int = 0
 
 
-def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> ExtendedModel:
-    """Base model, assumed and named effects of a diagnosis; or the effects of a candidate in their place."""
+def extended_model(
+    diagnosis: Diagnosis, candidate: Candidate | None = None, others: Sequence[Record] = ()
+) -> ExtendedModel:
+    """Base model, assumed and named effects of a diagnosis; or the effects of a candidate in their place. others:
+    further records of the film, which tell it too where the held-out rows of the diagnosed one are no worse for it."""
     with threadpool_limits(limits=1):
         chain, names, found = diagnosis.chain, diagnosis.judged.fitted, _sizes(diagnosis)
         if candidate is not None:
@@ -69,9 +76,15 @@ def extended_model(diagnosis: Diagnosis, candidate: Candidate | None = None) -> 
             return ExtendedModel(None, plate, effects, None)
         refit = FilmRefit(chain.film_channel(names), last)
         solution, error = film_of(refit, chain.curve)
-        quantity = chain.record.quantity
-        film = quantity.film(solution.model(last.parameters.start.initial))
-        return ExtendedModel(film, plate, effects, quantity.size * error, refit.mixing)
+        quantity, told_by = chain.record.quantity, 0
+        film, mixing = solution.model(last.parameters.start.initial), refit.mixing
+        if chain.curve and (others or last.parameters.has_relays):
+            _, held = _shared_out(refit)
+            anew = identified_film(chain, names, found, plate, others, held)
+            chance = BY_CHANCE / math.sqrt(2.0 * held.size) if others else 0.0
+            if anew is not None and anew[1] <= (1.0 + chance) * error:
+                (film, error), mixing, told_by = anew, None, len(others)
+        return ExtendedModel(quantity.film(film), plate, effects, quantity.size * error, mixing, told_by)
 
 
 def _sizes(diagnosis: Diagnosis) -> dict[str, dict[str, float]]:
@@ -86,6 +99,7 @@ def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:
         return diagnosis
     film: dict[str, Any] = dict(diagnosis.film or {})
     film |= {"memoryless": model.film.memoryless.function, "operators": model.film.operators, "kind": model.film.kind}
+    film |= {"further_records": model.others} if model.others else {}
     return replace(diagnosis, film=film)
 
 

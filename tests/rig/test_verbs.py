@@ -119,6 +119,7 @@ def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -
     assert model.plate.seebeck_over_capacity_per_A_s == pytest.approx(1.6e-3, rel=0.01)
     assert model.plate.ambient_degC == pytest.approx(25.0, abs=0.3)
     assert model.film is not None
+    assert model.film_records == (str(tmp_path / "cal" / "record.csv"),)
     assert np.min(model.film.order_margin()) >= -1e-9
 
 

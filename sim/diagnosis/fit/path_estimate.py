@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from compensator.hysteresis.functions import Array
 from compensator.identification.temperature_smoother import temperature_path
 from sim.diagnosis.data.record import Record
-from sim.diagnosis.fit.temperature_channel import TemperatureFit
 from sim.model.plate_path import PlatePath
 
 WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel
@@ -24,11 +23,10 @@ WORTH = 12.0  # log-likelihood that a correction has to bring
 
 
 def corrected_path(
-    record: Record, fit: TemperatureFit, residual_K: Array, rows: NDArray[np.int64], correlation: float = 0.0
+    record: Record, path: PlatePath, residual_K: Array, rows: NDArray[np.int64], correlation: float = 0.0
 ) -> PlatePath:
-    """The fit's path with the slow part of the residual added. residual_K: in the rows, (rows,); correlation: of the
+    """A simulated path with the slow part of the residual added. residual_K: in the rows, (rows,); correlation: of the
     thermometer's noise from row to row, of which the neighbours' readings tell as they tell of the path."""
-    path = fit.path
     if rows.size < 50:  # too few to tell of a misfit that is slow beside them
         return path
     residual = np.interp(np.arange(record.rows), rows, residual_K)

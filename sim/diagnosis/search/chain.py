@@ -164,7 +164,7 @@ class Chain:
             return moved_path(
                 channel.record, fit.path, walk.smoothed(residual, rows, np.full(rows.size, channel.sigma_K))
             )
-        return corrected_path(channel.record, fit, residual, rows, channel.noise.correlation)
+        return corrected_path(channel.record, fit.path, residual, rows, channel.noise.correlation)
 
     @property
     def searched(self) -> list[Effect]:

@@ -1,0 +1,36 @@
+"""The records that told the film of a run's model before it ran: those of its calibration, and of runs since.
+
+A run's folder keeps the model that its law used (model.toml), and a model names the records of its film.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rig.core.faults import Faults
+from rig.files.model_file import read_model
+from rig.files.record import Record
+from rig.files.record_file import read_record
+
+
+def film_records_before(source: str, say: Callable[[str], None] = lambda text: None) -> list[Record]:
+    """Those of the run that a record is of, by the record's path, as far as they can still be read; none where the
+    record is of no run. say: which are used, and what cannot be read."""
+    record = Path(source).absolute()
+    model = record.parent / "model.toml"
+    if not (record.parent / "run.json").is_file() or not model.is_file():
+        return []
+    found = []
+    try:
+        names = [name for name in read_model(model).film_records if Path(name) != record]
+    except Faults as faults:
+        say(f"its film is told by this record alone: {faults.lines[0]}")
+        return []
+    for name in names:
+        try:
+            found.append(read_record(Path(name), flags=False))
+            say(f"model.toml's film is told by {name}, too")
+        except Faults as faults:
+            say(f"model.toml's film is not told by a record that told it before: {faults.lines[0]}")
+    return found
