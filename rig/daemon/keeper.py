@@ -34,6 +34,7 @@ from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, lo
 TRY_AGAIN_S = 3.0  # between attempts to open the ports
 SILENT_TICKS = 5  # without any answer, before the ports are opened anew
 CHECK_OUTPUT_TICKS = 10
+CONTRADICTED = "the temperature contradicted its controller's 'off', and nobody has reset that"  # of the last line
 JOB_ENDS_S = 10.0  # for a job's thread to notice that the gate is closed
 
 
@@ -53,11 +54,13 @@ class Keeper:
         self._worker = Worker("job")
         self._running: _Running | None = None
         self._opened = False
+        self._not_off: NotConfirmedOff | None = None  # how the bench was let go of last, where it had to be opened anew
         self._signals = SignalStop()
         self._ending = False
 
     def keep(self) -> None:
-        """Hold the bench for ever. Raises Stopped on a signal, PortHeld and Faults at the first opening."""
+        """Hold the bench for ever. Raises Stopped on a signal, or NotConfirmedOff where the output is not known to be
+        off then; PortHeld and Faults at the first opening."""
         desk = self._desk
         with EndTold(self._notifier, self._file.content.bench.controller.dead_man_s) as signals:
             self._signals = signals
@@ -67,11 +70,22 @@ class Keeper:
                     self._once()
                     self._wait_to_try_again()
                     self._see_whether_to_end()
+            except Stopped as stopped:
+                if text := self._why_not_off():
+                    raise NotConfirmedOff(text) from stopped
+                raise
             finally:
                 desk.online = False
                 desk.writer.stop()
                 desk.latching.close()
                 desk.announcer.close()
+
+    def _why_not_off(self) -> str:
+        """Why the output is not known to be off, with the controller's port in front; "" where it is."""
+        if self._not_off is not None:
+            return str(self._not_off)
+        port = self._file.content.bench.controller.port
+        return f"{port}: {CONTRADICTED}" if self._desk.contradicted else ""
 
     def end(self) -> None:
         """End as on SIGTERM, from another thread."""
@@ -89,7 +103,7 @@ class Keeper:
         desk = self._desk
         try:
             with open_bench(self._file, self._guard) as bench:
-                self._opened = True
+                self._opened, self._not_off = True, None
                 self._attach(bench)
                 try:  # from here on an end is known to the desk: a stop may come with the first word of being ready
                     self._notifier.ready("the bench is held, the output is off")
@@ -103,6 +117,7 @@ class Keeper:
                 raise
             self._lost(error)
         except NotConfirmedOff as error:
+            self._not_off = error
             desk.output, desk.confirmed = "unknown", False
             self._lost(error)
             if isinstance(error.__cause__, Stopped):

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from rig.core.clock import RealClock
-from rig.core.outcome import Stopped
+from rig.core.outcome import Outcome, Stopped
 from rig.daemon.answers import Answers
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk
@@ -69,9 +69,11 @@ def until(true: Callable[[], Any], what: str = "it") -> Any:
 
 
 class RunningBench:
-    """Desk, socket and keeper, and the page when it is asked for."""
+    """Desk, socket and keeper, and the page when it is asked for. ends: what its keeper has to raise at the end."""
 
-    def __init__(self, path: Path, socket: Path) -> None:
+    def __init__(self, path: Path, socket: Path, ends: type[Outcome] = Stopped) -> None:
+        self._ends = ends
+        self._ended: Outcome | None = None
         self.file, notes = bench_of(read_configuration(path))
         self.socket = socket
         self._listener = ControlSocket(socket)
@@ -84,8 +86,10 @@ class RunningBench:
         self.url = ""
 
     def _keep(self) -> None:
-        with contextlib.suppress(Stopped):
+        try:
             self.keeper.keep()
+        except self._ends as end:
+            self._ended = end
 
     def state(self) -> dict[str, Any]:
         """As the page gets it."""
@@ -159,12 +163,13 @@ class RunningBench:
             self._web.join(LONGEST_S)
             assert not self._web.is_alive()
         assert not self._thread.is_alive()
+        assert self._ended is not None
 
 
 @contextlib.contextmanager
-def running(path: Path, web: bool = False) -> Iterator[RunningBench]:
+def running(path: Path, web: bool = False, ends: type[Outcome] = Stopped) -> Iterator[RunningBench]:
     """A bench that is idle, and ends at the end."""
-    bench = RunningBench(path, path.parent / "bench.sock")
+    bench = RunningBench(path, path.parent / "bench.sock", ends)
     try:
         until(lambda: bench.desk.online and bench.desk.recent, "the bench")
         if web:

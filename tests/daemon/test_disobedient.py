@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import contextlib
 import json
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
+from unittest.mock import Mock
 
 import pytest
 
 from rig.bench.assembly import emulated_instruments
 from rig.bench.simulation import simulated_world
-from rig.core.outcome import NotConfirmedOff
+from rig.core.errors import Disconnected
+from rig.core.outcome import NotConfirmedOff, Stopped
+from rig.daemon import keeper
+from rig.daemon.desk import Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
+from rig.daemon.systemd import Notifier
 from rig.files.configuration import read_configuration
 from rig.guard.left_behind import Left, write_end
 from rig.ports.open import holder
@@ -106,6 +114,34 @@ def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
     assert "OUTPUT NOT CONFIRMED OFF" in err
 
 
+@pytest.mark.parametrize("left", ["not confirmed", "gone since", "contradicted"])
+def test_an_end_while_the_output_is_unknown_says_of_which_controller(
+    left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where its port has gone since: nobody has confirmed the off that was not confirmed before."""
+    desk = cast(Desk, Mock(contradicted=left == "contradicted", virtual=False, wake=threading.Event()))
+    table = SimpleNamespace(port="/dev/one", dead_man_s=5.0)
+    file = SimpleNamespace(content=SimpleNamespace(bench=SimpleNamespace(controller=table)))
+    one = keeper.Keeper(cast(Any, file), desk, Notifier())
+    ways = {
+        "not confirmed": [NotConfirmedOff("/dev/one: it did not confirm")],
+        "gone since": [NotConfirmedOff("/dev/one: it did not confirm"), Disconnected("no such file")],
+        "contradicted": [Stopped(signal.SIGTERM)],
+    }[left]
+
+    def open_bench(*_: object) -> Any:
+        desk.wake.set()  # nobody waits for the next attempt
+        error = ways.pop(0)
+        if not ways:
+            one.end()
+        raise error
+
+    monkeypatch.setattr(keeper, "open_bench", open_bench)
+    with pytest.raises(NotConfirmedOff, match=r"^/dev/one: ") as ended:
+        one.keep()
+    assert isinstance(ended.value.__cause__, Stopped)
+
+
 @pytest.mark.parametrize("confirmed", [True, False])
 def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirmed: bool) -> None:
     """The daemon's process died in a job; the controller says "off" to the next one, as it did to the guard."""
@@ -125,7 +161,7 @@ def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirme
         died = {**job.table(), "state": "running", "folder": str(folder)}
         bench.desk.writer.do(lambda store: store.save_job(died))
         assert bench.desk.writer.settle()
-    with running(path) as bench:
+    with running(path, ends=Stopped if confirmed else NotConfirmedOff) as bench:
         until(lambda: bench.desk.ticks.done > 3, "some readings")
         state = bench.state()
         if confirmed:
