@@ -14,6 +14,7 @@ import argparse
 import os
 import signal
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,22 +24,26 @@ from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.terminal_line import TerminalLine
 from rig.daemon.asking import checked, one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
+from rig.daemon.ended_before import found_by_the_guard
 from rig.daemon.words import in_a_line, off_in_words
 from rig.files.toml_text import read_toml
 from rig.safety.signals import SignalStop
 
 HOLDING = ("tripped", "stopped", "offline")
 NEVER_BEGAN = 1  # the exit status of a job that waited when its daemon ended: nothing of it needs to be off
+DIED = 1  # that of one whose output the guard has switched off, confirmed, when the daemon's process died
+GUARD_S = 40.0  # for what the guard finds: it looks at the temperature for 20 s, after a dead man's silence or two
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
 @dataclass
 class _Course:
     """waited: whether the daemon last said that the job waits, for another one or for the bench, and never that it has
-    begun. Where it said neither, the job may have begun since."""
+    begun. Where it said neither, the job may have begun since. folder: where the job's rows go, once it has begun."""
 
     waited: bool = False
     begun: bool = False
+    folder: str | None = None
 
     def take(self, event: str, data: dict[str, Any], number: str) -> None:
         """What was told."""
@@ -49,6 +54,7 @@ class _Course:
         elif event == "job" or data.get("job", data.get("id")) == number:
             self.begun = self.begun or event != "job" or (data["id"] == number and data.get("started_s") is not None)
             self.waited = False
+            self.folder = (data.get("folder") if event == "job" else None) or self.folder
 
 
 def add_bench_argument(parser: argparse.ArgumentParser) -> None:
@@ -124,8 +130,10 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
             signals.shield()
             return _ended_by(verb, client, job["id"], stopped.number)
         except NoDaemon as error:
-            if not course.waited or _answers(client):
+            if _answers(client):
                 return _not_confirmed(verb, f"{error} while the job ran; {_make_sure(config)}")
+            if not course.waited:
+                return _left_to_the_guard(verb, course.folder, f"{error} while the job ran", config)
             text = f"the job never began: {error} while it waited; give it again when the daemon runs again"
             print(f"peltier {verb}: {text}; {_make_sure(config)}", file=sys.stderr)
             return NEVER_BEGAN
@@ -138,6 +146,24 @@ def _answers(client: Client) -> bool:
         return bool(client.ask("state"))
     except NoDaemon:
         return False
+
+
+def _left_to_the_guard(verb: str, folder: str | None, why: str, config: Path) -> int:
+    """Of a job whose daemon's process has died: what the guard finds, or where to read it. A signal ends the waiting,
+    and confirms nothing."""
+    found = None
+    if folder is not None:
+        print(f"peltier {verb}: {why}; waiting for what its guard writes into {folder}", file=sys.stderr, flush=True)
+        with suppress(Stopped):
+            found = found_by_the_guard(folder, GUARD_S)
+    if found is None:
+        where = f", and in {folder}/run.json" if folder is not None else ""
+        return _not_confirmed(verb, f"{why}; what its guard finds is in the daemon's log{where}; {_make_sure(config)}")
+    confirmed, text = found
+    if not confirmed:
+        return _not_confirmed(verb, f"its guard: {text}. Switch the controller off by hand.")
+    print(f"peltier {verb}: its guard: {text}; what was recorded is in {folder}", file=sys.stderr)
+    return DIED
 
 
 def _make_sure(config: Path) -> str:

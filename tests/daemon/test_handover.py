@@ -10,6 +10,7 @@ import pytest
 
 from rig.daemon import handover
 from rig.daemon.client import NoDaemon
+from rig.guard.left_behind import Left, write_end
 
 OFF = {"state": "idle", "job": None, "output": "off", "output_confirmed": True, "output_confirmed_by": "the controller"}
 NOT_CONFIRMED = {**OFF, "output": "unknown", "output_confirmed": False, "output_confirmed_by": None}
@@ -168,6 +169,41 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
     assert said in err
     assert f"`peltier off {config}` switches the output off" in err
     assert ("give it again" in err) == (status == 1)
+
+
+@pytest.mark.parametrize(
+    ("confirmed", "status", "said"),
+    [
+        (True, 1, "its guard: process 5 died of SIGKILL; output off, confirmed"),
+        (False, 11, "OUTPUT NOT CONFIRMED OFF: its guard: process 5 died of SIGKILL"),
+        (None, 11, "what its guard finds is in the daemon's log, and in {folder}/run.json"),
+    ],
+)
+def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
+    confirmed: bool | None,
+    status: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """The guard writes it into the folder of the run that went on, which is known from the job's first word."""
+    folder = tmp_path / "7.part"
+    folder.mkdir()
+    (folder / "run.json").write_text('{"start": {}}')
+
+    class Killed(_Daemon):
+        def events(self, silence_s: float) -> Any:
+            yield {"event": "state", "data": OFF}
+            yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
+            if confirmed is not None:
+                write_end(Left(str(folder)), "process 5 died of SIGKILL; output off, confirmed", confirmed)
+            raise NoDaemon("the daemon has ended")
+
+    monkeypatch.setattr(handover, "GUARD_S", 0.01)
+    stand_in(Killed(0, GONE), monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
+    assert said.format(folder=folder) in capsys.readouterr().err
 
 
 class _Held:

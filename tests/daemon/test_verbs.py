@@ -248,8 +248,9 @@ def test_a_bench_process_that_is_killed_leaves_the_output_off(ending: Daemon, pe
     os.kill(ending.ask("who")["pid"], signal.SIGKILL)
     until(lambda: not output_is_on(ending), "the output going off")
     status, text = ended(process)
-    assert status == 11
-    assert "NOT CONFIRMED OFF" in text  # the one that was handed over cannot know better
+    assert status == 1, text
+    assert "its guard: process" in text
+    assert "output off, confirmed by the controller" in text
     ending.process.wait(STARTS_S)
     assert ending.process.returncode == 128 + signal.SIGKILL
     status, _, err = peltier("status")
