@@ -28,7 +28,7 @@ import numpy as np
 
 from rig.core.faults import fault
 from rig.files.packed_rows import PackedRows
-from rig.files.written import naming, write_text
+from rig.files.written import naming, replaced, write_text
 from rig.version import __version__, source_digest
 
 PREDICTED = "predicted.csv"  # in a calibration's folder: what its model says of every row
@@ -213,10 +213,8 @@ class RunFolder:
         self.event(self.rows[-1][0] if self.rows else 0.0, "deleted", "the run's folder was deleted, and written again")
 
     def _write_document(self) -> None:
-        path = self.part / "run.json"
-        temporary = path.with_suffix(".json.new")
-        write_text(temporary, json.dumps(_plain(self.document), indent=2) + "\n")
-        os.replace(temporary, path)
+        with replaced(self.part / "run.json") as new:
+            new.write_text(json.dumps(_plain(self.document), indent=2) + "\n", encoding="utf-8")
 
 
 def _csv_line(values: tuple[Any, ...]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -15,6 +16,21 @@ def naming(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.filename is None:
             error.filename = str(path)
+        raise
+
+
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A file that is there whole, or as it was before. Raises OSError, which names the file; what was written of the
+    new one until then would take room away from the next trial."""
+    new = path.with_name(path.name + ".new")
+    try:
+        with naming(path):
+            yield new
+            os.replace(new, path)
+    except BaseException:
+        with suppress(OSError):
+            new.unlink()
         raise
 
 

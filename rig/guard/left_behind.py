@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import datetime
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
+
+from rig.files.written import replaced
 
 DIED = "process_died"
 
@@ -37,9 +38,8 @@ def write_end(left: Left | None, text: str, confirmed: bool) -> str:
         unfinished = left.folder
         at = datetime.datetime.now(datetime.UTC).isoformat()
         document["stop"] = {"at": at, "reason": DIED, "text": text, "output_off_confirmed": confirmed}
-        temporary = path.with_suffix(".json.new")
-        temporary.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
-        os.replace(temporary, path)
+        with replaced(path) as new:
+            new.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     except (OSError, ValueError):
         return unfinished
     return unfinished

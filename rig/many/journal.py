@@ -15,15 +15,14 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rig.core.faults import fault
-from rig.files.written import naming
+from rig.files.written import naming, replaced
 
 LINES, TIMES = "cases.jsonl", "times.csv"
 LOST = "lost"  # the status of a case whose process died: it is tried again when the command is given again
@@ -88,7 +87,7 @@ class Journal:
     def write_table(self) -> None:
         """The table as far as it is."""
         write_table(self.folder / f"{self._name}.csv", self.rows())
-        with _replaced(self.folder / TIMES) as path:
+        with replaced(self.folder / TIMES) as path:
             times = "".join(f"{number},{self.done[number][1]!r}\n" for number in sorted(self.done))
             path.write_text(f"number,seconds\n{times}", encoding="utf-8")
         self._written_s = time.monotonic()
@@ -98,7 +97,7 @@ class Journal:
         with naming(self._path):
             self._lines.close()
         self.write_table()
-        with _replaced(self.folder / f"{self._name}.nc") as path:
+        with replaced(self.folder / f"{self._name}.nc") as path:
             write_netcdf(path, self.rows())
 
     def _take_alone(self) -> None:
@@ -149,15 +148,6 @@ class Journal:
         raise fault(self._path, f"number {number}", f"{text}; expected the DIR of these, or a new one")
 
 
-@contextmanager
-def _replaced(path: Path) -> Iterator[Path]:
-    """A file that is there whole or not at all. Raises OSError, which names the file."""
-    new = path.with_name(path.name + ".new")
-    with naming(path):
-        yield new
-        os.replace(new, path)
-
-
 def files_of(name: str) -> list[str]:
     """What stands in a journal's folder, its table being called `name`."""
     return [LINES, TIMES, f"{name}.csv", f"{name}.nc"]
@@ -182,7 +172,7 @@ def cases_in(folder: Path) -> list[Row]:
 
 def write_table(path: Path, rows: list[Row]) -> None:
     """CSV; a cell that a row does not have is empty."""
-    with _replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
+    with replaced(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, names_of(rows), lineterminator="\n", restval="")
         writer.writeheader()
         writer.writerows({name: _in_table(cell) for name, cell in row.items()} for row in rows)

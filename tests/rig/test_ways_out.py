@@ -20,6 +20,7 @@ from rig.control.loop import Loop
 from rig.core.outcome import Stopped, Tripped
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.run_folder import RunFolder
+from rig.guard.left_behind import Left, write_end
 from sim.world.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
@@ -160,6 +161,22 @@ def test_a_file_that_may_not_grow(peltier: Peltier, tmp_path: Path, order: list[
     assert "output off, confirmed by the controller" in err
     assert order[1] == "off"
     assert (tmp_path / "run.part" / "record.csv").stat().st_size <= 20_000
+
+
+@limited
+@pytest.mark.parametrize("writes", ["the run itself", "its guard"])
+def test_an_end_that_finds_no_room_leaves_the_document_as_it_was(writes: str, tmp_path: Path) -> None:
+    folder = RunFolder(tmp_path / "run", {}, "", ["time_s"])
+    before = {path.name for path in folder.part.iterdir()}
+    with no_file_above(60):
+        if writes == "its guard":
+            write_end(Left(str(folder.part)), "the process died", True)
+        else:
+            with pytest.raises(OSError, match=re.escape("run.json'")):
+                folder.stop("done")
+    folder.abandon()
+    assert {path.name for path in folder.part.iterdir()} == before
+    assert "stop" not in json.loads((folder.part / "run.json").read_text())
 
 
 @limited
