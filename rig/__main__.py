@@ -153,7 +153,9 @@ def _ended(action: Callable[[], int], verb: str) -> int:
 
 def _notes(error: BaseException) -> str:
     """What was added on the error's way up: first what became of the output, then where a report is."""
-    notes = sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not note.startswith("output"))
+    from rig.core.outcome import OfOutput
+
+    notes = sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not isinstance(note, OfOutput))
     return "".join(f"; {note}" for note in notes)
 
 

@@ -6,7 +6,7 @@ rows and its reason down with the output off already.
 
 from __future__ import annotations
 
-from rig.core.outcome import NotConfirmedOff
+from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
 from rig.files.configuration import ControllerTable
 from rig.guard.line import UNGUARDED, Guard
@@ -52,7 +52,7 @@ class OutputOff:
         if self._signals is None:
             self._guard.let_go()
             if error is not None:
-                error.add_note(off_confirmed(self._controller))
+                error.add_note(OfOutput(off_confirmed(self._controller)))
             return
         self._guard.idle()
         if error is None:

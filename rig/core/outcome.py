@@ -12,6 +12,12 @@ from __future__ import annotations
 import signal
 
 
+class OfOutput(str):
+    """A note on an error that says what became of the output: it is told first, or in a place of its own."""
+
+    __slots__ = ()
+
+
 class Outcome(Exception):
     """An end that is neither success nor a program's fault."""
 

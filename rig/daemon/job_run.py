@@ -13,7 +13,7 @@ from rig.bench.serial_numbers import strangers
 from rig.control.loop import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
-from rig.core.outcome import NotConfirmedOff, Stopped, Tripped, Unsuitable
+from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
 from rig.core.reading import Quality
 from rig.daemon.client import CALIBRATION
 from rig.daemon.desk import Desk, model_of
@@ -62,7 +62,7 @@ def _end_by(error: BaseException) -> _End:
         return _End("failed", "; ".join(error.lines), 2)
     if isinstance(error, RigError):
         return _End("failed", str(error), 1, type(error).__name__.lower(), f"the run lost an instrument: {error}")
-    beside = [note for note in getattr(error, "__notes__", []) if not note.startswith("output off")]  # told elsewhere
+    beside = [note for note in getattr(error, "__notes__", []) if not isinstance(note, OfOutput)]  # told elsewhere
     return _End("failed", "; ".join([f"{type(error).__name__}: {error}", *beside]), 1, "program_fault")
 
 

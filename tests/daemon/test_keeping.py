@@ -17,14 +17,16 @@ from typing import Any, cast
 
 import pytest
 
+from rig.__main__ import _notes
 from rig.core.faults import Faults
+from rig.core.outcome import OfOutput
 from rig.core.patient_lines import MOST_WAITING, PatientLines
 from rig.daemon import latch_file
 from rig.daemon.admission import admit
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.desk import HISTORY
 from rig.daemon.hold import hold_of
-from rig.daemon.job_run import JobRun
+from rig.daemon.job_run import JobRun, _end_by
 from rig.daemon.words import in_a_line, rows_of
 from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
@@ -54,6 +56,14 @@ def test_memory_is_known_when_conditioning_has_ended_and_not_before() -> None:
     for name, known in (("polarity", None), ("condition", None), ("condition", None), ("approach", 7.0)):
         JobRun.phase(job, name, 1.0)
         assert desk.memory_since_s == known, name
+
+
+def test_what_became_of_the_output_is_told_apart_whatever_its_words() -> None:
+    error = RuntimeError("a fault")
+    error.add_note("output off: so a driver of one's own may begin, too")
+    error.add_note(OfOutput("nothing flows, says the controller"))
+    assert _end_by(error).reason == "RuntimeError: a fault; output off: so a driver of one's own may begin, too"
+    assert _notes(error).startswith("; nothing flows, says the controller; output off: so")
 
 
 def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch: pytest.MonkeyPatch) -> None:
