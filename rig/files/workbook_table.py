@@ -29,7 +29,7 @@ MOST_BYTES = 2_000_000_000  # unpacked: a full sheet of twenty columns; a file o
 def workbook_table(path: Path, decimal: str = "") -> Table:
     """The table of a workbook's only sheet that has one. Raises Faults."""
     try:
-        from openpyxl import load_workbook
+        from openpyxl.reader.excel import ExcelReader
     except ModuleNotFoundError:
         text = f"an Excel workbook, which needs openpyxl: {to_install('files')}; or save it as CSV"
         raise fault(path, "", text) from None
@@ -40,10 +40,16 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
             raise fault(
                 path, "", f"unpacks to {unpacked / 1e9:.1f} GB; expected a record, {MOST_BYTES / 1e9:g} GB at most"
             )
-        book = load_workbook(path, read_only=True, data_only=True)
-        sheets = {sheet.title: _as_text(sheet, path) for sheet in book.worksheets}
-        book.close()
-        formulas = _without_values(path)
+        reader = ExcelReader(path, read_only=True, data_only=True)  # as load_workbook does; it knows where sheets are
+        reader.read()
+        members = {sheet.name: link.target for sheet, link in reader.parser.find_sheets()}
+        sheets, formulas = {}, {}
+        for sheet in reader.wb.worksheets:
+            merged, computed = _beside_the_cells(reader.archive.read(members[sheet.title]))
+            sheets[sheet.title] = _as_text(sheet, merged, path)
+            if computed and (without := _without_values(path, sheet.title)):
+                formulas[sheet.title] = without
+        reader.wb.close()
     except FileNotFoundError:
         raise fault(path, "", "no such file") from None
     except Faults:
@@ -78,41 +84,37 @@ def workbook_table(path: Path, decimal: str = "") -> Table:
     return Table(table.source, table.place, table.columns, table.line_of, "row", table.named, table.signs, table.said)
 
 
-def _without_values(path: Path) -> dict[str, str]:
-    """By sheet: that it has formulas whose values are not in the file, which programs leave out that do not compute
-    them. Such a cell reads as an empty one: a whole column would be missing without a word."""
+def _without_values(path: Path, title: str) -> str:
+    """That a sheet has formulas whose values are not in the file, which programs leave out that do not compute them;
+    "" where it has them. Such a cell reads as an empty one: a whole column would be missing without a word."""
     from openpyxl import load_workbook
 
-    with zipfile.ZipFile(path) as package:
-        sheets = [name for name in package.namelist() if name.startswith("xl/worksheets/") and name.endswith(".xml")]
-        if not any(FORMULA.search(package.read(name)) for name in sheets):
-            return {}
-    found = {}
-    shown, written = (load_workbook(path, read_only=True, data_only=values) for values in (True, False))
-    for values, formulas in zip(shown.worksheets, written.worksheets, strict=True):
-        for sheet in (values, formulas):
-            sheet.reset_dimensions()
-        cells = [
-            (value, formula.coordinate)
-            for row, beside in zip(values.iter_rows(values_only=True), formulas.iter_rows(), strict=True)
-            for value, formula in zip(row, beside, strict=True)
-            if formula.data_type == "f"
-        ]
-        if cells and all(value is None for value, _ in cells):  # one of many that is empty has "" for its value
-            more = f", and {len(cells) - 1} more" if len(cells) > 1 else ""
-            found[values.title] = f"{cells[0][1]}{more}: expected the values of formulas"
-    shown.close()
-    written.close()
-    return found
+    books = [load_workbook(path, read_only=True, data_only=values) for values in (True, False)]
+    shown, written = (book[title] for book in books)
+    for sheet in (shown, written):
+        sheet.reset_dimensions()
+    cells = [
+        (value, formula.coordinate)
+        for row, beside in zip(shown.iter_rows(values_only=True), written.iter_rows(), strict=True)
+        for value, formula in zip(row, beside, strict=True)
+        if formula.data_type == "f"
+    ]
+    for book in books:
+        book.close()
+    if not cells or any(value is not None for value, _ in cells):  # one of many that is empty has "" for its value
+        return ""
+    more = f", and {len(cells) - 1} more" if len(cells) > 1 else ""
+    return f"{cells[0][1]}{more}: expected the values of formulas"
 
 
-def _merged(sheet: Any, path: Path) -> list[Any]:
-    """A sheet's merged cells, as openpyxl's CellRange; a sheet that is read row by row does not tell them itself."""
+def _beside_the_cells(sheet: bytes) -> tuple[list[Any], bool]:
+    """What a sheet that is read row by row does not tell itself, from its XML: its merged cells, as openpyxl's
+    CellRange, and whether it has formulas."""
     from openpyxl.worksheet.cell_range import CellRange
 
-    with zipfile.ZipFile(path) as package:
-        below = package.read(sheet._worksheet_path).rpartition(b"sheetData>")[2]  # the cells themselves are above
-    return sorted((CellRange(area.decode()) for area in MERGED.findall(below)), key=lambda a: (a.min_row, a.min_col))
+    below = sheet.rpartition(b"sheetData>")[2]  # the cells themselves are above
+    areas = (CellRange(area.decode()) for area in MERGED.findall(below))
+    return sorted(areas, key=lambda a: (a.min_row, a.min_col)), FORMULA.search(sheet) is not None
 
 
 def _filled(rows: list[list[str]], merged: list[Any]) -> list[Any]:
@@ -133,8 +135,8 @@ def _filled(rows: list[list[str]], merged: list[Any]) -> list[Any]:
     return holding
 
 
-def _as_text(sheet: Any, path: Path) -> tuple[str, list[Any]]:
-    """A sheet's cells as tab-separated text, numbers to the same bits; and those that are merged."""
+def _as_text(sheet: Any, merged: list[Any], path: Path) -> tuple[str, list[Any]]:
+    """A sheet's cells as tab-separated text, numbers to the same bits; and those of the merged that hold something."""
     sheet.reset_dimensions()  # else rows beyond the size that the file says of itself would be left out in silence
     rows: list[list[str]] = []
     cells = width = 0
@@ -146,7 +148,7 @@ def _as_text(sheet: Any, path: Path) -> tuple[str, list[Any]]:
             raise fault(path, f"sheet {sheet.title!r}", f"{most}; expected a record")
     for row in rows:
         row += [""] * (width - len(row))
-    merged = _filled(rows, _merged(sheet, path))
+    holding = _filled(rows, merged)
     for k in range(width):
         column = [row for row in rows if STAMP.fullmatch(row[k])]
         if all(row[k].endswith(MIDNIGHT) for row in column):
@@ -155,7 +157,7 @@ def _as_text(sheet: Any, path: Path) -> tuple[str, list[Any]]:
     out = io.StringIO()
     writer = csv.writer(out, delimiter="\t", lineterminator="\n")
     writer.writerows(rows)
-    return out.getvalue(), merged
+    return out.getvalue(), holding
 
 
 def _shown(cell: Any) -> str:
