@@ -63,7 +63,7 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
 def matlab_table(path: Path) -> Table:
     """The vectors of one length in a .mat file, in structs and arrays of them too. Raises Faults."""
     vectors = vectors_of(path)
-    lengths = [values.size for _, values in vectors if values.size >= 2]
+    lengths = [values.size for _, values in vectors if values.size >= 2 and values.dtype.kind != "U"]
     if not lengths:
         text = "in a struct or beside each other, or an array of structs with a number in each field"
         raise fault(path, "", f"no vectors of numbers; expected one for each column, {text}")

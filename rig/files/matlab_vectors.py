@@ -23,12 +23,13 @@ MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
 DEEPEST = 3  # structs inside each other
 NUMBERS = "biuf"  # numpy's kinds of real numbers
+LONGEST = 400  # characters of a text: no number or date has more, and each row takes as much as the longest
 READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
 
 
 def vectors_of(path: Path) -> list[tuple[str, Array]]:
-    """Names and vectors; a matrix gives one for each of its columns, an array of structs one for each of its fields:
-    of text where a struct has none or several numbers in it. Raises Faults."""
+    """Names and vectors; a matrix gives one for each of its columns, an array of structs one for each of its fields: of
+    text where there is text, as in a cell array of it, or where there are no or several numbers. Raises Faults."""
     if not path.is_file():
         raise fault(path, "", "no such file")
     command = [sys.executable, "-c", READ.format(paths=sys.path, most=MOST_NUMBERS), str(path)]
@@ -83,6 +84,8 @@ def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
         values = np.asarray(value)
         if values.dtype.kind == "O" and values.size and all(hasattr(one, "_fieldnames") for one in values.flat):
             yield from _rows(list(values.flat))
+        elif values.dtype.kind in "OU" and values.ndim == 1 and (column := _column(list(values))) is not None:
+            yield name, column  # a cell array, or a matrix of characters
         if values.dtype.kind not in NUMBERS:
             continue
         if values.ndim == 1:
@@ -92,14 +95,21 @@ def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
 
 
 def _rows(structs: list[Any]) -> Iterator[tuple[str, Any]]:
-    """Of an array of structs, a row each, the fields that have one number in some; what else they have stays text."""
+    """Of an array of structs, a row each, the fields that are a column."""
     for field in structs[0]._fieldnames:
-        values = [np.asarray(getattr(struct, field)) for struct in structs]
-        alone = [value.ndim == 0 and value.dtype.kind in NUMBERS for value in values]
-        if all(alone):
-            yield field, np.array(values)
-        elif any(alone):
-            yield field, np.array(list(map(_in_words, values)))
+        if (column := _column([getattr(struct, field) for struct in structs])) is not None:
+            yield field, column
+
+
+def _column(cells: list[Any]) -> Any | None:
+    """Numbers, where each cell is one; text, where some cell is a number or a text; else None."""
+    values = [np.asarray(cell) for cell in cells]
+    alone = [value.ndim == 0 and value.dtype.kind in NUMBERS for value in values]
+    if values and all(alone):
+        return np.array(values)
+    if any(alone) or any(value.ndim == 0 and value.dtype.kind == "U" for value in values):
+        return np.array([_in_words(value)[:LONGEST].strip() for value in values])
+    return None
 
 
 def _in_words(value: Any) -> str:

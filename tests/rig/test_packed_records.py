@@ -16,6 +16,8 @@ import pytest
 import scipy.io
 
 from rig.core.faults import Faults
+from rig.files import array_table
+from rig.files.matlab_vectors import MOST_NUMBERS, _content, _vectors
 from rig.files.record_file import read_record
 
 HEAD = ["time_s", "temperature_degC", "current_A"]
@@ -159,6 +161,50 @@ def test_an_array_of_structs_is_a_table(tmp_path: Path) -> None:
     for value, told in (("off", "'off'"), ([1.0, 2.0], "'2 values'")):
         with pytest.raises(Faults, match=f"row 3: current_A: {told}: expected a number"):
             read_record(structs(path, current_A=value))
+
+
+CLOCK = [f"03-May-2026 12:00:{0.5 * k:04.1f}" for k in range(len(ROWS))]  # as datestr writes it
+
+
+def cells(values: Sequence[Any]) -> Any:
+    """A cell array, a column of it."""
+    array = np.empty((len(values), 1), dtype=object)
+    array[:, 0] = values
+    return array
+
+
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A .mat file is read in this process: one of its own takes a second to begin, and others test that."""
+    monkeypatch.setattr(array_table, "vectors_of", lambda path: list(_vectors(_content(path, MOST_NUMBERS))))
+
+
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize("way", ["cells", "characters", "structs"])
+def test_text_in_cells_and_dates_in_text_are_columns(way: str, tmp_path: Path) -> None:
+    """Also of numbers that a program kept as text; what is of another length decides nothing."""
+    _, temperature, current = np.array(ROWS).T
+    if way == "structs":
+        data = np.empty((1, len(ROWS)), dtype=[(name, object) for name in ("time", *HEAD[1:], "phase")])
+        data[0] = [(when, *row[1:], "up") for when, row in zip(CLOCK, ROWS, strict=True)]
+    else:
+        time = np.array(CLOCK) if way == "characters" else cells(CLOCK)
+        texts = cells([str(value) for value in current])
+        data = {"time": time, HEAD[1]: temperature, HEAD[2]: texts, "phase": cells(["up"] * len(ROWS))}
+    channels = {f"names{k}": cells(["Pt100", "film", "sink"]) for k in range(9)}
+    scipy.io.savemat(tmp_path / "a.mat", {"data": data, **channels})
+    is_read(tmp_path / "a.mat")
+    record = read_record(tmp_path / "a.mat")
+    assert list(record["current_A"]) == [row[2] for row in ROWS]
+    assert list(record.text_columns["phase"]) == ["up"] * len(ROWS)
+
+
+@pytest.mark.usefixtures("read_here")
+def test_cells_that_are_no_numbers_are_told_with_their_name(tmp_path: Path) -> None:
+    columns = dict(zip(HEAD, np.array(ROWS).T, strict=True))
+    scipy.io.savemat(tmp_path / "a.mat", {"data": {**columns, "current_A": cells(["weak"] * len(ROWS))}})
+    with pytest.raises(Faults, match="row 0: current_A: 'weak': expected a number"):
+        read_record(tmp_path / "a.mat")
 
 
 def test_settings_in_an_array_of_structs_are_no_record(tmp_path: Path) -> None:
