@@ -118,6 +118,7 @@ def test_a_relay_film_needs_mixed_envelopes_and_d() -> None:
     assert errors["generalized_pi"] > 2.0 * errors["extended_generalized_pi"]
 
 
+@pytest.mark.long
 def test_the_search_is_global_and_repeatable() -> None:
     time, temperature, y, _ = record(0)
     again = [identify_film(time, temperature, y, kind="extended_generalized_pi", seed=seed) for seed in (0, 1, 2)]
@@ -140,7 +141,9 @@ def test_outliers_are_left_out() -> None:
     assert fit.rmse < 1.05 * NOISE
 
 
-@pytest.mark.parametrize(("initial", "previous"), [("heated", 63.0), ("cooled", 56.0)])
+@pytest.mark.parametrize(
+    ("initial", "previous"), [("heated", 63.0), pytest.param("cooled", 56.0, marks=pytest.mark.long)]
+)
 def test_the_memory_before_the_first_row_is_fitted(initial: str, previous: float) -> None:
     film = is_prandtl_ishlinskii(2)
     far = 30.0 if initial == "heated" else 90.0

@@ -46,6 +46,7 @@ def test_a_shifted_scaled_and_mirrored_record() -> None:
     assert rising["change_dec"] == pytest.approx(-one["change_dec"], abs=1e-9)  # type: ignore[operator]
 
 
+@pytest.mark.long
 def test_a_ramp_in_step_with_the_last_digit() -> None:
     """Rows 0.2578 K apart and readings to 0.25 K: all readings of a transition are off to one side. With
     intervals that hold 95 % fewer than 14 of 16 midpoints are inside once in 20; of the scatter from row to row alone

@@ -19,6 +19,7 @@ def benchmark(root: Path, tmp_path: Path, name: str, *words: str) -> dict[str, o
     return found
 
 
+@pytest.mark.long
 def test_an_hour_of_the_fortnight(root: Path, tmp_path: Path) -> None:
     found = benchmark(root, tmp_path, "fortnight", "--days", str(3700 / 86400))
     assert (found["lost"], found["damage"]) == (0, None)

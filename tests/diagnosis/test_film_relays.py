@@ -189,7 +189,8 @@ def test_how_the_phases_of_a_film_mix_is_found(exponent: float) -> None:
     assert fit.score > unmixed.score + 20.0
 
 
-@pytest.mark.parametrize("dimensions", [pytest.param(2.0, marks=pytest.mark.long), 3.0])
+@pytest.mark.long
+@pytest.mark.parametrize("dimensions", [2.0, 3.0])
 def test_the_medium_in_which_a_film_s_metal_percolates_is_found(dimensions: float) -> None:
     """From the first fit on, whatever is left without it: exponent 2 / d - 1, of steepness 1."""
     film = draw_film(np.random.default_rng(8), "medium", form=0)

@@ -53,7 +53,7 @@ def test_what_the_film_went_through_in_gaps_is_no_effect(choice: dict[str, int])
 @pytest.mark.parametrize(
     ("seed", "choice"),
     [
-        (9746, {"rows": 2000}),
+        pytest.param(9746, {"rows": 2000}, marks=pytest.mark.long),
         pytest.param(9701, {}, marks=pytest.mark.long),
         pytest.param(10007, {}, marks=pytest.mark.long),
     ],

@@ -32,6 +32,7 @@ def test_one_hidden_effect(effect: str, seed: int) -> None:
     assert "outliers" not in {warning["code"] for warning in document["warnings"]}  # of a base that lacks the effect
 
 
+@pytest.mark.long
 def test_the_film_tells_what_the_thermometer_is_too_dull_for() -> None:
     blind = case("smallest", 1602, effect="radiative_loss", factor=1.5)
     document = diagnose(blind.columns).document()

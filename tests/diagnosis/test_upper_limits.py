@@ -20,7 +20,7 @@ from tests.diagnosis.cases import case
     ("effect", "parameter", "seed"),
     [
         ("self_heating", "theta_K_per_W", 1),
-        ("parallel_leakage", "leakage_ohm", 2),
+        pytest.param("parallel_leakage", "leakage_ohm", 2, marks=pytest.mark.long),
         pytest.param("heat_sink_warmup", "sink_capacity_ratio", 1, marks=pytest.mark.long),
         pytest.param("film_lag", "tau_s", 1, marks=pytest.mark.long),
         pytest.param("actuator_deadband", "deadband_A", 2, marks=pytest.mark.long),

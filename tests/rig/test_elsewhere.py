@@ -97,6 +97,7 @@ def test_tune_needs_nothing_of_posix_either(bench: Path, root: Path) -> None:
     assert (status, "Traceback" in err) == (0, False), err
 
 
+@pytest.mark.long
 def test_the_rest_can_be_loaded(bench: Path, root: Path) -> None:
     """identify, diagnose, calibrate, sweep, tune: they take long, so what they import is all that is asked."""
     done = python(root, bench, COLD)

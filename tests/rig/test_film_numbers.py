@@ -107,6 +107,7 @@ def test_reports_of_identify_and_predict(peltier: Peltier, tmp_path: Path) -> No
     assert json.loads((tmp_path / "p" / "prediction.json").read_text())["rmse_dec"] < 0.006
 
 
+@pytest.mark.long
 def test_a_film_that_rises_is_calibrated_and_tracked(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, more="\n[calibration]\ntemperature_degC = [30, 90]\nminor_loops = 6\n")
     text = path.read_text().replace("first_degC = 60.0", "first_degC = 25.0")

@@ -27,7 +27,10 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     os.chdir(before)
 
 
-@pytest.mark.parametrize("verb", sorted(QUICK))
+SLOWEST = pytest.param("identify", marks=pytest.mark.long)  # what its mutants leave whole is identified
+
+
+@pytest.mark.parametrize("verb", [*sorted(QUICK - {"identify"}), SLOWEST])
 def test_bad_input_ends_in_a_line(good: Path, verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     statuses = []
     cases = [case for case in mutated_input.CASES if case.verb == verb]

@@ -58,6 +58,7 @@ def test_a_run_goes_on(tmp_path: Path, begun: Begun) -> None:
     assert (tmp_path / "run" / "report.html").exists()
 
 
+@pytest.mark.long
 def test_what_stdout_does_not_take_is_told_on_stderr(tmp_path: Path) -> None:
     done = run(short_bench(tmp_path), nobody_reads(1))
     assert "output off, confirmed by the controller" in done.stderr

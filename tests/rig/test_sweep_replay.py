@@ -57,7 +57,10 @@ def test_a_sweep_and_its_second_half(tmp_path: Path, peltier: Peltier) -> None:
     assert "is of other cases" in err
 
 
-@pytest.mark.parametrize(("controller", "meter"), [("meerstetter", "keithley2000"), ("srs_ldc500", "keithley2400")])
+@pytest.mark.parametrize(
+    ("controller", "meter"),
+    [pytest.param("meerstetter", "keithley2000", marks=pytest.mark.long), ("srs_ldc500", "keithley2400")],
+)
 def test_a_simulation_is_the_same_each_time(tmp_path: Path, peltier: Peltier, controller: str, meter: str) -> None:
     """Whatever process computes it: the first numbers of a conversation are random on a real line alone."""
     path = write_bench(tmp_path)

@@ -48,6 +48,7 @@ def test_tune_tells_gains_and_margins(peltier: Peltier, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "s.json").read_text())["full"]["gains"]["kp"] < result["full"]["gains"]["kp"] / 2
 
 
+@pytest.mark.long
 def test_tune_tells_the_margins_of_the_whole_law(peltier: Peltier, tmp_path: Path) -> None:
     report = tmp_path / "report"
     bounded = write_bench(tmp_path, more="\n[control]\nmost_share = 0.35\n")
@@ -123,6 +124,7 @@ def test_calibrate_finds_a_film_of_the_class(peltier: Peltier, tmp_path: Path) -
     assert np.min(model.film.order_margin()) >= -1e-9
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("undrawn")
 def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_path: Path) -> None:
     """A heat sink warms up, which the plate model does not have: printed, in the JSON and in the report."""

@@ -17,9 +17,10 @@ COLUMNS = ("time_s", "temperature_degC", "current_A")
 @pytest.mark.parametrize(
     ("manner", "seed"),
     [
-        ("waves", 2),  # far from the start, where the Joule heat had gone to nothing
+        # far from the start, where the Joule heat had gone to nothing
+        pytest.param("waves", 2, marks=pytest.mark.long),
         ("little_noise", 4),  # one row more or less is 140,000 of log-likelihood
-        ("rows_of_0.2_s", 6),  # currents nearer to each other than a thousandth
+        pytest.param("rows_of_0.2_s", 6, marks=pytest.mark.long),  # currents nearer to each other than a thousandth
     ],
 )
 def test_the_search_ends_in_the_valley_that_leaves_nothing(manner: str, seed: int) -> None:

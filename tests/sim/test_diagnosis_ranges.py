@@ -15,7 +15,10 @@ from tests.diagnosis.cases import case
 THRESHOLD_OHM = 1e5
 
 
-@pytest.mark.parametrize(("seed", "share_below"), [(1, 0.99), (5, 0.99), pytest.param(7, 0.97, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "share_below"),
+    [(1, 0.99), pytest.param(5, 0.99, marks=pytest.mark.long), pytest.param(7, 0.97, marks=pytest.mark.long)],
+)
 def test_the_noise_at_a_threshold_is_no_error_of_a_range(seed: int, share_below: float) -> None:
     """Ranges told by the readings call what noise lifts over the threshold an error of the size of the noise: 10 to 20
     of log-likelihood from nothing."""
