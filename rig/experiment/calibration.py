@@ -37,7 +37,7 @@ from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pul
 from rig.files.configuration import Configuration
 from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
 from rig.files.model_file import Model, write_model
-from rig.files.run_folder import RunFolder
+from rig.files.run_folder import RunFolder, at_its_end
 from rig.files.target import Target
 from rig.safety.first_plate import KnownPlate
 from rig.safety.plate_watch import watchable_rate_K_per_s
@@ -198,7 +198,7 @@ def identify_calibration(
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
     error_K = (simulated - plate_degC)[checked]
-    model = Model(film, plate_fit.model, film_records=(str(folder.path.absolute() / "record.csv"),))
+    model = Model(film, plate_fit.model, film_records=(str(at_its_end(folder.path / "record.csv")),))
     if plate_fit.lag_s > 0.0:
         model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))
     rmse = float(np.sqrt(np.mean(error**2)))

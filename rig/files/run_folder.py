@@ -46,6 +46,12 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
+def at_its_end(path: Path) -> Path:
+    """The whole path that what is in a run folder has once the run is over, and the runs around it."""
+    whole = path.absolute()
+    return Path(*(part.removesuffix(".part") for part in whole.parts))
+
+
 def check_free(path: Path) -> None:
     """Raises Faults where no run folder can have this name at the end of its run."""
     if not path.name:

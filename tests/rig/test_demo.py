@@ -43,7 +43,9 @@ def test_the_target_asks_for_half_of_what_the_plate_can_do(result: tuple[Path, o
     from rig.files.model_file import read_model
     from rig.files.record_file import read_record
 
-    plate = read_model(result[0] / "calibration" / "MODEL.toml", needs=("plate",)).plate
+    model = read_model(result[0] / "calibration" / "MODEL.toml", needs=("plate",))
+    assert model.film_records == (str(result[0] / "calibration" / "record.csv"),)  # no longer in a run's .part
+    plate = model.plate
     assert plate is not None
     record = read_record(result[0] / "record.csv")
     inside = np.array(record.text_columns["phase"]) == "track"

@@ -11,6 +11,7 @@ from compensator.hysteresis.film import IDENTITY, FilmModel, Memoryless
 from rig.files.film_records import film_records_before
 from rig.files.model_file import Model, read_model, write_model
 from rig.files.record_file import write_columns
+from rig.files.run_folder import at_its_end
 
 FILM = FilmModel(np.array([1.0]), np.array([0.1]), IDENTITY, IDENTITY, Memoryless("none"), "classical_pi")
 
@@ -51,3 +52,8 @@ def test_a_model_that_cannot_be_read_is_told(run: Path) -> None:
 def test_a_model_file_keeps_them(run: Path) -> None:
     model = read_model(run.parent / "model.toml")
     assert [Path(name).parent.name for name in model.film_records] == ["cal", "gone", "run"]
+
+
+def test_a_calibration_inside_a_run_is_named_as_it_will_be_called(tmp_path: Path) -> None:
+    inside = tmp_path / "run.part" / "calibration" / "record.csv"
+    assert at_its_end(inside) == tmp_path / "run" / "calibration" / "record.csv"
