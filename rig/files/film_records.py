@@ -30,7 +30,7 @@ def film_records_before(source: str, say: Callable[[str], None] = lambda text: N
     for name in names:
         try:
             found.append(read_record(Path(name), flags=False))
-            say(f"model.toml's film is told by {name}, too")
+            say(f"reads {name}, which told its film before")
         except Faults as faults:
-            say(f"model.toml's film is not told by a record that told it before: {faults.lines[0]}")
+            say(f"a record that told its film before cannot be read: {faults.lines[0]}")
     return found
