@@ -19,6 +19,7 @@ from rig.report.diagnosis_words import (
     number,
     parameters,
     sentence,
+    told_by,
 )
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
 
@@ -69,7 +70,8 @@ def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
             arrow = f"{after:.3g} {prefix}{unit}"
         found.append((arrow, f"error of {what} on held-out rows; noise {scale * channel.noise:.3g} {prefix}{unit}"))
     if diagnosis.film is not None:
-        found.append((f"D(T): {diagnosis.film['memoryless']}", f"film of {diagnosis.film['operators']} operators"))
+        film = diagnosis.film
+        found.append((f"D(T): {film['memoryless']}", f"film of {film['operators']} operators{told_by(film)}"))
         if mixing := diagnosis.film.get("mixing"):
             found.append((f"{mixing['exponent']['value']:.2g}", "exponent of the phases' mixing; 0: logarithms add"))
             found.append((f"{mixing['percolation']['value']:.2g}", "how sharply its metal percolates; 0: a power mean"))

@@ -237,7 +237,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.film is not None:
         film = diagnosis.film
         form, operators = film["memoryless"], film["operators"]
-        out.append(f"film: D(T) of the form {form}, {operators} operators with weight{_told_by(film)}")
+        out.append(f"film: D(T) of the form {form}, {operators} operators with weight{told_by(film)}")
         out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
     out += [f"not named: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)
@@ -247,7 +247,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-def _told_by(film: Mapping[str, Any]) -> str:
+def told_by(film: Mapping[str, Any]) -> str:
     """Which records the film's model comes from, where it is not this one alone."""
     further = film.get("further_records", 0)
     return f"; told by this record and {further} before it" if further else ""
