@@ -47,15 +47,15 @@ def film_went_through(model: ChainModel, record: Record) -> FilmNodes:
 
 
 def readings_of_the_film(record: Record, nodes: FilmNodes, links: Links, name: str) -> list[FilmRecord]:
-    """As an identification takes it: a row for each reading of the film and each turn between them, and each of the
-    records that were joined by itself."""
+    """As an identification takes it: a row for each of the record's, also without a reading, as there the temperature
+    is known, and for each turn between them; and each of the records that were joined by itself."""
     assert record.output is not None
     read = np.flatnonzero(record.output_used)
     slope = np.sign(np.diff(nodes.film_degC))
     turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1
     after = np.searchsorted(record.time_s, nodes.time_s[turns])
     turns = turns[~np.isin(after, record.after_gaps)]  # what a simulation does in a gap is made up
-    kept = np.union1d(nodes.taken[read], turns)
+    kept = np.union1d(nodes.taken, turns)
     output = np.full(kept.size, np.nan)
     output[np.searchsorted(kept, nodes.taken[read])] = own_output(links, record.output[read])
     time = nodes.time_s[kept]
