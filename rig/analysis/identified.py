@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from rig.analysis.film_numbers import FilmNumbers, numbers_of_record
 from rig.analysis.film_sense import rising
 from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE, column_of
+from rig.files.film_records import as_film_records
 from rig.files.model_file import Model
 from rig.files.record_file import Record
 
@@ -97,9 +97,7 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         plate_model = plate.model
         lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
         found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
-    sources = [Path(record.source).absolute() for record in found.film_records]
-    told_by = tuple(str(path) for path in sources if path.is_file())
-    return replace(found, model=Model(film_model, plate_model, film_records=told_by))
+    return replace(found, model=Model(film_model, plate_model, film_records=as_film_records(found.film_records)))
 
 
 def seen_degC(records: Sequence[Record]) -> tuple[float, float]:

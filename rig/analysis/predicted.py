@@ -11,7 +11,6 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
-from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
 from rig.files.film_output import RISING_RESISTANCE, in_decades
 from rig.files.model_file import Drive, Model
@@ -20,7 +19,7 @@ from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
 from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming, of_resistances
-from sim.model.chain import ChainModel
+from sim.model.chain import NO_PLATE, ChainModel
 from sim.model.inputs import NAMES as INPUTS
 from sim.model.own_fit import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
@@ -28,7 +27,6 @@ from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
 from sim.world.films.rising import RisingFilm, film_of_world
 
-NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 Initial = Literal["cooled", "heated", "fitted"]
 
 

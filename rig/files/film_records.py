@@ -5,13 +5,19 @@ A run's folder keeps the model that its law used (model.toml), and a model names
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from rig.core.faults import Faults
 from rig.files.model_file import read_model
 from rig.files.record import Record
 from rig.files.record_file import read_record
+
+
+def as_film_records(records: Iterable[Record]) -> tuple[str, ...]:
+    """Records as a model file names them, by their whole paths; those that are no files are left out."""
+    paths = [Path(record.source).absolute() for record in records]
+    return tuple(str(path) for path in paths if path.is_file())
 
 
 def film_records_before(source: str, say: Callable[[str], None] = lambda text: None) -> list[Record]:

@@ -14,7 +14,7 @@ from rig.analysis.one_row import of_diagnosis
 from rig.core.faults import Faults
 from rig.files.effect_tables import add_effect_files, assumed_effects
 from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.film_records import film_records_before
+from rig.files.film_records import as_film_records, film_records_before
 from rig.files.model_file import Model, write_model
 from rig.files.record_file import Record
 from rig.many.engine import given
@@ -103,8 +103,7 @@ def told(
 def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
     """The model, with the records that told its film, where they are files."""
     told_by = [*together, *(before if extended.others else [])]
-    paths = [Path(record.source).absolute() for record in told_by]
-    return replace(model_of(extended), film_records=tuple(str(path) for path in paths if path.is_file()))
+    return replace(model_of(extended), film_records=as_film_records(told_by))
 
 
 @lru_cache

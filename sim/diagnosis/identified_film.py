@@ -23,10 +23,8 @@ from sim.diagnosis.fit.film_readings import (
 )
 from sim.diagnosis.search.chain import Chain
 from sim.effects.effect import switched
-from sim.model.chain import ChainModel
+from sim.model.chain import NO_PLATE, ChainModel
 from sim.model.own_output import own_output
-
-NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 
 
 def identified_film(
@@ -50,7 +48,8 @@ def identified_film(
     record = channel.record
     assert record.output is not None
     fewer = record.without(held[:0], held)
-    readings = readings_of_the_film(fewer, nodes, links, "record")
+    parts = readings_of_the_film(fewer, nodes, links, "record")
+    readings = list(parts)
     model = ChainModel(plate or NO_PLATE, None, effects)
     try:
         for other in others:
@@ -60,7 +59,7 @@ def identified_film(
         return None
     left = []
     read_s, own = nodes.time_s[nodes.taken[held]], own_output(links, record.output[held])
-    for number, part in enumerate(readings_of_the_film(record, nodes, links, "record")):
+    for number, part in enumerate(parts):
         time, degC = np.asarray(part.time_s), np.asarray(part.temperature_degC)
         inside = (read_s >= time[0]) & (read_s <= time[-1])
         left.append(own[inside] - np.interp(read_s[inside], time, fit.along(number, time, degC)))

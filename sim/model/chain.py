@@ -23,6 +23,7 @@ from sim.model.film_side import Film, FilmSide, FilmState
 from sim.model.links import Links, followed, links_of
 from sim.model.plate_balance import heat_flows, run
 
+NO_PLATE = PlateModel(1.0, 0.0, 0.0, 25.0)  # stands where the temperature is given
 LONGEST_NODE_S = 0.02  # between nodes: what a lag makes of a plate's curved course is right to 1e-6 K
 
 

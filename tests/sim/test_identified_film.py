@@ -10,14 +10,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rig.analysis.predicted import NO_PLATE
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model
 from sim.diagnosis.fit.film_readings import film_went_through, readings_of_the_film
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import switched
-from sim.model.chain import ChainModel
+from sim.model.chain import NO_PLATE, ChainModel
 
 RADII, WEIGHTS = (0.1, 0.35, 0.6), (0.5, 0.4, 0.3)
 NOISE_DEC = 0.002
