@@ -144,6 +144,9 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     """The effects that `diagnose` names in the first run; those that it found where it names none; and the model with
     them, in the folder."""
     from rig.__main__ import main
+    from rig.analysis.no_better import no_better
+    from rig.files.film_output import FALLING_RESISTANCE
+    from rig.files.record_file import read_record
     from rig.report.told import CANDIDATE, MODEL
 
     report, err = folder / "first-diagnosis", io.StringIO()
@@ -153,10 +156,14 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
         raise RuntimeError(f"diagnose: {err.getvalue()[-300:]}")
     document = json.loads((report / "diagnosis.json").read_text())
     named = [str(effect["name"]) for effect in document["effects"]]
-    tried = [] if named else [str(name) for best in document["candidates"][:1] for name in best["names"]]
-    if not named and not tried:  # `improve` then leaves the model as it is
+    best = document["candidates"][:1] if not named and (report / CANDIDATE).is_file() else []
+    tried = [str(name) for one in best for name in one["names"]]
+    model, first = report / (CANDIDATE if tried else MODEL), folder / "first"
+    record = read_record(first / "record.csv")
+    # `improve` then leaves the model as it is
+    if not (named or tried) or no_better(model, first / "model.toml", record, FALLING_RESISTANCE):
         return named, tried, "cal/MODEL.toml"
-    return named, tried, f"{report.name}/{CANDIDATE if tried else MODEL}"
+    return named, tried, f"{report.name}/{model.name}"
 
 
 def main() -> int:

@@ -104,13 +104,10 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
         voice.say(line)
     effects, tried = said.document["effects"], list[str]()
     new = news(effects, found.known)
-    if not new and said.document["candidates"]:
+    if not new and CANDIDATE in said.files:
         tried = news(as_effects(said.document["candidates"][0]), found.known)
-    why_not = None if new or tried else found.nothing_new(effects)
-    if (new or tried) and not found.helped_by(new or tried):
-        what = "named" if new else "found"
-        why_not = f"no effect that is {what} ({', '.join(new or tried)}) acts on what kind {found.kind!r} follows"
     model = folder / (CANDIDATE if tried else MODEL)
+    why_not = found.why_not(effects, new, tried) or found.no_better(model, record)
     seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, tried, model, first)
     return replace(seen, why_not=why_not, caveats=found.caveats)
 

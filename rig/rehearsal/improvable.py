@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.gained import same_target
+from rig.analysis.no_better import no_better
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.wanted import TRACKING, quantity_of, target_of
 from rig.files.configuration import ConfigurationFile, read_configuration
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import read_model
+from rig.files.record_file import Record
 from rig.files.target import read_target
 from rig.report.run_rows import LAW, RunRows, ended_early, recorded_run
 from sim.effects.catalogue import catalogue
@@ -51,12 +53,27 @@ class Improvable:
         known = catalogue()
         return any(name in known and known[name].link in ("driver", "plate", "thermometer") for name in names)
 
-    def nothing_new(self, effects: Sequence[Mapping[str, Any]]) -> str:
-        """Why there is nothing to extend the model by."""
+    def why_not(
+        self, effects: Sequence[Mapping[str, Any]], new: Sequence[str], tried: Sequence[str]
+    ) -> str | None:
+        """Why there is nothing to run again for, None where there is. effects: that are named; new, tried: of those the
+        new ones, and what is found and not named."""
+        if new or tried:
+            if self.helped_by(new or tried):
+                return None
+            what, names = "named" if new else "found", ", ".join(new or tried)
+            return f"no effect that is {what} ({names}) acts on what kind {self.kind!r} follows"
         if not effects:
             return "no effect is named in this record"
         names = ", ".join(str(e["name"]) for e in effects)
         return f"the run's model already has what is named ({names}), at sizes that the record bears out"
+
+    def no_better(self, extended: Path, record: Record) -> str | None:
+        """Why nothing is to be expected of an extended model, None where it may be run: it has to tell what the run
+        followed better than the run's own."""
+        own = self.run.part / "model.toml"
+        followed = self.output if self.kind in TRACKING else "temperature_degC"
+        return no_better(extended, own, record, followed) if own.is_file() else None
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:

@@ -9,8 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from rig.analysis.diagnosed import diagnosed, model_of, rows_of_film
+from rig.analysis.diagnosed import diagnosed, model_of
 from rig.analysis.one_row import of_diagnosis
+from rig.analysis.tried import best_tried
 from rig.core.faults import Faults
 from rig.files.effect_tables import add_effect_files, assumed_effects
 from rig.files.film_output import FALLING_RESISTANCE
@@ -22,7 +23,7 @@ from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_words import lines
 from rig.report.many_records import Task
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
-from sim.diagnosis.extended_model import ExtendedModel, extended_model
+from sim.diagnosis.extended_model import ExtendedModel
 from sim.diagnosis.result import with_model
 
 RANK = (
@@ -81,6 +82,10 @@ def told(
         )
     except Faults as faults:
         return Told(faults=tuple(faults.lines))
+    tried = None
+    reported = report if report is not None else model is not None
+    if reported:
+        diagnosis, tried = best_tried(diagnosis, extended, before)
     if model is not None:
         diagnosis = with_model(diagnosis, model)
     together = [one, *further]
@@ -89,13 +94,12 @@ def told(
         if model is not None:
             comment = f"extended model of the diagnosis of {Path(one.source).name}"
             write_model(folder / MODEL, _of_records(extended, together, before), comment)
-        if report if report is not None else model is not None:
+        if reported:
+            if tried is not None:
+                names = ", ".join(diagnosis.candidates[0].names)
+                comment = f"with what was found in {Path(one.source).name} and is not named: {names}"
+                write_model(folder / CANDIDATE, _of_records(tried, together, before), comment)
             write_diagnosis_report(folder, diagnosis, one.source, one.drive)
-            if diagnosis.candidates:
-                best = diagnosis.candidates[0]
-                comment = f"with what was found in {Path(one.source).name} and is not named: {', '.join(best.names)}"
-                other = extended_model(diagnosis, best, rows_of_film(diagnosis, before))
-                write_model(folder / CANDIDATE, _of_records(other, together, before), comment)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
 

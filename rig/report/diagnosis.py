@@ -22,6 +22,7 @@ from rig.report.diagnosis_words import (
     told_by,
 )
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
+from rig.report.told import CANDIDATE
 
 if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
@@ -31,14 +32,15 @@ SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set th
 
 
 def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str, drive: str | None = None) -> None:
-    """report.html and diagnosis.json in a folder that is there. drive: its unit, where it is a share of full drive."""
+    """report.html and diagnosis.json in a folder that is there, with its models. drive: its unit, of a share of the
+    full drive."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
     residual = residual_figures(folder, diagnosis, drive)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),
         section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
-        *_not_named(diagnosis),
+        *_not_named(diagnosis, (folder / CANDIDATE).is_file()),
         section("What the repair gains", gain_figure(folder, diagnosis)),
         section("What is left, and what to do next", *_left(diagnosis)),
         section("What was wrong", *residual),
@@ -102,14 +104,18 @@ def _assumed(diagnosis: Diagnosis) -> list[str]:
     return [paragraph("Assumed to be there, in the base model too:"), bullets(lines)] if lines else []
 
 
-def _not_named(diagnosis: Diagnosis) -> list[str]:
-    """A section where something was found that did not earn its name."""
+def _not_named(diagnosis: Diagnosis, as_model: bool) -> list[str]:
+    """A section where something was found that did not earn its name. as_model: whether the first can be run."""
     if not diagnosis.candidates:
         return []
     note = (
         "These predict held-out rows better than what is named. Chosen as the best of several, they may do a "
-        "little worse on another record: --holdout shows it. The model with the first of them is candidate.toml."
+        "little worse on another record: --holdout shows it. "
     )
+    if as_model:
+        note += f"The model with the first of them is {CANDIDATE}."
+    else:
+        note += "As a model that can be run, none of them tells these rows better than what is named."
     return [section("Found, and not named", bullets(not_named(diagnosis)), paragraph(note, "note"))]
 
 
