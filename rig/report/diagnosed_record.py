@@ -65,7 +65,7 @@ def told(
     say: progress."""
     _know(asked.effect_files)
     one: Record = given(record)
-    before = film_records_before(one.source, say) if model is not None else []
+    before = film_records_before(one.source, say)
     try:
         diagnosis, extended = diagnosed(
             one,

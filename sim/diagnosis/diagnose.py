@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from sim.diagnosis.data.joined import joined
-from sim.diagnosis.data.quantity import FALLING_OHM, quantity_of
+from sim.diagnosis.data.quantity import FALLING_OHM, Quantity, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.carried_over import carried_over
 from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
+from sim.diagnosis.judge.film_records import told_by_film_records
 from sim.diagnosis.judge.turns_between import TURNS, only_turns
 from sim.diagnosis.judge.verdict import (
     UNSEEN,
@@ -35,6 +36,7 @@ from sim.diagnosis.report.next_experiment import next_experiments
 from sim.diagnosis.report.plate_numbers import plate_numbers
 from sim.diagnosis.report.upper_limits import upper_limits
 from sim.diagnosis.report.warnings import (
+    decided_by_records,
     decided_elsewhere,
     left_open,
     out_of_time,
@@ -67,6 +69,7 @@ def diagnose(
     base: str | None = None,
     output: str = FALLING_OHM,
     holdout: Sequence[Mapping[str, ArrayLike]] = (),
+    of_film: Sequence[Mapping[str, ArrayLike]] = (),
     as_predicted: bool = False,
     effects: dict[str, Effect] | None = None,
     kinds: tuple[str, ...] = ("peltier",),
@@ -80,9 +83,10 @@ def diagnose(
 
     base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
     a resistance rises, else a column, or "minus_" and a column. holdout: other records of the same rig, on which the
-    gain is measured; without any every fourth block of rows is held out. as_predicted: what belongs to another record
-    (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
-    all of them, so that what remains is the model's fault. assume: effects that are there, whatever the record says,
+    gain is measured; without any every fourth block of rows is held out. of_film: others of the same film, which decide
+    what this one leaves open of it. as_predicted: what belongs to another record (room, first temperatures, memory) is
+    fitted to its first rows alone, as whoever predicts it would have to; else to all, so that what remains is the
+    model's fault. assume: effects that are there, whatever the record says,
     and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the
     clock (s, one that goes): what was found by then is judged and reported, with a warning. chosen_false_alarm: the
     share of records with nothing in them that may be given a name. Raises ValueError, a line a fault, where nothing can
@@ -104,11 +108,11 @@ def diagnose(
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         chain, judged = beside_domains(chain, names, judge(chain, names), say)
+        judged = told_by_film_records(chain, judged, _further(of_film, quantity))
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
-        read = [read_columns(other, held_out=False, quantity=quantity) for other in holdout]
-        others = [other.commanded_in_sight(known.values()) for other in read]
+        others = [other.commanded_in_sight(known.values()) for other in _further(holdout, quantity)]
         told = borne_out(chain, judged, others)
         first = [Other(o, told_rows(o) if as_predicted else None) for o in others]
         held_out = HeldOutRows(chain, tuple(first), told.halves)
@@ -119,6 +123,11 @@ def diagnose(
         if base == "generalized_pi" and chain.record.output is not None and not budget.over():
             found = _restricted(found, held_out)
         return in_its_unit(found)
+
+
+def _further(records: Sequence[Mapping[str, ArrayLike]], quantity: Quantity) -> list[Record]:
+    """Read as the diagnosed one is, and nothing of them held out."""
+    return [read_columns(one, held_out=False, quantity=quantity) for one in records]
 
 
 def _chain(
@@ -235,6 +244,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
             *unlogged_currents(record),
             *left_open(carried),
             *decided_elsewhere(held_out.halves),
+            *decided_by_records(judged.by_records & judged.fitted),
         ],
         next_experiment,
         record,

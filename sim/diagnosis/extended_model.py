@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,10 +26,9 @@ from sim.diagnosis.data.record import Record, held_out_rows
 from sim.diagnosis.fit.film_basis import ENVELOPES
 from sim.diagnosis.fit.film_refit import FilmRefit, Refit
 from sim.diagnosis.fit.film_start import thinned_path
-from sim.diagnosis.fit.plate_parameters import PlateParameters
-from sim.diagnosis.identified_film import identified_film
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.result import Diagnosis
+from sim.diagnosis.search.identified_film import identified_film
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
 from sim.model.film_mixing import PhaseMixing
 
@@ -68,10 +67,8 @@ def extended_model(
         chain, names, found = diagnosis.chain, diagnosis.judged.fitted, _sizes(diagnosis)
         if candidate is not None:
             names, found = frozenset(candidate.names), candidate.parameters
-        first, last = chain.fits(names)
+        last, plate = chain.fits(names)[1], chain.plate(names)
         effects: list[dict[str, float | str]] = [{"name": effect, **own} for effect, own in found.items()]
-        error_K = chain.first.channel.error_K if chain.first is not None else 0.0
-        plate = _plate(first.parameters, error_K) if first is not None else None
         if last is None:
             return ExtendedModel(None, plate, effects, None)
         refit = FilmRefit(chain.film_channel(names), last)
@@ -80,10 +77,10 @@ def extended_model(
         film, mixing = solution.model(last.parameters.start.initial), refit.mixing
         if chain.curve and (others or last.parameters.has_relays):
             _, held = _shared_out(refit)
-            anew = identified_film(chain, names, found, plate, others, held)
+            anew = identified_film(chain, names, others, held)
             chance = BY_CHANCE / math.sqrt(2.0 * held.size) if others else 0.0
-            if anew is not None and anew[1] <= (1.0 + chance) * error:
-                (film, error), mixing, told_by = anew, None, len(others)
+            if anew is not None and (left := rms(anew.left[np.isfinite(anew.left)])) <= (1.0 + chance) * error:
+                film, error, mixing, told_by = anew.model, left, None, len(others)
         return ExtendedModel(quantity.film(film), plate, effects, quantity.size * error, mixing, told_by)
 
 
@@ -101,12 +98,6 @@ def with_film(diagnosis: Diagnosis, model: ExtendedModel) -> Diagnosis:
     film |= {"memoryless": model.film.memoryless.function, "operators": model.film.operators, "kind": model.film.kind}
     film |= {"further_records": model.others} if model.others else {}
     return replace(diagnosis, film=film)
-
-
-def _plate(p: PlateParameters, error_K: float) -> PlateModel:
-    s, r, g, q, _ = (float(v) for v in p.plate())
-    kind: Literal["peltier", "heater"] = "heater" if p.kind == "heater" else "peltier"
-    return PlateModel(s, r, g, p.usual_room_degC, q, kind, error_K, tuple(p.inputs_K_per_s.items()))
 
 
 def film_of(refit: FilmRefit, curve: bool) -> tuple[Refit, float]:

@@ -157,6 +157,23 @@ def test_what_is_found_and_not_named_is_tried(
     assert (said["new"], said["tried"]) == (["actuator_delay"], [])
 
 
+def test_what_tells_the_run_no_better_is_not_run(
+    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A delay of 8 s in the place of 0.8: no held-out row would have let it pass, and nothing is heated with it."""
+    files = files_in(folder / "better" / "diagnosis")
+    found = read_toml(folder / "better" / "diagnosis" / "model.toml")["effects"][0]["delay_s"]
+    files["model.toml"] = files["model.toml"].replace(f"delay_s = {found}".encode(), b"delay_s = 8.0")
+    assert b"delay_s = 8.0" in files["model.toml"]
+    said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
+    words = ("improve", folder / "first", "--config", folder / "config.toml", "--yes", "--out", tmp_path / "b")
+    status, out, _ = peltier(*words)
+    assert status == 0
+    assert "Not run again: with the extended model temperature of the run's own record is predicted to " in out
+    assert not (tmp_path / "b" / "run").exists()
+
+
 @pytest.fixture
 def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The same, its diagnosis known already: it takes seconds."""

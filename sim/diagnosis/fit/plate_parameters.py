@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of
 from sim.effects.effect import Switched
 
@@ -52,6 +54,12 @@ class PlateParameters:
         """(s, r, g, q, T_a)."""
         v = self._values()
         return np.array([v.get(name, 0.0) for name in ("s", "r", CONDUCTANCE, "q", ROOM.name)])
+
+    def model(self, error_K: float) -> PlateModel:
+        """The plate as its equation has it; error_K: what no model explains of its temperature."""
+        s, r, g, q, _ = (float(v) for v in self.plate())
+        kind: Literal["peltier", "heater"] = "heater" if self.kind == "heater" else "peltier"
+        return PlateModel(s, r, g, self.usual_room_degC, q, kind, error_K, tuple(self.inputs_K_per_s.items()))
 
     @property
     def inputs_K_per_s(self) -> dict[str, float]:

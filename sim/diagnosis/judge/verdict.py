@@ -49,7 +49,8 @@ MOST_LEFT = 0.25  # share of the excess that may be left where an effect is name
 @dataclass(frozen=True)
 class Verdict:
     """names: in order of evidence; evidence: of each; adequacy: of each channel, None where it is missing; refused: why
-    an effect that the search had selected is not named; fitted: the names, and the effects that were assumed."""
+    an effect that the search had selected is not named; fitted: the names, and the effects that were assumed;
+    by_records: those names that further records of the film decided."""
 
     names: tuple[str, ...]
     evidence: dict[str, float]
@@ -57,6 +58,7 @@ class Verdict:
     resistance: Adequacy | None
     refused: dict[str, str]
     fitted: frozenset[str]
+    by_records: frozenset[str] = frozenset()
 
     @property
     def clean(self) -> bool:

@@ -16,12 +16,11 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask
 from sim.diagnosis.judge.verdict import UNSEEN, Verdict
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.stepwise import ENTRY
+from sim.diagnosis.search.fitted_better import fitted_better
 from sim.diagnosis.validate.gain import Gain, gain
 
 Residuals = Callable[[frozenset[str]], dict[str, Array]]
-LOOKED_AT: Final = 8  # sets, the best in the fitted rows first: each costs a simulation of the held-out rows
-SHOWN: Final = 3
+SHOWN: Final = 3  # the best of them: a page of candidates says nothing
 LEAST_GAIN: Final = 0.05  # of the error: below it the named set tells the rows as well
 AS_GOOD: Final = 1.02  # times the error: a set that needs fewer effects is shown instead, or a channel is not worse
 
@@ -65,7 +64,7 @@ def candidates_of(
     measured; noise: of each channel."""
     named = residuals(judged.fitted)
     found: list[Candidate] = []
-    for names in chain.budget.in_time(_fitted_better(chain, judged), 1.0):
+    for names in chain.budget.in_time(fitted_better(chain, judged.fitted, judged.refused), 1.0):
         after = residuals(names)
         seen = [_gains(named, after, rows) for rows in parts]
         if not all(any(g.rmse_after < (1.0 - LEAST_GAIN) * g.rmse_before for g in of.values()) for of in seen):
@@ -91,21 +90,6 @@ def candidates_of(
 def _gains(before: dict[str, Array], after: dict[str, Array], rows: Mask) -> dict[str, Gain]:
     """Of the channels that were read in these rows."""
     return {c: gain(before[c], after[c], rows) for c in before if np.any(np.isfinite(before[c][rows]))}
-
-
-def _fitted_better(chain: Chain, judged: Verdict) -> list[frozenset[str]]:
-    """Sets that were fitted on the way and tell the fitted rows better, most so first. What would need a new search of
-    the film behind another plate is left out, and so are bends of no catalogue, with which one that is was compared."""
-    own = judged.fitted
-    upstream, downstream = chain.split(own)
-    sets: set[frozenset[str]] = {own | frozenset(judged.refused)}
-    if chain.first is not None:
-        sets |= {s | downstream for s in chain.first.fits}
-    if chain.record.output is not None:
-        sets |= {upstream | s for s in chain.last(upstream).fits}
-        sets = {s for s in sets if s <= chain.effects.keys() and chain.split(s)[0] in chain.found.searches}
-    better = {s: chain.score(s) - chain.score(own) for s in sets if s != own and chain.assumed <= s}
-    return sorted((s for s in better if better[s] > ENTRY), key=lambda s: -better[s])[:LOOKED_AT]
 
 
 def _parameters(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, float]]:

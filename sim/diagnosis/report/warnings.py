@@ -231,3 +231,12 @@ def saturated_sink(chain: Chain) -> list[Warning]:
                 )
             )
     return found
+
+
+def decided_by_records(names: frozenset[str]) -> list[Warning]:
+    """names: those that further records of the film decided."""
+    if not names:
+        return []
+    text = f"{', '.join(sorted(names))}: decided by the records that told the film before: "
+    text += "the film of all records tells rows that no fit has seen only with it"
+    return [Warning("decided_by_film_records", text)]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from compensator.thermal.plate import PlateModel
 from sim.diagnosis.data.between_rows import MOST
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
@@ -181,6 +182,14 @@ class Chain:
             return 0.0
         noise = self.first.channel.noise
         return noise.level * float(np.sqrt((1.0 + noise.correlation) / (1.0 - noise.correlation)))
+
+    def plate(self, names: frozenset[str]) -> PlateModel | None:
+        """The plate of the fit with these effects; None without a current."""
+        if self.first is None:
+            return None
+        a, _ = self.fits(names)
+        assert a is not None
+        return a.parameters.model(self.first.channel.error_K)
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
         """Which effects are on the first links, and which on the last."""

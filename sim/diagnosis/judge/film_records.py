@@ -1,0 +1,108 @@
+"""Names that one record leaves open, and that further records of its film decide.
+
+A film of another kind can do much of what an effect does, as far as one run shows: its relays are told by that very
+run. A record from before, as the calibration's, went through the film elsewhere and at another time. With the effect
+that is there, one film tells both; without it, or with another one, the film of both is wrong in either. So each set
+of effects that was fitted on the way is asked for the film of all records, and what that leaves in the rows that no
+fit has seen and that decide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.diagnosis.data.misfit import correlated_rows
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.judge.verdict import MOST_LEFT, UNSEEN, Verdict, adequacies, evidence_by_chance, too_small
+from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.fitted_better import fitted_better
+from sim.diagnosis.search.identified_film import identified_film
+
+
+@dataclass(frozen=True)
+class Left:
+    """What the film of all records leaves with some effects. square: mean square over the noise in the rows of the run
+    that decide, which it does not see; told_dec2: mean square in all readings that told it, and how many of these are
+    independent of each other."""
+
+    names: frozenset[str]
+    square: float
+    told_dec2: float
+    independent: float
+
+
+def told_by_film_records(chain: Chain, judged: Verdict, others: Sequence[Record]) -> Verdict:
+    """The verdict with the effects that further records of the film decide; as it was where they decide none."""
+    if not others or judged.resistance is None or judged.resistance.clean or chain.facts is None:
+        return judged
+    upstream = chain.split(judged.fitted)[0]  # the thermometer decides these
+    sets = [s for s in fitted_better(chain, judged.fitted, judged.refused) if chain.split(s)[0] == upstream]
+    sets = [s for s in sets if judged.fitted < s and not any(too_small(chain, s, n, False) for n in s - judged.fitted)]
+    if not sets or (without := _left(chain, judged.fitted, others)) is None:
+        return judged
+    asked = {s: _left(chain, s, others) for s in chain.budget.in_time(sets, 1.0)}
+    found = [left for left in asked.values() if left is not None]
+    said = decided(without, found, evidence_by_chance(chain))
+    if said is None or any(left is None and chain.score(s) > chain.score(said.names) for s, left in asked.items()):
+        return judged  # another set, of which the film of all records cannot be had, tells this one better
+    return _said(chain, judged, said.names, evidence(without, said))
+
+
+def decided(without: Left, found: Sequence[Left], needed: float) -> Left | None:
+    """The smallest of the sets that bring as much evidence as any, but for what is needed to tell two apart, where it
+    is the only one of its size; None where it is not, or does not tell rows that no fit has seen to about their noise
+    and most of what is left there without it, or brings less evidence than needed."""
+    if not found:
+        return None
+    best = min(found, key=lambda left: left.told_dec2)
+    good = [left for left in found if evidence(left, best) < needed]
+    fewest = min(len(left.names) for left in good)
+    least = [left for left in good if len(left.names) == fewest]
+    if len(least) > 1 or least[0].square > min(UNSEEN**2, 1.0 + MOST_LEFT * (without.square - 1.0)):
+        return None
+    return least[0] if evidence(without, least[0]) >= needed else None
+
+
+def evidence(without: Left, found: Left) -> float:
+    """Log-likelihood that the one brings over the other: of independent normal errors of either variance."""
+    return 0.5 * min(without.independent, found.independent) * math.log(without.told_dec2 / found.told_dec2)
+
+
+def _left(chain: Chain, names: frozenset[str], others: Sequence[Record]) -> Left | None:
+    """None where no film of all records could be identified, or no row decides."""
+    record = chain.film_channel(names).record
+    assert record.output is not None
+    assert chain.facts is not None
+    held = np.flatnonzero(record.output_used & record.held_out)
+    film = identified_film(chain, names, others, held)
+    if film is None:
+        return None
+    z = (film.left / chain.facts.noise.marginal(record.output[held], held))[record.deciding[held]]
+    z = z[np.isfinite(z)]
+    if z.size == 0:
+        return None
+    independent = film.told.size / correlated_rows(film.told)
+    return Left(names, float(np.mean(z * z)), float(np.mean(film.told**2)), independent)
+
+
+def _said(chain: Chain, judged: Verdict, names: frozenset[str], most: float) -> Verdict:
+    """most: the evidence that the records give, beyond which none is claimed for what they decide."""
+    new = names - judged.fitted
+    temperature, resistance = adequacies(chain, names)
+    brings = {n: min(chain.loses(names, n), most) if n in new else judged.evidence[n] for n in names - chain.assumed}
+    refused = {name: why for name, why in judged.refused.items() if name not in new}
+    order = tuple(sorted(brings, key=lambda name: -brings[name]))
+    return replace(
+        judged,
+        names=order,
+        evidence=brings,
+        temperature=temperature,
+        resistance=resistance,
+        refused=refused,
+        fitted=names,
+        by_records=new,
+    )
