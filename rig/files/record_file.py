@@ -30,7 +30,7 @@ from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
 from rig.files.units import UNITS
 from rig.files.unpacked import unpacked
-from rig.files.written import naming
+from rig.files.written import written
 
 __all__ = ["UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
 
@@ -122,7 +122,7 @@ def _table(path: Path, decimal: str) -> Table:
 
 def write_columns(path: Path, columns: Mapping[str, Array | list[str]]) -> None:
     """Write columns as a CSV file; numbers read back to the same bits, nan becomes an empty field."""
-    with naming(path), path.open("w", encoding="utf-8", newline="") as file:
+    with written(path) as new, new.open("w", encoding="utf-8", newline="") as file:
         print_columns(file, columns)
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 MODEL = """
@@ -78,3 +81,18 @@ def write_bench(
     bench = BENCH.format(time=time, controller=controller, meter=meter, limits=limits)
     (folder / "config.toml").write_text(bench + EXPERIMENT.format(target=target) + more)
     return folder / "config.toml"
+
+
+@contextmanager
+def no_file_above(size_bytes: int) -> Iterator[None]:
+    """The kernel refuses bytes beyond this size (EFBIG, as ENOSPC would)."""
+    import resource
+
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)

@@ -14,7 +14,7 @@ import pytest
 from rig.core.faults import Faults
 from rig.files.record_file import read_record, write_columns
 from rig.files.written import naming, write_text
-from tests.rig.small import MODEL
+from tests.rig.small import MODEL, no_file_above
 
 Peltier = Callable[..., tuple[int, str, str]]
 RECORD = "time_s,temperature_degC,resistance_ohm\n" + "".join(f"{k},{20 + k},{1000 - k}\n" for k in range(60))
@@ -57,3 +57,31 @@ def test_a_full_disk_names_its_file(tmp_path: Path) -> None:
         write_columns(FULL, {"note": ["x" * 100] * 1000})
     with pytest.raises(FileNotFoundError, match="other"), naming(tmp_path):
         (tmp_path / "other").read_text()
+
+
+def test_a_file_that_is_cut_off_is_as_it_was_before(tmp_path: Path) -> None:
+    old, new = tmp_path / "film.toml", tmp_path / "new.csv"
+    old.write_text("a model that somebody has")
+    with no_file_above(4096):
+        with pytest.raises(OSError, match=f"'{old}'"):
+            write_text(old, "x = 1\n" * 10_000)
+        with pytest.raises(OSError, match=f"'{new}'"):
+            write_columns(new, {"time_s": ["1.25"] * 10_000})
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"film.toml": "a model that somebody has"}
+
+
+def test_a_link_stays_one_and_a_pipe_is_fed(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    write_text(tmp_path / "link", "text")
+    assert ((tmp_path / "link").is_symlink(), (tmp_path / "file").read_text()) == (True, "text")
+    reader, writer = os.pipe()
+    write_columns(Path(f"/dev/fd/{writer}"), {"time_s": ["1.25"]})
+    os.close(writer)
+    with os.fdopen(reader) as fed:
+        assert fed.read() == "time_s\n1.25\n"
+
+
+def test_a_folder_that_is_missing_is_told_with_the_name_that_was_given(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError) as missing:
+        write_text(tmp_path / "none" / "film.toml", "")
+    assert missing.value.filename == str(tmp_path / "none" / "film.toml")

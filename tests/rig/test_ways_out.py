@@ -8,8 +8,7 @@ import re
 import shutil
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from rig.files.run_folder import RunFolder
 from rig.guard.left_behind import Left, write_end
 from sim.world.plant import SimulatedPlant
 from tests.instruments.disobedient import Disobedient
-from tests.rig.small import write_bench
+from tests.rig.small import no_file_above, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -133,21 +132,6 @@ def test_a_disk_that_stays_full(
     assert "output off, confirmed by the controller" in err
     assert order[1] == "off"
     assert order[-2:] == ["abandon", "off"]  # the bench's own, at its end
-
-
-@contextmanager
-def no_file_above(size_bytes: int) -> Iterator[None]:
-    """The kernel refuses bytes beyond this size (EFBIG, as ENOSPC would)."""
-    import resource
-
-    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
 
 
 @limited
