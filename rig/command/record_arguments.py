@@ -58,9 +58,13 @@ def read_each(
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
     records, refused = _read(found)
+    said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
     for record in records:
         for line in record.said:
-            print(f"{record.source}: {line}", file=sys.stderr)
+            said.setdefault(line, []).append(record.source)
+    for line, sources in said.items():
+        more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
+        print(f"{sources[0]}{more}: {line}", file=sys.stderr)
     if not records:
         raise Faults(line for one in refused for line in one.faults)
     return found

@@ -123,3 +123,17 @@ def test_identify_each_has_no_single_model(records: list[Path], tmp_path: Path, 
     status, _, err = peltier("identify", *records, "--each", "--out", tmp_path / "model.toml")
     assert status == 2
     assert "--report DIR" in err
+
+
+def test_what_is_said_of_all_records_alike_is_said_once(records: list[Path], peltier: Peltier) -> None:
+    for record in records:
+        record.write_text(record.read_text().replace("temperature_degC", "T_C", 1))
+    odd = plate_record(records[0].with_name("odd.csv"), 3, 0.5)
+    odd.write_text(odd.read_text().replace("temperature_degC", "Temp_C", 1))
+    status, _, err = peltier("identify", *records, odd, "--each", "--workers", 1)
+    assert status == 0, err
+    said = [line for line in err.splitlines() if "taken: " in line]
+    assert said == [
+        f"{records[0]} and 1 more: taken: temperature_degC from 'T_C'",
+        f"{odd}: taken: temperature_degC from 'Temp_C'",
+    ]
