@@ -160,8 +160,8 @@ def _minor_loops(turned: Array, inside: tuple[float, float], one_way: bool, know
     if turned.size >= ENOUGH_REVERSALS:
         return []
     where = ", ".join(f"{value:.1f}" for value in turned)
+    fixed = f"about {known} combinations of {weights} weights are fixed, " if known < weights else ""
     return [
         f"Reversals at {turned.size} temperature{'s' * (turned.size > 1)} only inside the transition "
-        f"({where} degC): about {min(known, weights)} combinations of {weights} weights are fixed, "
-        f"minor loops elsewhere are extrapolated. Record {several}."
+        f"({where} degC): {fixed}minor loops elsewhere are extrapolated. Record {several}."
     ]

@@ -11,6 +11,7 @@ import pytest
 
 from compensator.hysteresis.film import FilmModel
 from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
+from compensator.identification.identifiability import _minor_loops
 from tests.compensator.identification_films import (
     decaying_profile,
     is_prandtl_ishlinskii,
@@ -287,3 +288,11 @@ def test_half_of_the_measured_film_predicts_the_other(measured: tuple[np.ndarray
     half = np.where(np.arange(y.size) % 2 == 0, y, np.nan)
     fit = identify_film(time, temperature, half)
     assert rms((outputs(fit.model, temperature) - y)[1::2]) < 0.02
+
+
+@pytest.mark.parametrize(("known", "said"), [(12, True), (40, False), (41, False)])
+def test_weights_that_are_all_fixed_are_not_held_against_a_record(known: int, said: bool) -> None:
+    (note,) = _minor_loops(np.array([52.0, 61.6]), (48.0, 71.0), False, known, 40)
+    assert ("combinations of 40 weights" in note) == said
+    assert "(52.0, 61.6 degC): " in note
+    assert "minor loops elsewhere are extrapolated" in note
