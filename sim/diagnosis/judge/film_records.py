@@ -10,17 +10,20 @@ fit has seen and that decide.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Record
-from sim.diagnosis.judge.verdict import MOST_LEFT, UNSEEN, Verdict, adequacies, evidence_by_chance, too_small
+from sim.diagnosis.judge.verdict import MOST_LEFT, SURVIVES, UNSEEN, Verdict, adequacies, evidence_by_chance, too_small
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.fitted_better import fitted_better
 from sim.diagnosis.search.identified_film import identified_film
+
+GROWS: Final = 1.05  # times the error from which it grows, as where other records are asked
 
 
 @dataclass(frozen=True)
@@ -46,25 +49,36 @@ def told_by_film_records(chain: Chain, judged: Verdict, others: Sequence[Record]
         return judged
     asked = {s: _left(chain, s, others) for s in chain.budget.in_time(sets, 1.0)}
     found = [left for left in asked.values() if left is not None]
-    said = decided(without, found, evidence_by_chance(chain))
+    said = decided(without, found, evidence_by_chance(chain), lambda names: _left(chain, names, []))
     if said is None or any(left is None and chain.score(s) > chain.score(said.names) for s, left in asked.items()):
         return judged  # another set, of which the film of all records cannot be had, tells this one better
     return _said(chain, judged, said.names, evidence(without, said))
 
 
-def decided(without: Left, found: Sequence[Left], needed: float) -> Left | None:
+def decided(
+    without: Left, found: Sequence[Left], needed: float, alone: Callable[[frozenset[str]], Left | None]
+) -> Left | None:
     """The smallest of the sets that bring as much evidence as any, but for what is needed to tell two apart, where it
-    is the only one of its size; None where it is not, or does not tell rows that no fit has seen to about their noise
-    and most of what is left there without it, or brings less evidence than needed."""
+    is the only one of its size; None where it is not, or does not tell rows that no fit has seen to about their noise,
+    or brings less evidence than needed.
+
+    Nor may another cause be left that does as much. With the set, most of what is left there without it is told; or, as
+    a film that is not of the class leaves something whatever acts on it, the evidence survives that, and the film of
+    all records tells these rows as well as the film that the run alone tells: with the set the records agree. alone: of
+    a set, what the latter leaves."""
     if not found:
         return None
     best = min(found, key=lambda left: left.told_dec2)
     good = [left for left in found if evidence(left, best) < needed]
     fewest = min(len(left.names) for left in good)
     least = [left for left in good if len(left.names) == fewest]
-    if len(least) > 1 or least[0].square > min(UNSEEN**2, 1.0 + MOST_LEFT * (without.square - 1.0)):
+    said, brings = least[0], evidence(without, least[0])
+    if len(least) > 1 or said.square > UNSEEN**2 or brings < needed:
         return None
-    return least[0] if evidence(without, least[0]) >= needed else None
+    if said.square - 1.0 <= MOST_LEFT * (without.square - 1.0):
+        return said
+    own = alone(said.names) if brings >= SURVIVES else None
+    return said if own is not None and said.square <= GROWS**2 * own.square else None
 
 
 def evidence(without: Left, found: Left) -> float:
