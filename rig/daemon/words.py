@@ -52,7 +52,7 @@ def in_a_line(row: dict[str, Any], job: dict[str, Any], told_s: float) -> str:
 def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
     """(what, how it is) of a state, in the order in which people ask."""
     reading, job, ticks = state["reading"], state["job"], state["ticks"]
-    confirmed = off_in_words(state) if state["output_confirmed"] else "NOT CONFIRMED"
+    confirmed = off_in_words(state) if state["output_confirmed"] else "NOT CONFIRMED: switch the controller off by hand"
     found = [
         ("state", str(state["state"])),
         ("output", f"{state['output']}, {confirmed}"),

@@ -9,6 +9,7 @@ protocols above, which know how.
 from __future__ import annotations
 
 import contextlib
+import os
 from typing import Protocol
 
 from serial import SerialException, SerialTimeoutException
@@ -27,6 +28,14 @@ except ImportError:  # Windows
 GONE = (OSError, _TermiosError, TypeError)  # a SerialException is an OSError; termios.error is not
 LONGEST_LINE = 4096
 SHORTEST_WAIT_S = 1e-6  # select takes no less
+
+
+def in_words(error: BaseException) -> str:
+    """What a port raised: the system's words where it has a number, which pyserial repeats around them."""
+    number = getattr(error, "errno", None)
+    if number:
+        return os.strerror(number)
+    return str(error) if isinstance(error, SerialException) else f"{type(error).__name__}: {error}"
 
 
 class Port(Protocol):
@@ -130,7 +139,7 @@ class Transport:
         try:
             self.port.open()
         except GONE as error:
-            raise self._meaning(error) from error
+            raise Disconnected(self.told(f"cannot be opened: {in_words(error)}")) from error
 
     def close(self) -> None:
         """Let go of the port; never raises."""
@@ -149,6 +158,4 @@ class Transport:
     def _meaning(self, error: BaseException) -> InstrumentError:
         if isinstance(error, SerialTimeoutException):
             return TimedOut(self.told("the line does not take what is written"))
-        if isinstance(error, SerialException):
-            return Disconnected(self.told(str(error)))
-        return Disconnected(self.told(f"{type(error).__name__}: {error}"))
+        return Disconnected(self.told(in_words(error)))

@@ -88,6 +88,8 @@ def test_starts_ends_stops_and_trips_are_logged(bench: RunningBench, monkeypatch
     assert [output for what, output in rows_of(bench.state()) if what == "output"] == [
         "off, confirmed by the controller (its status, and the current that it measures)"
     ]
+    unknown = bench.state() | {"output": "unknown", "output_confirmed": False}
+    assert dict(rows_of(unknown))["output"] == "unknown, NOT CONFIRMED: switch the controller off by hand"
 
 
 def test_a_job_ends_where_its_history_is_deleted_and_what_is_latched_stays(bench: RunningBench) -> None:

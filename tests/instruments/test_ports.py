@@ -11,6 +11,7 @@ import termios
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import serial
@@ -83,6 +84,14 @@ def test_stale_input_is_thrown_away_before_a_request(connect: Connect, clock: Vi
     transport.send(b"?")
     assert transport.stale_bytes == 6
     assert transport.receive_line(b"\n", 1.0) == b"fresh"
+
+
+def test_a_port_that_is_gone_is_told_in_the_systems_words_once(clock: VirtualClock, tmp_path: Path) -> None:
+    gone = tmp_path / "ttyUSB0"
+    port = serial.Serial()
+    port.port = str(gone)
+    with pytest.raises(Disconnected, match=rf"^{gone} \(controller\): cannot be opened: No such file or directory$"):
+        Transport(port, clock, f"{gone} (controller)").reopen()
 
 
 def test_an_unplugged_instrument_is_disconnected(connect: Connect, clock: VirtualClock) -> None:

@@ -149,6 +149,22 @@ def page(browser: Any, lab: Lab) -> Iterator[Any]:
     assert not complaints
 
 
+def test_a_bench_whose_instruments_are_gone_shows_no_reading_as_new(page: Any, lab: Lab) -> None:
+    """It answers, and so was heard of just now; its latest reading is as old as its instruments are gone."""
+    from playwright.sync_api import expect
+
+    left, bench = page.locator('[data-bench="left"]'), lab.left.bench
+    expect(left.locator(".state")).to_have_text("Idle", timeout=20_000)
+    bench.rig.frozen = True
+    bench.rig.rows[-1]["time_s"] -= 60.0
+    bench.warnings.append("offline: /dev/ttyUSB0: gone")
+    lab.left.call(bench.trip_now, "not_confirmed_off", "the controller is gone")
+    expect(left.locator(".state")).to_have_text("Tripped", timeout=20_000)
+    expect(left.locator(".heard")).to_contain_text("its reading", timeout=20_000)
+    expect(left.locator(".about")).to_contain_text("Switch the controller off by hand.")
+    assert float(left.locator(".values dd").first.evaluate("node => getComputedStyle(node).opacity")) < 0.6
+
+
 def test_the_page_shows_and_stops(page: Any, lab: Lab) -> None:
     from playwright.sync_api import expect
 

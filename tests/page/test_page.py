@@ -67,6 +67,14 @@ def test_a_trip_is_shown_and_reset_with_a_reason(open_page: Open, bench: FakeBen
     assert bench.reset_reasons == ["the fan was unplugged"]
 
 
+def test_an_output_that_is_not_confirmed_off_says_what_to_do_first(
+    open_page: Open, bench: FakeBench, server: Server
+) -> None:
+    page = open_page()
+    server.call(bench.trip_now, "not_confirmed_off", "the controller is gone")
+    expect(page.locator("#latch-text")).to_have_text("Switch the controller off by hand. the controller is gone")
+
+
 def test_runs_are_started_queued_removed_and_ended(open_page: Open, bench: FakeBench) -> None:
     page = open_page()
     page.get_by_label("Configuration", exact=True).select_option("demo")

@@ -3,13 +3,14 @@
 import { ask, newPress } from "./shared/api.js";
 import { $, icon, make, say, sayOrHide } from "./shared/dom.js";
 import { degrees, duration, ohms, when } from "./shared/format.js";
-import { insist } from "./shared/stop.js";
+import { BY_HAND, insist } from "./shared/stop.js";
 import { Stream } from "./shared/stream.js";
 import { setUpToken } from "./shared/token.js";
 
 const WORDS = { idle: "Idle", running: "Running", stopped: "Stopped", tripped: "Tripped", offline: "Offline",
   lost: "No answer" };
 const SILENT_S = 2.9; // the overview tells about every bench once a second, and of one that is silent after 2.5 s
+const FRESH_S = 5; // the bench's own page calls a reading stale from here on
 const cards = new Map();
 let linked = false;
 let told = null;
@@ -73,17 +74,23 @@ function heardOf(bench, state) {
   const silent_s = silence(bench);
   const ago = silent_s === null ? null : silent_s < 10 ? `${Math.floor(silent_s)} s` : duration(silent_s);
   const heard = ago === null ? "never heard of" : ago === "0 s" ? "last heard just now" : `last heard ${ago} ago`;
-  return state === "lost" && bench.trouble ? `${heard}: ${bench.trouble}` : heard;
+  if (state === "lost") return bench.trouble ? `${heard}: ${bench.trouble}` : heard;
+  const old_s = bench.state.time_s - bench.state.reading?.time_s; // NaN before the first reading
+  return old_s > FRESH_S ? `${heard}, its reading ${duration(old_s)} old` : heard;
 }
+
+/** What is wrong with a bench's instruments, also of one that is tripped; nothing where they answer. */
+const offlineOf = (known) => (known?.warnings ?? []).find((line) => line.startsWith("offline: "));
 
 /** What latched, else what is wrong with the instruments, else what runs: [text, whether it is a reason to look]. */
 function aboutOf(known) {
   const why = known?.trip ?? known?.stop;
   if (why) {
     const cause = known.trip ? `${String(why.cause).replaceAll("_", " ")}: ` : "";
-    return [`${cause}${why.text}, ${when(why.at_s)}`, true];
+    const byHand = why.cause === "not_confirmed_off" ? `${BY_HAND} ` : "";
+    return [`${byHand}${cause}${why.text}, ${when(why.at_s)}`, true];
   }
-  const offline = (known?.warnings ?? []).find((line) => line.startsWith("offline: "));
+  const offline = offlineOf(known);
   if (offline) return [offline.slice(9), true];
   const job = known?.job;
   if (!job) return [known?.queue ? `${known.queue} waiting` : "", false];
@@ -104,7 +111,7 @@ function show(bench) {
     parts.root.dataset.state = state;
     parts.sign.replaceChildren(icon(state === "lost" ? "unknown" : state));
   }
-  const old = state === "lost" || state === "offline";
+  const old = state === "lost" || state === "offline" || Boolean(offlineOf(known));
   parts.root.toggleAttribute("data-old", old);
   if (parts.link.getAttribute("href") !== bench.address) parts.link.href = bench.address;
   say(parts.link, bench.name);

@@ -2,6 +2,7 @@
 
 import { $, icon, make, say, sayOrHide } from "./dom.js";
 import { amperes, degrees, duration, ohms, ohmsShort, share, when } from "./format.js";
+import { BY_HAND } from "./stop.js";
 
 const STALE_S = 5;
 const WORDS = { idle: "Idle", running: "Running", stopped: "Stopped", tripped: "Tripped", offline: "Offline" };
@@ -169,7 +170,8 @@ function latch(name) {
   const why = trip ?? state.stop;
   $("latch-icon").setAttribute("href", `icons/set.svg#${state.state}`);
   say($("latch-title"), trip ? `Tripped: ${String(trip.cause).replaceAll("_", " ")}` : WORDS[state.state]);
-  say($("latch-text"), why?.text ?? "The output was switched off and the run was ended.");
+  const byHand = trip?.cause === "not_confirmed_off" ? `${BY_HAND} ` : "";
+  say($("latch-text"), byHand + (why?.text ?? "The output was switched off and the run was ended."));
   say($("latch-facts"), [why?.at_s ? `at ${when(why.at_s)}` : null,
     trip?.rows ? `${trip.rows} rows around it are kept` : null,
     trip || !took ? null : `answered after ${took}`, "the queue is held until the reset"].filter(Boolean).join(" · "));

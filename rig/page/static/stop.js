@@ -7,7 +7,7 @@ import { duration } from "./format.js";
 const INSIST_S = 10;
 const ANSWER_S = 16; // the bench itself waits 15 s for its instruments
 const SLOW_MS = 1000;
-const BY_HAND = "Switch the controller off by hand.";
+export const BY_HAND = "Switch the controller off by hand.";
 let latest = 0; // every press is sent at once, also while an earlier one waits for its answer; the latest one tells
 
 /** Send STOP until it is answered or ten seconds have passed. send(timeout_s) sends it once, tell(text) shows how it
