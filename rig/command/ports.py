@@ -8,6 +8,7 @@ peltier ports --ask [PORT ...]         and which of the instruments answers ther
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import Any
 
 from rig.command.record_arguments import add_json_argument
@@ -53,14 +54,23 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
     """Who answers there, by the driver that understands it."""
     from rig.core.clock import RealClock
     from rig.core.errors import RigError
+    from rig.core.terminal_line import TerminalLine
     from rig.drivers.search import tries
 
+    line = TerminalLine(sys.stderr)
+
+    def asks(text: str) -> None:
+        if line.due():
+            line.show(f"{'':<20} {text}")
+
     try:
-        for driver, identity in tries(port, RealClock()):
+        for driver, identity in tries(port, RealClock(), asks):
+            line.clear()
             if identity is not None:
                 voice.say(f'{"":<20} {identity}: driver = "{driver}"')
                 return {"driver": driver, "instrument": str(identity)}
     except RigError as error:
+        line.clear()
         voice.say(f"{'':<20} {error}")
         return {"driver": None, "error": str(error)}
     voice.say(f"{'':<20} nobody answers (other line settings? see docs/instruments.md)")

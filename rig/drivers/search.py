@@ -5,7 +5,7 @@ What is asked changes nothing, but it is sent to whatever is there: only where t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rig.core.clock import Clock
@@ -30,11 +30,19 @@ TRIED: tuple[tuple[str, str, dict[str, Any]], ...] = (
 ON_VISA = ("keithley2000", "keithley2400", "keithley2450", "hp34401a", "lakeshore", "srs_ldc500")
 
 
-def tries(port: str, clock: Clock) -> Iterator[tuple[str, Identity | None]]:
-    """(driver, who answered or None), one after the other, until somebody answers. PortHeld, Disconnected."""
-    for role, driver, options in TRIED:
-        if port.startswith("visa://") and driver not in ON_VISA:
-            continue
+def _nobody_watches(_text: str) -> None:
+    """A port that stays silent costs some seconds a driver, which whoever waits may want to see."""
+
+
+def tries(
+    port: str, clock: Clock, asks: Callable[[str], None] = _nobody_watches
+) -> Iterator[tuple[str, Identity | None]]:
+    """(driver, who answered or None), one after the other, until somebody answers. PortHeld, Disconnected.
+
+    asks: told, before each is tried, which driver it is and how many there are."""
+    tried = [one for one in TRIED if not port.startswith("visa://") or one[1] in ON_VISA]
+    for k, (role, driver, options) in enumerate(tried, start=1):
+        asks(f"asking as {driver} does ({k} of {len(tried)})")
         opener = open_controller if role == "controller" else open_meter
         instrument = opener(driver, port, clock, **options)
         try:

@@ -35,7 +35,11 @@ def test_each_is_found_by_its_driver(
 def test_nobody(clock: VirtualClock) -> None:
     address = registry.register("silence", Answering(), clock)
     try:
-        assert [identity for _, identity in tries(address, clock)] == [None] * len(TRIED)
+        said: list[str] = []
+        for k, (driver, identity) in enumerate(tries(address, clock, said.append), start=1):
+            assert identity is None
+            assert said[k - 1] == f"asking as {driver} does ({k} of {len(TRIED)})"
+        assert len(said) == len(TRIED)
         assert clock.now_s() < 60.0
     finally:
         registry.unregister("silence")
