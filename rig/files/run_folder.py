@@ -76,6 +76,7 @@ def prepared_folder(path: Path) -> Iterator[None]:
     """
     check_free(path)
     part = part_of(path)
+    made = [part, *(parent for parent in part.parents if not parent.exists())]
     try:
         part.mkdir(parents=True)
     except OSError as error:
@@ -83,8 +84,9 @@ def prepared_folder(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        if part.is_dir() and not any(part.iterdir()):
-            part.rmdir()
+        with suppress(OSError):  # the first that is gone or has something in it ends it
+            for folder in made:
+                folder.rmdir()
 
 
 def versions() -> dict[str, str]:

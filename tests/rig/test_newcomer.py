@@ -62,6 +62,18 @@ def test_a_port_on_which_nobody_answers(tmp_path: Path, peltier: Peltier, role: 
     assert ("output off, confirmed" in err) == (role == "meter")
 
 
+def test_a_port_that_is_not_there_leaves_no_folder(
+    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write_bench(tmp_path, time="real", controller=str(tmp_path / "ttyUSB0"), meter=str(tmp_path / "ttyUSB1"))
+    before = sorted(tmp_path.iterdir())
+    status, _, err = peltier("run", path)
+    assert status != 0
+    assert "ttyUSB0: cannot be opened: No such file or directory" in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def test_a_limit_beyond_the_device_names_both(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("current_A = 4.0", "current_A = 40.0"))
