@@ -42,12 +42,14 @@ def rows(found: Transition, unit: str = "") -> list[tuple[str, str]]:
 
 
 def lines(found: Transition, forc: Forc, unit: str = "", lag_s: float | None = None) -> list[str]:
-    """What the terminal shows."""
+    """What the terminal shows. Of reversal curves only where there is a diagram: a record that was not made for one has
+    too few of them, and the page and the JSON say so."""
     told = [f"  {what:<36}{value}" for what, value in rows(found, unit)]
+    of_curves = [] if forc.reason else [forc_note(forc)]
     return [
         "transition, with 95 % intervals:",
         *told,
-        *(f"  {note}" for note in [*notes(found, lag_s), forc_note(forc)]),
+        *(f"  {note}" for note in [*notes(found, lag_s), *of_curves]),
     ]
 
 

@@ -92,6 +92,7 @@ def test_reports_of_identify_and_predict(peltier: Peltier, tmp_path: Path) -> No
     status, out, _ = peltier("identify", tmp_path / "r.csv", *quick, "--report", tmp_path / "i")
     assert status == 0
     assert str(tmp_path / "i" / "report.html") in out
+    assert "FORC" not in out  # a loop for which nobody meant a diagram
     status, _, _ = peltier("predict", tmp_path / "i" / "model.toml", tmp_path / "r.csv", "--report", tmp_path / "p")
     assert status == 0
     for folder, figures in (("i", ("loop", "residual", "derivative")), ("p", ("over_time", "residual", "histogram"))):
