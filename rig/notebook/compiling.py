@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -34,7 +35,7 @@ def said_when_compiling(what: str) -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.said:
                 self.said = True
-                text = "compiling loops, once (up to a minute; `peltier precompile` does it ahead)"
+                text = f"compiling loops, once (up to a minute; `{ahead()}` does it ahead)"
                 print(f"{what}: {text}", file=sys.stderr, flush=True)
 
         def on_end(self, event: Any) -> None:
@@ -42,3 +43,9 @@ def said_when_compiling(what: str) -> Iterator[None]:
 
     with event.install_listener("numba:compile", Once()):
         yield
+
+
+def ahead() -> str:
+    """The command that compiles into where this process looks: the launcher and a service have a folder for it, and
+    tell it in NUMBA_CACHE_DIR; without one it is beside the sources."""
+    return "peltier precompile" if "NUMBA_CACHE_DIR" in os.environ else "python -m rig precompile"

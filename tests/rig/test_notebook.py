@@ -22,6 +22,7 @@ import rig.bench.assembly
 from rig.core.outcome import NotConfirmedOff
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.record_file import write_columns
+from rig.notebook.compiling import ahead
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import write_bench
 from tests.rig.test_ways_out import at_row
@@ -155,6 +156,14 @@ def invert():
 
 print(invert())
 """
+
+
+def test_what_compiles_ahead_is_what_compiles_for_this_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`./peltier precompile` compiles into the launcher's folder, where a Python of one's own does not look."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "anywhere")
+    assert ahead() == "peltier precompile"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    assert ahead() == "python -m rig precompile"
 
 
 def test_only_a_call_that_compiles_says_so(tmp_path: Path) -> None:
