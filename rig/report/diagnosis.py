@@ -134,10 +134,11 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     plate = diagnosis.plate
     if plate is None:
         return []
-    rows = [
-        [name, number(value), "\N{EN DASH}" if ci is None else f"{number(ci[0])} to {number(ci[1])}"]
-        for name, (value, ci) in plate.parameters.items()
-    ]
+    rows = []
+    for name, (value, ci) in plate.parameters.items():
+        width = 0.0 if ci is None else ci[1] - ci[0]
+        interval = "\N{EN DASH}" if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
+        rows.append([name, number(value, width), interval])
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
     return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *doubts)]
 

@@ -95,7 +95,7 @@ def derivative_figure(folder: Path, found: Transition, name: str, unit: str) -> 
             axes[0].axvline(place, color=colour, linestyle="--", linewidth=1.0)
             axes[0].annotate(
                 f" {place:.1f} {DEGREE} ",
-                (place, 0.04),
+                (place, 1.01),  # above the axes, where no curve is
                 xycoords=("data", "axes fraction"),
                 ha="left" if sense == "heating" else "right",
                 color=colour,

@@ -75,4 +75,6 @@ def named_figure(rows: Sequence[Row]) -> Any:
     labels = [name for name, _, _ in bars][::-1]
     axes.barh(labels, [count for _, count, _ in bars][::-1], color=[colour for _, _, colour in bars][::-1])
     axes.set_xlabel(f"cases of {len(judged)}")
+    axes.locator_params(axis="x", integer=True)  # nobody has a quarter of a case
+    axes.set_axisbelow(True)
     return figure

@@ -243,7 +243,7 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str
             first, cells = escape(record), f'<td colspan="{len(columns)}">{text}</td>'
         lines.append(f"<tr><td>{first}</td>{cells}<td>{_read_in_words(row)}</td></tr>")
     head = "".join(f"<th>{escape(text)}</th>" for text in ("record", *columns.values(), "what was read"))
-    return f'<div class="words"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+    return f'<div class="words many"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
 
 
 def _shown(value: Any) -> str:

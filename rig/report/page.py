@@ -17,17 +17,20 @@ STYLE = """
 * { box-sizing: border-box; }
 body { font: 16px/1.5 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; color: var(--ink);
        background: var(--paper); margin: 0 auto; max-width: 1080px; padding: 28px 20px 60px; }
-h1 { font-size: 1.6rem; margin: 0 0 .2rem; } h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; }
+h1, p, li { overflow-wrap: anywhere; } h1 { font-size: 1.6rem; margin: 0 0 .2rem; }
+h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; }
 p.lead { font-size: 1.1rem; margin: .3rem 0 1.2rem; } p.note, figcaption { color: var(--soft); font-size: .92rem; }
 .tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(165px, 1fr)); gap: 10px; }
 .tile { background: var(--tile); border: 1px solid var(--line); border-radius: 10px; padding: 10px 14px; }
-.tile b { display: block; font-size: 1.2rem; white-space: nowrap; font-variant-numeric: tabular-nums; }
+.tile b { display: block; font-size: 1.2rem; font-variant-numeric: tabular-nums; }
 .tile span { color: var(--soft); font-size: .88rem; }
 figure { margin: 1rem 0 0; } figure svg { width: 100%; height: auto; display: block; }
+.wide, .words { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 6px 10px; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; } tr.best td { font-weight: 600; }
 .words th, .words td { text-align: left; vertical-align: top; }
+.many td { min-width: 8rem; overflow-wrap: anywhere; }
 ul { padding-left: 1.2rem; } code { background: var(--tile); padding: 1px 5px; border-radius: 5px; }
 """
 
@@ -70,13 +73,13 @@ def tiles(items: Iterable[tuple[str, str]]) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], best: int | None = None) -> str:
-    """A table; the row `best` is set in bold."""
+    """A table; the row `best` is set in bold. One that is wider than the window scrolls by itself, not the page."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(
         f"<tr{' class=best' if k == best else ''}>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
         for k, row in enumerate(rows)
     )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def events_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
