@@ -136,7 +136,9 @@ def test_calibrate_says_of_a_record_what_identify_says(peltier: Peltier, tmp_pat
     status, out, _ = peltier("calibrate", path, "--out", folder, "--json", tmp_path / "c.json")
     assert status == 0
     note = "times the thermometer's noise: something is missing"
-    assert any(line.startswith("plate: The model") and note in line for line in out.splitlines())
+    lines = out.splitlines()
+    told = next(k for k, line in enumerate(lines) if line.startswith("plate: The model") and note in line)
+    assert lines[told - 1].startswith("plate: A law with feedback makes up for most of")
     result = json.loads((tmp_path / "c.json").read_text())
     assert any(note in one for one in result["identifiability"])
     assert note.replace("'", "&#x27;") in (folder / "report.html").read_text()
