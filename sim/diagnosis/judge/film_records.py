@@ -50,8 +50,11 @@ def told_by_film_records(chain: Chain, judged: Verdict, others: Sequence[Record]
     asked = {s: _left(chain, s, others) for s in chain.budget.in_time(sets, 1.0)}
     found = [left for left in asked.values() if left is not None]
     said = decided(without, found, evidence_by_chance(chain), lambda names: _left(chain, names, []))
-    if said is None or any(left is None and chain.score(s) > chain.score(said.names) for s, left in asked.items()):
-        return judged  # another set, of which the film of all records cannot be had, tells this one better
+    if said is None:
+        return judged
+    not_asked = [s for s in sets if asked.get(s) is None and not said.names < s]
+    if any(chain.score(s) > chain.score(said.names) for s in not_asked):
+        return judged  # of a set that tells this record better the film of all records cannot be had
     return _said(chain, judged, said.names, evidence(without, said))
 
 
