@@ -107,10 +107,13 @@ def _left(chain: Chain, names: frozenset[str], others: Sequence[Record]) -> Left
 
 
 def _said(chain: Chain, judged: Verdict, names: frozenset[str], most: float) -> Verdict:
-    """most: the evidence that the records give, beyond which none is claimed for what they decide."""
+    """most: the evidence that the records give, beyond which none is claimed for what they decide. As it was where this
+    record by itself speaks against one of them."""
     new = names - judged.fitted
-    temperature, resistance = adequacies(chain, names)
     brings = {n: min(chain.loses(names, n), most) if n in new else judged.evidence[n] for n in names - chain.assumed}
+    if any(brings[name] < evidence_by_chance(chain) for name in new):
+        return judged
+    temperature, resistance = adequacies(chain, names)
     refused = {name: why for name, why in judged.refused.items() if name not in new}
     order = tuple(sorted(brings, key=lambda name: -brings[name]))
     return replace(
