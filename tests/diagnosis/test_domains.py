@@ -6,9 +6,12 @@ import pytest
 
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
-from sim.diagnosis.fit.domain_noise import steps_may_show
+from sim.diagnosis.fit.domain_noise import domain_noise, steps_may_show
+from sim.diagnosis.fit.repeated_passes import repeated
+from sim.diagnosis.judge.domains import DEVIATIONS, SHARE
 from sim.diagnosis.judge.verdict import adequacies
 from sim.diagnosis.search.chain import Chain, temperature_search
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains, with_film
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import case
@@ -33,6 +36,20 @@ def test_steps_are_told_from_the_ohmmeters_noise() -> None:
     assert facts.noise.level == pytest.approx(blind.noise["resistance_dec"], rel=0.1)
     assert blind.details["domains"] == 1235  # each of about 0.0025 decades, of which relays follow a part
     assert 0.0005 < facts.domains.step_dec < 0.005
+
+
+def test_twenty_four_domains_come_again() -> None:
+    """In rows of a second, 0.2 K apart, with jumps of up to a decade: told as 0.27 alike, where 0.3 is needed."""
+    blind = case("domains", 326, count=24, smooth="mixed", manner="rows_of_1_s", rows=2000)
+    record = read_columns(blind.columns, held_out=True)
+    first = temperature_search(record, catalogue())
+    nothing = frozenset[str]()
+    smooth = with_film(Chain(first.channel.record, catalogue(), first), nothing)
+    channel, fit = smooth.film_channel(nothing), smooth.fits(nothing)[1]
+    assert fit is not None
+    found = repeated(channel, fit, domain_noise(channel, fit, LEAST_NOISE_DEC))
+    assert min(one.share for one in found) > SHARE
+    assert min(one.deviations for one in found) > DEVIATIONS
 
 
 @pytest.mark.long

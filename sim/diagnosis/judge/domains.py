@@ -95,7 +95,7 @@ def _may_have_domains(chain: Chain, names: frozenset[str]) -> bool:
     return domains.gain > WORTH and _come_again(repeated(channel, b, domains))
 
 
-def _repeated(chain: Chain, names: frozenset[str]) -> Repeated:
+def _repeated(chain: Chain, names: frozenset[str]) -> tuple[Repeated, Repeated]:
     b = chain.fits(names)[1]
     assert b is not None
     assert chain.facts is not None
@@ -103,5 +103,5 @@ def _repeated(chain: Chain, names: frozenset[str]) -> Repeated:
     return repeated(chain.film_channel(names), b, chain.facts.domains)
 
 
-def _come_again(found: Repeated) -> bool:
-    return found.deviations > (DEVIATIONS if found.share > SHARE else CERTAIN)
+def _come_again(found: tuple[Repeated, Repeated]) -> bool:
+    return any(one.deviations > (DEVIATIONS if one.share > SHARE else CERTAIN) for one in found)

@@ -104,11 +104,11 @@ def preisach_table(rng: Random, centre: float, decades: float) -> Array:
 
 
 def in_domains(rng: Random, film: Film, count: int) -> Film:
-    """So many relays drawn from the density of a Preisach film, each of a size of its own, that switch at once."""
+    """So many relays drawn from the density of a film of relays, each of a size of its own, that switch at once."""
     smooth = film.table
     of = rng.choice(film.count, count, p=smooth[1] / np.sum(smooth[1]))
     sizes = np.exp(SIZES_DIFFER * rng.standard_normal(count))
-    table = np.zeros((4, count))
+    table = np.repeat(smooth[:, :1], count, axis=1)  # how the film mixes is the same for all
     table[0] = np.interp(of + rng.uniform(-0.5, 0.5, count), np.arange(film.count), smooth[0])
     table[1] = sizes * (np.sum(smooth[1]) / np.sum(sizes))
     table[2] = smooth[2, of] + smooth[3, of] * rng.standard_normal(count)

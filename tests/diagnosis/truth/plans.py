@@ -15,7 +15,7 @@ from tests.diagnosis.truth.designs import DESIGNS, drawn_design
 from tests.diagnosis.truth.disturb import DISTURBANCES, disturbed, uneven
 from tests.diagnosis.truth.draw import Bench, draw_bench, in_domains
 from tests.diagnosis.truth.films import FORMS
-from tests.diagnosis.truth.manner import UNLIKE
+from tests.diagnosis.truth.manner import UNLIKE, USUAL
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.outside import OUTSIDE, with_fault
 from tests.diagnosis.truth.real_noise import drawn_instruments, record_of
@@ -147,18 +147,23 @@ def domains(
     fault: str | None = None,
     count: int | None = None,
     rows: int | None = None,
+    smooth: str = "preisach",
+    manner: str | None = None,
 ) -> Case:
     """A film of some hundred or thousand domains that switch one by one; every other with an effect. Its size is drawn
-    beside a smooth film of the same density. fault: in place of an effect, one that has no name; count: of domains."""
+    beside a smooth film of the same density. fault: in place of an effect, one that has no name; count: of domains;
+    smooth: the film that they are drawn from; manner: one of `UNLIKE`, of a record with no fault."""
     count = count or int(np.exp(rng.uniform(*np.log(DOMAINS))))
     hidden: Effects = {}
+    taken = UNLIKE[manner] if manner else USUAL
     if fault is not None:
-        bench, value, _ = with_fault(rng, fault, "preisach")
+        bench, value, _ = with_fault(rng, fault, smooth)
         bench = replace(bench, rig=replace(bench.rig, outside={fault: value}))
     elif effect is None and seed % 2 == 0:
-        bench = draw_bench(rng, "preisach", rows=rows)
+        bench = draw_bench(rng, smooth, rows=rows, manner=taken)
     else:
-        bench, hidden, _ = with_effects(rng, (effect or str(rng.choice(BESIDE_DOMAINS)),), "preisach", rows)
+        name = effect or str(rng.choice(BESIDE_DOMAINS))
+        bench, hidden, _ = with_effects(rng, (name,), smooth, rows, manner=taken)
     film = in_domains(rng, bench.rig.film, count)
     bench = replace(bench, rig=replace(bench.rig, film=film))
     expectation = "unexplained" if fault is not None else "exactly" if hidden else "clean"
