@@ -45,9 +45,8 @@ def diagnosed(
     """The diagnosis of one record, with the film's form found; output: of the film, as in a model file; assume:
     effects that are there, with the parameters that are known; budget_s: how long it may take; further: records
     of the same rig, diagnosed with it as one; false_alarm: the share of records with nothing in them that may be given
-    a name, None: `FALSE_ALARM`; of_film: other records of the film, which decide what this one leaves open of
-    it, and tell the extended model's, too. Raises
-    Faults where nothing can be said."""
+    a name, None: `FALSE_ALARM`; of_film: other records of the film, which decide what this one leaves open of it, and
+    tell the extended model's, too. Raises Faults where nothing can be said."""
     together = [record, *further]
     output = rising(together, output, say)
     telling = [telling_columns(one, output) for one in together]

@@ -23,6 +23,8 @@ def best_tried(
 ) -> tuple[Diagnosis, ExtendedModel | None]:
     """The diagnosis with its candidates in the order of what their models tell, and the first one's model; None where
     no model tells held-out rows better than the one with what is named. of_film: other records of the film."""
+    if not diagnosis.candidates:
+        return diagnosis, None
     rows = rows_of_film(diagnosis, of_film)
     models = [(candidate, extended_model(diagnosis, candidate, rows)) for candidate in diagnosis.candidates]
     ranked = sorted(models, key=lambda pair: _told_less(pair[0], pair[1], named))

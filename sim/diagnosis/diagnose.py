@@ -86,11 +86,10 @@ def diagnose(
     gain is measured; without any every fourth block of rows is held out. of_film: others of the same film, which decide
     what this one leaves open of it. as_predicted: what belongs to another record (room, first temperatures, memory) is
     fitted to its first rows alone, as whoever predicts it would have to; else to all, so that what remains is the
-    model's fault. assume: effects that are there, whatever the record says,
-    and of each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the
-    clock (s, one that goes): what was found by then is judged and reported, with a warning. chosen_false_alarm: the
-    share of records with nothing in them that may be given a name. Raises ValueError, a line a fault, where nothing can
-    be said.
+    model's fault. assume: effects that are there, whatever the record says, and of each the parameters that are known,
+    by name; the others are fitted. budget_s: how long it may take, on the clock (s, one that goes): what was found by
+    then is judged and reported, with a warning. chosen_false_alarm: the share of records with nothing in them that may
+    be given a name. Raises ValueError, a line a fault, where nothing can be said.
     """
     if budget_s is not None and clock is stopped:
         raise ValueError("budget_s: needs a clock; expected clock=time.monotonic beside it")

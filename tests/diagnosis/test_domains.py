@@ -8,27 +8,35 @@ from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.fit.domain_noise import domain_noise, steps_may_show
 from sim.diagnosis.fit.repeated_passes import repeated
+from sim.diagnosis.fit.resistance_channel import ResistanceChannel
+from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.domains import DEVIATIONS, SHARE
 from sim.diagnosis.judge.verdict import adequacies
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains, with_film
 from sim.effects.catalogue import catalogue
-from tests.diagnosis.cases import case
+from tests.diagnosis.cases import Case, case
 from tests.diagnosis.said import covered, names
+
+NOTHING = frozenset[str]()  # no effect
+
+
+def without_domains(blind: Case) -> tuple[Chain, ResistanceChannel, ResistanceFit]:
+    """The record with a smooth film and no effect: the chain, the ohmmeter's channel, and its fit."""
+    first = temperature_search(read_columns(blind.columns, held_out=True), catalogue())
+    smooth = with_film(Chain(first.channel.record, catalogue(), first), NOTHING)
+    fit = smooth.fits(NOTHING)[1]
+    assert fit is not None
+    return smooth, smooth.film_channel(NOTHING), fit
 
 
 def test_steps_are_told_from_the_ohmmeters_noise() -> None:
     blind = case("domains", 4)
-    record = read_columns(blind.columns, held_out=True)
-    first = temperature_search(record, catalogue())
-    nothing = frozenset[str]()
-    smooth = with_film(Chain(first.channel.record, catalogue(), first), nothing)
-    channel, fit = smooth.film_channel(nothing), smooth.fits(nothing)[1]
-    assert fit is not None
+    smooth, channel, fit = without_domains(blind)
     assert steps_may_show(channel, fit, 20.0)
-    chain = with_domains(smooth, nothing)
-    facts, left = chain.facts, adequacies(chain, nothing)[1]
+    chain = with_domains(smooth, NOTHING)
+    facts, left = chain.facts, adequacies(chain, NOTHING)[1]
     assert facts is not None
     assert facts.domains is not None
     assert left is not None
@@ -41,12 +49,7 @@ def test_steps_are_told_from_the_ohmmeters_noise() -> None:
 def test_twenty_four_domains_come_again() -> None:
     """In rows of a second, 0.2 K apart, with jumps of up to a decade: told as 0.27 alike, where 0.3 is needed."""
     blind = case("domains", 326, count=24, smooth="mixed", manner="rows_of_1_s", rows=2000)
-    record = read_columns(blind.columns, held_out=True)
-    first = temperature_search(record, catalogue())
-    nothing = frozenset[str]()
-    smooth = with_film(Chain(first.channel.record, catalogue(), first), nothing)
-    channel, fit = smooth.film_channel(nothing), smooth.fits(nothing)[1]
-    assert fit is not None
+    _, channel, fit = without_domains(blind)
     found = repeated(channel, fit, domain_noise(channel, fit, LEAST_NOISE_DEC))
     assert min(one.share for one in found) > SHARE
     assert min(one.deviations for one in found) > DEVIATIONS

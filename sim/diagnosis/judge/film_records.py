@@ -12,18 +12,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Record
+from sim.diagnosis.judge.elsewhere import GROWS
 from sim.diagnosis.judge.verdict import MOST_LEFT, SURVIVES, UNSEEN, Verdict, adequacies, evidence_by_chance, too_small
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.fitted_better import fitted_better
 from sim.diagnosis.search.identified_film import identified_film
-
-GROWS: Final = 1.05  # times the error from which it grows, as where other records are asked
 
 
 @dataclass(frozen=True)
