@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.repeated_passes import agreement, passes
+from sim.diagnosis.validate.adequacy import a_period
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,50 @@ def test_the_deviation_is_that_of_the_covariance() -> None:
     wandering, noise = walk(60, 4)
     variance = np.diag(covariance(wandering, noise)) - noise**2
     assert wandering.deviation == pytest.approx(np.sqrt(variance))
+
+
+def test_rows_stand_where_nothing_wandered_beyond_the_noise() -> None:
+    wandering, noise = walk(60, 5)
+    whole = covariance(wandering, noise)
+    foreseen = [  # what is known of d in each row from the readings before it
+        whole[k, k] - noise[k] ** 2 - whole[k, :k] @ np.linalg.solve(whole[:k, :k], whole[:k, k]) for k in range(60)
+    ]
+    stands = wandering.whitening(np.arange(60), noise).stands
+    assert np.array_equal(stands, np.array(foreseen) < noise**2)
+    assert 0.1 < np.mean(stands) < 0.9
+
+
+def rows_with_a_period(period_s: float | None, seed: int) -> tuple[Array, Array]:
+    """Residuals over the noise, with a sine of its half, and times, 0.5 s apart; stretches of rows are missing."""
+    rng = np.random.default_rng(seed)
+    time_s = 0.5 * np.arange(4000)
+    time_s = time_s[np.sin(time_s / 70.0) > -0.3]
+    sine = 0.0 if period_s is None else 0.5 * np.sin(2.0 * np.pi * time_s / period_s)
+    return rng.standard_normal(time_s.size) + sine, time_s
+
+
+@pytest.mark.parametrize("period_s", [3.7, 41.0, 190.0])
+def test_a_period_is_found(period_s: float) -> None:
+    asked = a_period(*rows_with_a_period(period_s, 6))
+    assert asked is not None
+    assert asked.log10_p < -20.0
+    assert asked.share == pytest.approx(0.5**2 / 2.0, rel=0.3)
+
+
+def test_of_noise_a_period_is_as_likely_as_said() -> None:
+    found = [a_period(*rows_with_a_period(None, seed)) for seed in range(200)]
+    chance = np.array([one.log10_p for one in found if one is not None])
+    assert chance.size == 200
+    assert 5 <= np.sum(chance < -1.0) <= 35  # 20 are foreseen
+    assert np.all(chance > -5.0)
+
+
+def test_too_few_rows_or_rows_on_no_grid_have_no_period() -> None:
+    z, time_s = rows_with_a_period(41.0, 7)
+    assert a_period(z[:99], time_s[:99]) is None
+    late = time_s.copy()
+    late[-1] += 1e6
+    assert a_period(z, late) is None
 
 
 def triangle(rows: int, ways: int = 8) -> Array:

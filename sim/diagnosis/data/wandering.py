@@ -75,6 +75,14 @@ class WanderingWhitening:
         _innovations(table, self.keep, self.added, self.noise**2, out)
         return out.reshape(values.shape)
 
+    @property
+    def stands(self) -> NDArray[np.bool_]:
+        """Rows, (rows,), before whose reading d is known to better than the reading says: since the one before it has
+        not wandered by more than the noise."""
+        deviation = np.empty(self.noise.size)
+        _deviations(self.keep, self.added, self.noise**2, deviation)
+        return np.asarray(deviation**2 < 2.0 * self.noise**2)
+
     def log_likelihood(self, residual: Array) -> float:
         """Of a residual in the rows, (rows,), without the constant that is the same for any d and noise."""
         deviation = np.empty(residual.size)

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
-from sim.diagnosis.data.record import Rows
+from sim.diagnosis.data.record import Mask, Rows
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
@@ -47,6 +47,12 @@ class DomainNoise:
     reach_K: float
     noise: NoiseModel
     gain: float
+
+    def stands(self, rows: Rows, readings: Array) -> Mask:
+        """Rows of the record, (rows,), in which too few domains switch to show beside the ohmmeter's noise. readings:
+        of these rows."""
+        assert self.noise.wandering is not None
+        return self.noise.wandering.whitening(rows, self.noise.at(readings, rows)).stands
 
     def alike(self, other: DomainNoise, share: float) -> bool:
         """Whether another estimate says about the same."""

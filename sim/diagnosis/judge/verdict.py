@@ -97,11 +97,13 @@ def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Ad
     if record.output is not None:
         z, rows = resistance_residual(chain, names)
         state = {} if record.test_current_A is None else {"test current": record.test_current_A[rows]}
-        temperature = None
-        if chain.facts is None or chain.facts.domains is None:  # else what is left hangs on where they switch
+        shown, temperature, still = chain.fits(names)[1].shown[rows], None, None  # type: ignore[union-attr]
+        if chain.facts is not None and chain.facts.domains is not None:  # what is left hangs on where they switch
+            still = chain.facts.domains.stands(rows, shown)
+        else:
             temperature = chain.film_channel(names).path.at(record.time_s[rows])
-            state["resistance"] = chain.fits(names)[1].shown[rows]  # type: ignore[union-attr]
-        found.append(adequacy(z, record.time_s[rows], temperature, state))
+            state["resistance"] = shown
+        found.append(adequacy(z, record.time_s[rows], temperature, state, still))
     else:
         found.append(None)
     return found[0], found[1]

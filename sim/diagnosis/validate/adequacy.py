@@ -1,9 +1,10 @@
 """Is anything left? Residuals in units of the noise against what white noise would do.
 
 Each question groups the residuals and asks whether the groups' means are further from 0 than chance makes them:
-consecutive rows (blocks of 2, 4, ... rows), temperature and direction, the resistance, the test current, the phase of
-a period. Q = sum over groups of n m^2 is chi-square with as many degrees of freedom as groups where nothing is left;
-the excess share (Q - groups) / rows says how large what is left is beside the noise.
+consecutive rows (blocks of 4, 12, ... rows), temperature and direction, the resistance, the test current. Q = sum over
+groups of n m^2 is chi-square with as many degrees of freedom as groups where nothing is left; the excess share
+(Q - groups) / rows says how large what is left is beside the noise. Where a film switches in steps, one more question
+is whether the rows in which it does not have a period (`a_period`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from compensator.hysteresis.functions import Array
 
 LEAST_SHARE = 0.02  # of the noise's variance: less is no matter
 SURE = 1e-6  # probability of so much by chance, over all questions
+FIRST_LINE = 4  # periods in a record: fewer are a trend
+FINER = 2  # lines as many times as close as the record tells apart: a period between two shows 0.8 of itself, else 0.4
+ROWS_OF_A_PERIOD = 100  # at least, to ask for one: a line is a few of their hundredths
+PER_ROW = 20  # places of the even grid at most: a record that pauses for days is no grid
 
 
 @dataclass(frozen=True)
@@ -60,9 +65,33 @@ def _grouped(name: str, z: Array, group: NDArray[np.int64], spent: float = 0.0) 
     return Question(name, log_p, (q - k) / z.size)
 
 
-def adequacy(z: Array, time_s: Array, temperature_degC: Array | None, state: dict[str, Array]) -> Adequacy:
+def a_period(z: Array, time_s: Array) -> Question | None:
+    """Whether the largest line of the periodogram is more than chance: of white noise each line over the mean square is
+    exponential (A. Schuster, Terr. Magn. 3 (1898) 13; R. A. Fisher, Proc. R. Soc. A 125 (1929) 54), wherever rows are
+    missing. z, time_s: of some rows, (rows,). None of too few rows, or of times that are on no grid."""
+    if z.size < ROWS_OF_A_PERIOD:
+        return None
+    place = np.round((time_s - time_s[0]) / float(np.median(np.diff(time_s)))).astype(np.int64)
+    if place[-1] > PER_ROW * z.size:
+        return None
+    off = z - np.mean(z)
+    grid = np.bincount(place, off)
+    lines = np.abs(np.fft.rfft(grid, FINER * grid.size))[FINER * FIRST_LINE :] ** 2 / float(np.sum(off * off))
+    largest = float(np.max(lines))
+    log_p = min(math.log10(lines.size) - largest * math.log10(math.e), 0.0)
+    return Question("a period where the film does not switch", log_p, 2.0 * (largest - 1.0) / z.size)
+
+
+def adequacy(
+    z: Array,
+    time_s: Array,
+    temperature_degC: Array | None,
+    state: dict[str, Array],
+    still: NDArray[np.bool_] | None = None,
+) -> Adequacy:
     """z: residuals over noise (rows,). temperature_degC: None where what is left may hang on it, as on the domains that
-    switch there. state: other columns by name, grouped by their quantiles.
+    switch there. state: other columns by name, grouped by their quantiles. still: rows in which none of such domains
+    switch, (rows,).
 
     Under closed-loop control the current of a row answers to the row's own noise: give that of the row before."""
     z = np.clip(z, -6.0, 6.0)  # a reading further off went astray
@@ -89,6 +118,9 @@ def adequacy(z: Array, time_s: Array, temperature_degC: Array | None, state: dic
         else:
             group = np.searchsorted(np.quantile(values, np.linspace(0, 1, 41)[1:-1]), values)  # 40 of them
         questions.append(_grouped(name, z, group.astype(np.int64)))
+    period = None if still is None else a_period(z[still], time_s[still])
+    if period is not None:
+        questions.append(period)
     return Adequacy(tuple(questions), scale)
 
 
