@@ -46,6 +46,7 @@ COUNTS = {  # cases at 20 seeds
     "disturbed": 100,
     "negative": 80,
     "real_noise": 300,
+    "coloured_noise": 60,
 }
 FACTORS = (1.0, 1.5)
 UNLIKE_OF = ("one", "clean", "other_film")
@@ -204,6 +205,10 @@ def table(rows: list[Row]) -> None:
     real = [r for r in of["real_noise"] if not r["hidden"]]
     rate("noise as instruments have it, no effect: no name", real, lambda r: r["ok"], "98 %")
     rate("    and nothing left", real, lambda r: r["ok"] and not r["unexplained"], "")
+    shaped = [r for r in of["coloured_noise"] if r["hidden"]]
+    rate("noise of another colour: the effect, and nothing else", shaped, lambda r: r["exactly"], "")
+    shaped = [r for r in of["coloured_noise"] if not r["hidden"]]
+    rate("noise of another colour, no effect: clean", shaped, lambda r: r["clean"], "")
     rate("negative controls: no cause named with confidence", of["negative"], lambda r: r["ok"], "all")
     for control in sorted({row["details"]["control"] for row in of["negative"]}):
         rate(f"    {control}", [r for r in of["negative"] if r["details"]["control"] == control], lambda r: r["ok"], "")

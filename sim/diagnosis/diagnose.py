@@ -15,18 +15,13 @@ from sim.diagnosis.data.quantity import FALLING_OHM, Quantity, quantity_of
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.carried_over import carried_over
+from sim.diagnosis.judge.coloured_noise import beside_coloured_noise
 from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
 from sim.diagnosis.judge.film_records import told_by_film_records
 from sim.diagnosis.judge.turns_between import TURNS, only_turns
-from sim.diagnosis.judge.verdict import (
-    UNSEEN,
-    Verdict,
-    judge,
-    resistance_residual,
-    temperature_residual,
-)
+from sim.diagnosis.judge.verdict import UNSEEN, Verdict, judge
 from sim.diagnosis.report.candidates import candidates_of
 from sim.diagnosis.report.confounders import confounders_of
 from sim.diagnosis.report.detectability import hidden_by_the_film
@@ -50,6 +45,7 @@ from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
 from sim.diagnosis.search.either_kind import search_of_either_kind
 from sim.diagnosis.search.learned import with_film
 from sim.diagnosis.search.stepwise import ABSORBS
+from sim.diagnosis.validate.adequacies import resistance_residual, temperature_residual
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import gain, rmse
 from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
@@ -103,10 +99,12 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
-        chain, names = select(replace(chain, false_alarm=chosen_false_alarm), say)
+        begun = replace(chain, false_alarm=chosen_false_alarm)
+        chain, names = select(begun, say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
-        chain, judged = beside_domains(chain, names, judge(chain, names), say)
+        chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)
+        chain, judged = beside_domains(chain, names, judged, say)
         judged = told_by_film_records(chain, judged, _further(of_film, quantity))
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
             weakest = min(sorted(vague), key=lambda name: judged.evidence[name])

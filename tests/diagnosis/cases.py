@@ -40,6 +40,7 @@ KINDS = (
     "negative",
     "unlike",
     "real_noise",
+    "coloured_noise",
 )
 
 

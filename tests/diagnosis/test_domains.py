@@ -11,10 +11,10 @@ from sim.diagnosis.fit.repeated_passes import repeated
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.judge.domains import DEVIATIONS, SHARE
-from sim.diagnosis.judge.verdict import adequacies
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains, with_film
+from sim.diagnosis.validate.adequacies import adequacies
 from sim.effects.catalogue import catalogue
 from tests.diagnosis.cases import Case, case
 from tests.diagnosis.said import covered, names

@@ -18,6 +18,7 @@ from scipy.special import gammaln
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.likelihood import quick_noise
+from sim.diagnosis.data.noise_colour import noise_colour
 from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
 from sim.diagnosis.data.noise_steps import stairs
 from sim.diagnosis.data.wandering import Rows
@@ -49,10 +50,11 @@ def noise_of(
     fitted: NDArray[np.bool_],
     least: float,
     stepped: bool = True,
+    coloured: bool = False,
 ) -> NoiseModel:
     """Of one channel. residual, readings: in the record's rows, (rows,); used: where they count; fitted: of these, the
     rows of which white noise is told; least: the deviation at least, in their unit; stepped: whether it may be another
-    one at other readings."""
+    one at other readings; coloured: whether it may hang together otherwise than neighbouring rows share a part."""
     white = NoiseModel.white(max(_level(residual[fitted], readings[fitted], np.flatnonzero(fitted)), least))
     rows, record_rows = np.flatnonzero(used), used.size
     if rows.size < FEWEST:
@@ -63,8 +65,12 @@ def noise_of(
         edges, deviations = stairs(readings, _second(residual, rows, 1), least, SURE)
     model = NoiseModel(white.level, edges, deviations) if edges.size else white
     jitter = _jitter(readings, white.level)
-    correlation, shared = _correlation(residual / model.at(readings), jitter / model.at(readings), rows)
-    model = replace(model, correlation=correlation, shared=shared)
+    colour = noise_colour(residual / model.at(readings), rows) if coloured else None
+    if colour is None:
+        correlation, shared = _correlation(residual / model.at(readings), jitter / model.at(readings), rows)
+        model = replace(model, correlation=correlation, shared=shared)
+    else:
+        model = replace(model, colour=colour)
     whitening = model.on(rows, readings)
     if not model.plain:
         model = _scaled(model, _deviation(whitening.over(residual), whitening.over(residual + jitter), rows), least)

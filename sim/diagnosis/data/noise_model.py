@@ -21,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.noise_colour import ColouredWhitening, NoiseColour
 from sim.diagnosis.data.wandering import Rows, Wandering
 
 
@@ -38,7 +39,8 @@ class NoiseModel:
     that they come from; floor: what each row is uncertain by besides, (rows,), None: nothing; level: root mean square
     of the noise over the record's readings; wandering: what goes on from row to row beside
     white noise, and no model tells: where the plate may have gone, how the film's domains stand. wanders: readings,
-    rising, and the deviation of it at these, for rows of another record; None: nothing, or none is asked for.
+    rising, and the deviation of it at these, for rows of another record; None: nothing, or none is asked for. colour:
+    in place of the correlation, where that does not do; None: it does.
     """
 
     level: float
@@ -51,6 +53,7 @@ class NoiseModel:
     floor: Array | None = None
     wandering: Wandering | None = None
     wanders: tuple[Array, Array] | None = None
+    colour: NoiseColour | None = None
 
     @classmethod
     def white(cls, deviation: float) -> NoiseModel:
@@ -60,7 +63,15 @@ class NoiseModel:
     @property
     def plain(self) -> bool:
         """Whether it is white and the same everywhere."""
-        return not self.edges.size and self.correlation == 0.0 and self.weights is None and self.wandering is None
+        same = not self.edges.size and self.weights is None
+        return same and self.correlation == 0.0 and self.wandering is None and self.colour is None
+
+    @property
+    def as_correlated(self) -> float:
+        """The correlation of neighbouring rows by which a mean over very many would be as uncertain as it is."""
+        if self.colour is None:
+            return self.correlation
+        return (self.colour.rows_alike - 1.0) / (self.colour.rows_alike + 1.0)
 
     def at(self, readings: Array, rows: Rows | None = None) -> Array:
         """The standard deviation at these readings. rows: the record's that they are in, None: they are another's."""
@@ -91,7 +102,9 @@ class NoiseModel:
 
     def alike(self, other: NoiseModel, readings: Array, share: float) -> bool:
         """Whether another model weighs these readings about the same: to this share of a deviation."""
-        if (self.weights is None) != (other.weights is None):
+        if (self.weights is None) != (other.weights is None) or (self.colour is None) != (other.colour is None):
+            return False
+        if self.colour is not None and other.colour is not None and not self.colour.alike(other.colour, share):
             return False
         apart = np.log(self.at(readings) / other.at(readings))
         return root_mean_square(apart) < share and abs(self.correlation - other.correlation) < share
@@ -105,12 +118,14 @@ class NoiseModel:
             return self.wandering.whitening(rows, self.at(readings, rows))
         scale = 1.0 / self.at(readings, rows)
         root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
-        if self.correlation == 0.0:
-            return Whitening(root * scale)
-        theta, size = self._innovations()
         follows = np.diff(rows, prepend=rows[:1] - 2) == 1
         if begins is not None:
             follows &= ~begins
+        if self.colour is not None:
+            return ColouredWhitening(scale, self.colour, np.flatnonzero(~follows), root)
+        if self.correlation == 0.0:
+            return Whitening(root * scale)
+        theta, size = self._innovations()
         before = np.zeros(rows.size)
         before[1:] = np.where(follows[1:], self.correlation * scale[:-1], 0.0)
         return Whitening(scale, before, theta, np.flatnonzero(~follows), root / np.where(follows, size, 1.0))

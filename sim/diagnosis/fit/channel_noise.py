@@ -23,8 +23,11 @@ STEEPNESS_ROWS = 15  # about a row
 LEAST_MOVED_K = 0.01  # over them: a plate that stands tells no slope
 
 
-def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K: float) -> NoiseModel:
-    """Of the thermometer. One beneath the quantization is white, as far as anybody can tell."""
+def thermometer_noise(
+    channel: TemperatureChannel, fit: TemperatureFit, least_K: float, coloured: bool = False
+) -> NoiseModel:
+    """Of the thermometer. One beneath the quantization is white, as far as anybody can tell. coloured: as `noise_of`
+    has it."""
     record, rows = channel.record, channel.rows
     step, residual = record.step_K, record.temperature_degC - fit.shown_degC
     if record.early > 0.0 and record.current_A is not None:
@@ -34,7 +37,7 @@ def thermometer_noise(channel: TemperatureChannel, fit: TemperatureFit, least_K:
     most_K = 0.5 * step
     if step <= DITHERED * quick_noise(residual[rows]):
         used, readings = record.temperature_used, record.temperature_degC
-        model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False)
+        model = noise_of(residual, readings, used, channel.fitted, least_K, stepped=False, coloured=coloured)
         if not model.plain or step == 0.0:
             return model
         if root_mean_square(residual[rows]) < NO_MISFIT * model.level:  # else a plate's own misfit would pass for it
@@ -52,10 +55,13 @@ def _unlogged(channel: TemperatureChannel, fit: TemperatureFit) -> Wandering:
     return unlogged_walk(record.time_s, record.current_A, record.early, record.first_rows, per_A, g)
 
 
-def ohmmeter_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float) -> NoiseModel:
+def ohmmeter_noise(
+    channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float, coloured: bool = False
+) -> NoiseModel:
     """Of the ohmmeter. Where it is not the same everywhere it may be far below what the path is uncertain by (path_K)
     on a flank: a film is no better a thermometer than the plate's own, until both channels are fitted as one."""
-    noise = noise_of(channel.output - fit.shown, channel.output, channel.record.output_used, channel.fitted, least_dec)
+    used, residual = channel.record.output_used, channel.output - fit.shown
+    noise = noise_of(residual, channel.output, used, channel.fitted, least_dec, coloured=coloured)
     return noise.with_floor(path_K * steepness(channel, fit))
 
 

@@ -25,15 +25,9 @@ from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity
-from sim.diagnosis.judge.verdict import (
-    UNSEEN,
-    Verdict,
-    is_prandtl_ishlinskii,
-    judge,
-    resistance_residual,
-    temperature_residual,
-)
+from sim.diagnosis.judge.verdict import UNSEEN, Verdict, is_prandtl_ishlinskii, judge
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.adequacies import resistance_residual, temperature_residual
 from sim.diagnosis.validate.halves import Halves, halves_of
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.model.own_fit import told_rows

@@ -18,10 +18,11 @@ import numpy as np
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.judge.elsewhere import GROWS
-from sim.diagnosis.judge.verdict import MOST_LEFT, SURVIVES, UNSEEN, Verdict, adequacies, evidence_by_chance, too_small
+from sim.diagnosis.judge.verdict import MOST_LEFT, SURVIVES, UNSEEN, Verdict, evidence_by_chance, too_small
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.fitted_better import fitted_better
 from sim.diagnosis.search.identified_film import identified_film
+from sim.diagnosis.validate.adequacies import adequacies
 
 
 @dataclass(frozen=True)

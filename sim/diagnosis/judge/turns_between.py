@@ -14,8 +14,8 @@ import numpy as np
 
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.fit.channel_noise import steepness
-from sim.diagnosis.judge.verdict import resistance_residual
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.validate.adequacies import resistance_residual
 
 TURNS: Final = "no more than what the film remembers of turns of the temperature between the rows, which no row shows"
 TWICE: Final = 4.0  # times its variance: a loop is passed through more than once with the same error

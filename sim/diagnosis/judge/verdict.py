@@ -11,9 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.misfit import correlated_rows
-from sim.diagnosis.data.record import Rows
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.held_out_evidence import held_out_evidence, held_out_square
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity, no_other_sharpness_is_better
@@ -23,7 +21,8 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
-from sim.diagnosis.validate.adequacy import Adequacy, adequacy
+from sim.diagnosis.validate.adequacies import adequacies, resistance_residual, temperature_residual
+from sim.diagnosis.validate.adequacy import Adequacy
 from sim.diagnosis.validate.discrepancy import cosines, whitened_score
 from sim.effects.effect import Switched
 
@@ -64,49 +63,6 @@ class Verdict:
     def clean(self) -> bool:
         """Whether nothing is left in any channel."""
         return all(a is None or a.clean for a in (self.temperature, self.resistance))
-
-
-def temperature_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
-    """Residual over noise of the thermometer in the fitted rows, and the rows."""
-    a, _ = chain.fits(names)
-    assert a is not None
-    assert chain.first is not None
-    return chain.first.channel.residual(a), chain.first.channel.rows
-
-
-def resistance_residual(chain: Chain, names: frozenset[str]) -> tuple[Array, Rows]:
-    """Residual over noise of the ohmmeter in the fitted rows, and the rows."""
-    _, b = chain.fits(names)
-    assert b is not None
-    channel = chain.film_channel(names)
-    return channel.residual(b), channel.rows
-
-
-def adequacies(chain: Chain, names: frozenset[str]) -> tuple[Adequacy | None, Adequacy | None]:
-    """What the fit with these effects leaves in each channel."""
-    record = chain.record
-    found: list[Adequacy | None] = []
-    if chain.first is not None:
-        z, rows = temperature_residual(chain, names)
-        temperature = chain.fits(names)[0].shown_degC[rows]  # type: ignore[union-attr]
-        current = record.current_A
-        state = {"current": current[np.maximum(rows - 1, 0)]} if current is not None else {}
-        found.append(adequacy(z, record.time_s[rows], temperature, state))
-    else:
-        found.append(None)
-    if record.output is not None:
-        z, rows = resistance_residual(chain, names)
-        state = {} if record.test_current_A is None else {"test current": record.test_current_A[rows]}
-        shown, temperature, still = chain.fits(names)[1].shown[rows], None, None  # type: ignore[union-attr]
-        if chain.facts is not None and chain.facts.domains is not None:  # what is left hangs on where they switch
-            still = chain.facts.domains.stands(rows, shown)
-        else:
-            temperature = chain.film_channel(names).path.at(record.time_s[rows])
-            state["resistance"] = shown
-        found.append(adequacy(z, record.time_s[rows], temperature, state, still))
-    else:
-        found.append(None)
-    return found[0], found[1]
 
 
 def _whitened(chain: Chain, names: frozenset[str], last: bool) -> float:

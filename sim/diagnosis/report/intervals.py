@@ -16,9 +16,9 @@ from compensator.identification.covariance import NORMAL_95
 from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.temperature_channel import FIRST_STEP_K
 from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
-from sim.diagnosis.judge.verdict import temperature_residual
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.temperature_search import cell_of, cells
+from sim.diagnosis.validate.adequacies import temperature_residual
 from sim.diagnosis.validate.deviations import deviations, film_deviations
 from sim.effects.effect import Switched, jumps
 

@@ -69,7 +69,7 @@ def warnings_of(
     if not film_not_described(chain, names):
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     found += as_late_as_each_other(chain, names)
-    return found + film_in_steps(chain) + film_is_not_described(chain, names)
+    return found + coloured_noise(chain) + film_in_steps(chain) + film_is_not_described(chain, names)
 
 
 def odd_columns(record: Record) -> list[Warning]:
@@ -117,6 +117,23 @@ def as_late_as_each_other(chain: Chain, names: frozenset[str]) -> list[Warning]:
             )
             return [Warning("lags_alike", text)]
     return []
+
+
+def coloured_noise(chain: Chain) -> list[Warning]:
+    """Of instruments whose noise has a spectrum of its own."""
+    of = {}
+    if chain.first is not None and chain.first.channel.noise.colour is not None:
+        of["thermometer"] = f"{chain.first.channel.noise.level:.2g} K"
+    if chain.facts is not None and chain.facts.noise.colour is not None:
+        of["ohmmeter"] = f"{chain.facts.noise.level * chain.record.quantity.size:.2g} {chain.record.quantity.unit}"
+    if not of:
+        return []
+    sizes = " and ".join(f"the {instrument}'s, {size} (RMS)" for instrument, size in of.items())
+    text = (
+        f"noise has a spectrum of its own, as behind a filter or with 1/f noise: {sizes}. What rows next to each other "
+        "show of it tells how much of it is slow; what is slow and no larger than that would not have shown"
+    )
+    return [Warning("coloured_noise", text)]
 
 
 def film_in_steps(chain: Chain) -> list[Warning]:

@@ -111,7 +111,8 @@ class Chain:
     first: of the first links; facts: of the film (`learned.with_film`). assumed: effects that the user knows are there,
     which no search takes out; budget: of time; false_alarm: the share of clean records that may be given a name.
     curve, relays: whether the film may have a D(T), and be of another kind. together: whether both channels are fitted
-    as one, where the simulated temperature drives the film.
+    as one, where the simulated temperature drives the film. coloured: whether the instruments' noise may have a
+    spectrum of its own.
     """
 
     record: Record
@@ -125,6 +126,7 @@ class Chain:
     curve: bool = True
     relays: bool = True
     together: bool = False
+    coloured: bool = False
     found: Found = field(default_factory=Found)
 
     @property
@@ -165,7 +167,7 @@ class Chain:
             return moved_path(
                 channel.record, fit.path, walk.smoothed(residual, rows, np.full(rows.size, channel.sigma_K))
             )
-        return corrected_path(channel.record, fit.path, residual, rows, channel.noise.correlation)
+        return corrected_path(channel.record, fit.path, residual, rows, channel.noise.as_correlated)
 
     @property
     def searched(self) -> list[Effect]:
@@ -181,7 +183,7 @@ class Chain:
         if self.first is None:
             return 0.0
         noise = self.first.channel.noise
-        return noise.level * float(np.sqrt((1.0 + noise.correlation) / (1.0 - noise.correlation)))
+        return noise.level * float(np.sqrt((1.0 + noise.as_correlated) / (1.0 - noise.as_correlated)))
 
     def plate(self, names: frozenset[str]) -> PlateModel | None:
         """The plate of the fit with these effects; None without a current."""

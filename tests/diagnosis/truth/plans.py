@@ -18,7 +18,7 @@ from tests.diagnosis.truth.films import FORMS
 from tests.diagnosis.truth.manner import UNLIKE, USUAL
 from tests.diagnosis.truth.oracle import Oracle, threshold
 from tests.diagnosis.truth.outside import OUTSIDE, with_fault
-from tests.diagnosis.truth.real_noise import drawn_instruments, record_of
+from tests.diagnosis.truth.real_noise import COLOURS, coloured_record, drawn_instruments, record_of
 from tests.diagnosis.truth.rig import Effects, record
 from tests.diagnosis.truth.sizes import MARGIN, SIZES, bounds, others, slower, smallest
 
@@ -288,6 +288,34 @@ def real_noise(rng: Random, seed: int, of: str = "clean", effect: str | None = N
     )
 
 
+def coloured_noise(
+    rng: Random, seed: int, colour: str | None = None, effect: str | None = None, fault: str | None = None
+) -> Case:
+    """Noise of another colour than neighbouring rows that share a part; every other with an effect, or with a fault
+    that has no name."""
+    colour, hidden, details = colour or COLOURS[seed % len(COLOURS)], {}, {}
+    if fault is not None:
+        bench, value, _ = with_fault(rng, fault)
+        bench = replace(bench, rig=replace(bench.rig, outside={fault: value}))
+    elif effect is not None or seed % 2:
+        bench, hidden, details["smallest_share"] = with_effects(rng, (effect,) if effect else drawn_names(rng, 1))
+    else:
+        bench = draw_bench(rng)
+    rig = bench.rig.having(hidden)
+    return Case(
+        kind="coloured_noise",
+        seed=seed,
+        columns=coloured_record(rig, bench.schedule, rng, colour),
+        hidden=hidden,
+        expectation="unexplained" if fault is not None else "exactly" if hidden else "clean",
+        film=rig.film.name,
+        noise={"temperature_K": rig.noise_K, "resistance_dec": rig.noise_dec},
+        holdout=coloured_record(rig, bench.elsewhere, rng, colour),
+        details={"colour": colour, **details},
+        bench=bench,
+    )
+
+
 PLANS: dict[str, Callable[..., Case]] = {
     "one": several("one", 1),
     "two": several("two", 2),
@@ -304,4 +332,5 @@ PLANS: dict[str, Callable[..., Case]] = {
     "negative": negative,
     "unlike": unlike,
     "real_noise": real_noise,
+    "coloured_noise": coloured_noise,
 }

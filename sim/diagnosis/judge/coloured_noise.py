@@ -1,0 +1,66 @@
+"""An instrument whose noise has a colour: what seems left is judged with the spectrum that it shows within seconds.
+
+A record's noise is taken to be white, or such that neighbouring rows share a part. A filter in an instrument, or 1/f
+noise, leaves more than that, and the record is "unexplained" with nothing wrong in it. Where all that is left in a
+channel would be nothing beside noise of the colour that it shows from row to row, the record is searched anew with such
+noise. What is said then counts where it leaves nothing: what is slow, hangs on temperature, current or resistance, or
+has a period, is no such noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
+from sim.diagnosis.judge.verdict import Verdict, judge
+from sim.diagnosis.search.both_ends import select
+from sim.diagnosis.search.budget import JUDGING
+from sim.diagnosis.search.chain import LEAST_NOISE_K, Chain
+from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
+from sim.diagnosis.search.stepwise import Progress
+from sim.diagnosis.validate.adequacies import of_resistance, of_temperature
+
+Judged = tuple[Chain, frozenset[str], Verdict]
+
+
+def beside_coloured_noise(begun: Chain, found: Judged, say: Progress) -> Judged:
+    """What is said with such noise, or what was found as it is where the record shows none. begun: nothing was searched
+    yet; found: the chain, the effects that the search found, and what is said of them."""
+    chain, _, judged = found
+    if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
+        return found
+    if not (_passes_in_temperature(chain, judged) and _passes_in_resistance(chain, judged)):
+        return found
+    say("noise of another colour")
+    other, names = select(replace(begun, coloured=True), say)
+    told = judge(other, names)
+    return (other, names, told) if told.clean else found
+
+
+def _passes_in_temperature(chain: Chain, judged: Verdict) -> bool:
+    """Whether nothing is left in the thermometer's channel, or what is passes for such noise."""
+    if judged.temperature is None or judged.temperature.clean:
+        return True
+    assert chain.first is not None
+    channel, fit = chain.first.channel, chain.fits(judged.fitted)[0]
+    assert fit is not None
+    noise = thermometer_noise(channel, fit, LEAST_NOISE_K, coloured=True)
+    if noise.colour is None:
+        return False
+    rows, readings = channel.rows, channel.record.temperature_degC
+    z = noise.on(rows, readings[rows]).over((readings - fit.shown_degC)[rows])
+    return of_temperature(chain, judged.fitted, z, rows, noise).clean
+
+
+def _passes_in_resistance(chain: Chain, judged: Verdict) -> bool:
+    """The same of the ohmmeter's."""
+    if judged.resistance is None or judged.resistance.clean:
+        return True
+    channel, fit = chain.film_channel(judged.fitted), chain.fits(judged.fitted)[1]
+    assert fit is not None
+    noise = ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, chain.path_K, coloured=True)
+    if noise.colour is None:
+        return False
+    rows, output = channel.rows, channel.output
+    z = noise.on(rows, output[rows]).over((output - fit.shown)[rows])
+    return of_resistance(chain, judged.fitted, z, rows, noise).clean
