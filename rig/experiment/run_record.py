@@ -101,6 +101,19 @@ def recorded(
         raise error
 
 
+@contextmanager
+def worked_out(folder: RunFolder) -> Iterator[None]:
+    """What is made of rows when their run is over, a fit or a report: whatever ends it closes the files, and says where
+    they are."""
+    try:
+        yield
+    except BaseException as error:
+        with suppress(OSError):  # what ended it is more important
+            folder.abandon()
+        error.add_note(f"what was recorded is in {folder.part}")
+        raise
+
+
 def _columns_of(bench: Bench) -> list[str]:
     """A row's columns: those of every run, and the quantity that the meter's voltage stands for, where it does: wanted,
     by the model, and read."""

@@ -27,7 +27,7 @@ from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
 from rig.experiment.repeated import LEARNED, USED, Learning, learns_of, read_correction, write_correction
-from rig.experiment.run_record import Report, no_report, recorded
+from rig.experiment.run_record import Report, no_report, recorded, worked_out
 from rig.experiment.steady_meter import allow_test_current, largest_test_current_A
 from rig.experiment.summaries import calibration_notes, calibration_result, design_table
 from rig.experiment.tracking import law_and_design, plan_tracking, to_temperature, track
@@ -101,12 +101,13 @@ def _calibrated(session: Session, path: Path) -> Calibration:
         record_calibration(loop, file.content)
     say(f"calibration: {len(folder.rows)} rows; identifying film and plate")
     kind: Kind = "peltier" if cools(bench.controller) else "heater"
-    result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
-    folder.result(**calibration_result(result))
-    predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
-    write_columns(folder.part / PREDICTED, predicted)
-    session.report(folder)
-    whole = folder.finish()
+    with worked_out(folder):
+        result = identify_calibration(folder, file.content, folder.part / "MODEL.toml", kind)
+        folder.result(**calibration_result(result))
+        predicted = {"time_s": folder.column("time_s"), "predicted_ohm": 10.0**-result.predicted_output}
+        write_columns(folder.part / PREDICTED, predicted)
+        session.report(folder)
+        whole = folder.finish()
     result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
     for line in result.numbers.lines() if result.numbers is not None else []:
@@ -189,7 +190,8 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         with suppress(Exception):  # why it ended is what has to be told
             _reports(session, folders, e.law)
         raise
-    result.folder = _reports(session, folders, e.law).finish()
+    with worked_out(folders[e.law]):
+        result.folder = _reports(session, folders, e.law).finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"
         result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
@@ -299,8 +301,9 @@ def _profile(session: Session, path: Path, result: Result) -> None:
     if math.isfinite(error_K):
         folder.result(error={"rms_K": error_K, "max_K": largest(profile_error(folder)[1])})
         say(f"temperature: RMS error {error_K:.4f} K ({COUNTED})")
-    session.report(folder)
-    result.folder = folder.finish()
+    with worked_out(folder):
+        session.report(folder)
+        result.folder = folder.finish()
 
 
 def _keep(folder: RunFolder, target: Target, model: Model | None) -> None:

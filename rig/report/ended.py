@@ -24,6 +24,7 @@ def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) ->
     """report.html of a run that ended early, in `out`; inner: the runs inside its folder, by name."""
     stop, what = run.document.get("stop", {}), str(run.document["start"]["what"])
     reason = str(stop.get("reason", "unknown")).replace("_", " ")
+    reason = "all recorded, and nothing fitted" if reason == "done" else reason
     time, phase = run.column("time_s"), str(run.column(PHASE)[-1])
     lead = f"This run ended early, after {float(time[-1]):.1f} s, in its phase '{phase}': {stop.get('text') or reason}."
     numbers = [(reason, "why it ended"), (f"{float(time[-1]):.1f} s", "duration"), (str(run.rows), "rows")]

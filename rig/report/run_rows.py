@@ -146,8 +146,9 @@ def limit_A(run: RunRows) -> float:
 
 
 def ended_early(run: RunRows) -> bool:
-    """Whether a run has not come to its end."""
-    return bool(run.document.get("stop", {}).get("reason") != "done")
+    """Whether a run has not come to its end; a calibration's is its fit."""
+    unfitted = run.document["start"]["what"] == CALIBRATION and "result" not in run.document
+    return unfitted or bool(run.document.get("stop", {}).get("reason") != "done")
 
 
 def drive_label(run: RunRows) -> tuple[str, str]:

@@ -76,3 +76,31 @@ def test_a_signal_in_the_middle_of_an_off_ends_the_run(
     assert "output off, confirmed by the controller" in err
     rows = [row for path in tmp_path.glob("run*/record.csv") for row in path.read_text().splitlines()[1:]]
     assert {row.rsplit(",", 1)[1] for row in rows} == phases
+
+
+def test_a_signal_while_the_film_is_fitted(monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path) -> None:
+    """The evening's rows are whole by then: it says where they are, and they have a report."""
+    calibration = """
+[calibration]
+temperature_degC = [45, 75]
+rate_K_per_s = 1.5
+dwell_s = 0.0
+minor_loops = 2
+"""
+    monkeypatch.setattr("rig.experiment.session.identify_calibration", lambda *_: signal.raise_signal(signal.SIGINT))
+    status, _, err = peltier("calibrate", write_bench(tmp_path, more=calibration), "--out", tmp_path / "film")
+    part = tmp_path / "film.part"
+    assert status == 130
+    assert "stopped by SIGINT; output off, confirmed by the controller" in err
+    assert f"; what was recorded is in {part}" in err
+    assert peltier("report", part) == (0, f"{part / 'report.html'}\n", "")
+    assert "all recorded, and nothing fitted" in (part / "report.html").read_text()
+
+
+def test_a_signal_while_the_report_is_written(
+    monkeypatch: pytest.MonkeyPatch, peltier: Peltier, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("rig.report.run.write_live_report", lambda *_: signal.raise_signal(signal.SIGTERM))
+    status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
+    assert status == 143
+    assert f"; what was recorded is in {tmp_path / 'run.part'}" in err
