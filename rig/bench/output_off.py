@@ -39,6 +39,7 @@ class OutputOff:
     def __enter__(self) -> OutputOff:
         if self._signals is None:
             self._switch_off(None)
+            self._guard.idle()  # where it had armed the output before, and lost it: that is over
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:

@@ -18,7 +18,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from rig.bench.assembly import emulated_instruments
+from rig.bench.assembly import emulated_instruments, open_bench
 from rig.bench.simulation import simulated_world
 from rig.core.errors import Disconnected
 from rig.core.outcome import NotConfirmedOff, Stopped
@@ -88,6 +88,13 @@ def test_an_output_that_somebody_else_switched_on_and_that_stays_on(tmp_path: Pa
         until(lambda: controller.instrument.output_A == 0.0, "off by the dead man")
         until(lambda: bench.desk.confirmed, "the confirmation")
         assert BY_ITS_DEAD_MAN in bench.desk.notes
+
+
+def test_a_controller_that_is_back_with_its_output_off_has_no_armed_loop(tmp_path: Path) -> None:
+    """The guard would end the daemon, half a minute after the controller that it had armed and lost has come back."""
+    guard = Mock()
+    with open_bench(read_configuration(write_current(tmp_path)), guard):
+        assert [name for name, *_ in guard.method_calls] == ["holds", "idle", "holds"]
 
 
 def test_an_end_before_it_is_ready_is_told_to_systemd(tmp_path: Path) -> None:
