@@ -160,9 +160,9 @@ def _opened(
 
 
 def _not_ours(role: str, guard: Guard) -> None:
-    """The controller's port was never open here: its output is somebody else's business."""
+    """The controller's port was not opened here: its output is somebody else's business, or what it was before."""
     if role == "controller":
-        guard.let_go()
+        guard.not_opened()
 
 
 def emulated_instruments(

@@ -3,7 +3,8 @@
     begun     the working process holds its `LastBreath`
     holds     before a port is opened: role, driver, port, options, dead_man_s; from now on the guard answers for it
     given_up  the output is not confirmed off, everything has been tried, and that is told: nothing more is sent at once
-    let_go    the output is off, confirmed, and the port is closed; or it was never ours
+    let_go    the output is off, confirmed, and the port is closed
+    not_opened  the controller that was told of last was not opened: it was never ours, or what was given up still is
     busy      the output is armed: `alive` has to come from now on
     idle      the output is off, confirmed; nothing has to come
     expects   what the thermometer would show if the output went off now (`rig.safety.after_off.Courses`), or null
@@ -60,6 +61,9 @@ class Guard(Protocol):
     def let_go(self) -> None:
         """No port is ours any more, and the output that was is off, confirmed."""
 
+    def not_opened(self) -> None:
+        """The port of the controller that was told of last could not be opened."""
+
     def given_up(self) -> None:
         """The output is not confirmed off, and nothing is left to be tried at once; the user is told so."""
 
@@ -88,6 +92,9 @@ class _Unguarded:
         pass
 
     def let_go(self) -> None:
+        pass
+
+    def not_opened(self) -> None:
         pass
 
     def given_up(self) -> None:
@@ -140,6 +147,9 @@ class GuardLine:
 
     def let_go(self) -> None:
         self._tell(LAST_WAIT_S, event="let_go")
+
+    def not_opened(self) -> None:
+        self._tell(LAST_WAIT_S, event="not_opened")
 
     def given_up(self) -> None:
         self._tell(LAST_WAIT_S, event="given_up")

@@ -135,6 +135,7 @@ class _Watch:
         self._held: dict[str, Held] = {}
         self._busy = False
         self._given_up = False
+        self._given_up_before = False  # the same, before the controller's port was tried to be opened anew
         self._heard_s = time.monotonic()
         self._end_s: float | None = None  # when a child that hangs is killed
         self._text = b""
@@ -207,11 +208,16 @@ class _Watch:
         elif event == "holds":
             held = Held(**message)  # type: ignore[arg-type]
             self._held[held.role] = held
-            self._given_up = False
+            if held.role == "controller":
+                self._given_up_before, self._given_up = self._given_up, False
             with contextlib.suppress(Exception):  # tried again, and told, when it is needed
                 prepare(held)
         elif event == "let_go":
             self._held, self._busy, self._given_up = {}, False, False
+        elif event == "not_opened" and self._given_up_before:
+            self._given_up = True
+        elif event == "not_opened":
+            self._held, self._busy = {}, False
         elif event == "given_up":
             self._given_up = True
         elif event == "expects":

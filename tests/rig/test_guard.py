@@ -259,6 +259,16 @@ def test_what_the_process_has_given_up_is_not_confirmed_by_anybody_else() -> Non
     assert (done.returncode, done.stderr) == (11, "")
 
 
+def test_a_port_that_cannot_be_opened_anew_confirms_nothing_of_what_was_given_up() -> None:
+    """A daemon tries it every few seconds: what it has left on is not somebody else's affair by that."""
+    held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {}, 4.0)\n"
+    done = in_a_guarded_process(f"{held}guard.not_opened()\nreturn 75")  # never ours
+    assert (done.returncode, done.stderr) == (75, "")
+    again = f"{held}guard.busy()\nguard.given_up()\n{held}guard.not_opened()\n"
+    done = in_a_guarded_process(f"{again}{held}guard.not_opened()\ntime.sleep(1.0)\nos._exit(0)")
+    assert (done.returncode, done.stderr) == (11, "goes on at /dev/ttyNOPE7 4.0\n")
+
+
 def test_a_silence_for_the_dead_man_is_no_hanging_loop() -> None:
     done = in_a_guarded_process("guard.busy()\nfor _ in range(8):\n    time.sleep(0.1)\n    guard.alive()\nreturn 3")
     assert done.returncode == 3
