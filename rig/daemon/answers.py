@@ -116,7 +116,7 @@ class Answers:
         job = self.desk.cancel(number, _text(question, "by", "somebody"))
         if job is None:
             raise Refusal(404, [f"job {number!r}: expected one that waits or runs"])
-        return {"job": job.table()}
+        return {"job": job.table(), "state": self.desk.state()}
 
     def _follow(self, question: dict[str, Any]) -> dict[str, Any]:
         """A job with what it said and what came out."""

@@ -1,4 +1,4 @@
-"""What the guard wrote of a job that was running when the daemon's process died: whether its "off" can be believed.
+"""What is written of a job that was running when the daemon's process ended: whether its "off" can be believed.
 
 Import-light.
 """
@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from rig.guard.left_behind import DIED
 
@@ -26,20 +27,37 @@ def not_confirmed_off(folder: str | None) -> str | None:
     return next((text for confirmed, text in _ends(folder) if not confirmed), None)
 
 
-def found_by_the_guard(folder: str, within_s: float) -> tuple[bool, str] | None:
-    """Whether the output is off, confirmed, and what the guard wrote of that; None where it writes nothing in time."""
+def end_of_the_last_run(folder: str, within_s: float) -> tuple[bool, str] | None:
+    """Whether the output is off, confirmed, by the run in a job's folder that began last, and what is written of its
+    end: by the run itself, or by the guard, who is waited for; None where nothing is written in time."""
     until_s = time.monotonic() + within_s
-    while (end := next(_ends(folder), None)) is None and time.monotonic() < until_s:
+    while True:
+        last = max(_runs(folder), key=lambda run: str(run.get("start", {}).get("at", "")), default={})
+        if isinstance(last.get("stop"), dict):
+            stop = last["stop"]
+            text, confirmed = stop.get("text") or stop.get("reason"), bool(stop.get("output_off_confirmed"))
+            if stop.get("reason") == DIED:
+                return confirmed, f"its guard: {text}"
+            return confirmed, f"its run: {text}; output {'off, confirmed' if confirmed else 'not confirmed off'}"
+        if time.monotonic() >= until_s:
+            return None
         time.sleep(LOOK_AGAIN_S)
-    return end
 
 
 def _ends(folder: str | None) -> Iterator[tuple[bool, str]]:
     """(output off confirmed, text) of each run in a folder whose end the guard wrote."""
+    for run in _runs(folder):
+        stop = run.get("stop")
+        if isinstance(stop, dict) and stop.get("reason") == DIED:
+            yield bool(stop.get("output_off_confirmed")), str(stop.get("text"))
+
+
+def _runs(folder: str | None) -> Iterator[dict[str, Any]]:
+    """The documents of the runs in a folder; one that cannot be read is left out."""
     for path in sorted(Path(folder).rglob("run.json")) if folder is not None else ():
         try:
-            stop = json.loads(path.read_text(encoding="utf-8")).get("stop", {})
-            if stop["reason"] == DIED:
-                yield bool(stop["output_off_confirmed"]), str(stop["text"])
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):  # no end, or none that the guard wrote
+            run = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
             continue
+        if isinstance(run, dict) and isinstance(run.get("start", {}), dict):
+            yield run

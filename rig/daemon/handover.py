@@ -14,6 +14,7 @@ import argparse
 import os
 import signal
 import sys
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.core.terminal_line import TerminalLine
 from rig.daemon.asking import checked, one_daemon, report, teller
 from rig.daemon.client import CALIBRATION, Client, NoDaemon, daemons
-from rig.daemon.ended_before import found_by_the_guard
+from rig.daemon.ended_before import LOOK_AGAIN_S, end_of_the_last_run
 from rig.daemon.words import in_a_line, off_in_words
 from rig.files.toml_text import read_toml
 from rig.safety.signals import SignalStop
@@ -33,6 +34,7 @@ HOLDING = ("tripped", "stopped", "offline")
 NEVER_BEGAN = 1  # the exit status of a job that waited when its daemon ended: nothing of it needs to be off
 DIED = 1  # that of one whose output the guard has switched off, confirmed, when the daemon's process died
 GUARD_S = 40.0  # for what the guard finds: it looks at the temperature for 20 s, after a dead man's silence or two
+ENDS_S = 10.0  # for a daemon that tells nothing any more to be gone; its page and its log take a second or two
 SILENCE_S = 60.0  # a daemon tells its state every 5 s
 
 
@@ -52,9 +54,10 @@ class _Course:
             self.begun = self.begun or running == number
             self.waited = not self.begun and (running is not None or _held_by(data) is not None)
         elif event == "job" or data.get("job", data.get("id")) == number:
-            self.begun = self.begun or event != "job" or (data["id"] == number and data.get("started_s") is not None)
+            mine = event != "job" or data["id"] == number
+            self.begun = self.begun or (mine and (event != "job" or data.get("started_s") is not None))
             self.waited = False
-            self.folder = (data.get("folder") if event == "job" else None) or self.folder
+            self.folder = (data.get("folder") if mine and event == "job" else None) or self.folder
 
 
 def add_bench_argument(parser: argparse.ArgumentParser) -> None:
@@ -128,24 +131,37 @@ def _followed(verb: str, client: Client, told: Client, config: Path, out: Path |
             job = _until_it_ends(events, job, stream, course)
         except Stopped as stopped:
             signals.shield()
-            return _ended_by(verb, client, job["id"], stopped.number)
+            try:
+                return _ended_by(verb, client, job["id"], stopped.number)
+            except NoDaemon as error:
+                with SignalStop():  # another one ends the waiting
+                    return _without_daemon(verb, client, job["id"], course, error, config)
         except NoDaemon as error:
-            if _answers(client):
-                return _not_confirmed(verb, f"{error} while the job ran; {_make_sure(config)}")
-            if not course.waited:
-                return _left_to_the_guard(verb, course.folder, f"{error} while the job ran", config)
-            text = f"the job never began: {error} while it waited; give it again when the daemon runs again"
-            print(f"peltier {verb}: {text}; {_make_sure(config)}", file=sys.stderr)
-            return NEVER_BEGAN
-    return _told_of_the_end(verb, client, job, json_target)
+            return _without_daemon(verb, client, job["id"], course, error, config)
+    return _told_of_the_end(verb, client, events, job, json_target)
 
 
-def _answers(client: Client) -> bool:
-    """Whether the daemon is still there: what ended may be the connection that told what happens."""
-    try:
-        return bool(client.ask("state"))
-    except NoDaemon:
-        return False
+def _without_daemon(verb: str, client: Client, number: str, course: _Course, error: NoDaemon, config: Path) -> int:
+    """The exit status where the daemon tells nothing any more, as far as it can be found."""
+    if _stays(client, number, course):
+        return _not_confirmed(verb, f"{error} while the job ran; {_make_sure(config)}")
+    if not course.waited:
+        return _left_to_the_guard(verb, course.folder, f"{error} while the job ran", config)
+    text = f"the job never began: {error} while it waited; give it again when the daemon runs again"
+    print(f"peltier {verb}: {text}; {_make_sure(config)}", file=sys.stderr)
+    return NEVER_BEGAN
+
+
+def _stays(client: Client, number: str, course: _Course) -> bool:
+    """Whether the daemon is still there: what ended may be the connection that told what happens. One that ends answers
+    for a moment after that, and begins no job any more."""
+    until_s = time.monotonic() + ENDS_S
+    with suppress(NoDaemon):
+        while time.monotonic() < until_s:
+            course.waited = client.ask("follow", id=number).get("job", {}).get("state") == "queued"
+            time.sleep(LOOK_AGAIN_S)
+        return True
+    return False
 
 
 def _left_to_the_guard(verb: str, folder: str | None, why: str, config: Path) -> int:
@@ -155,14 +171,14 @@ def _left_to_the_guard(verb: str, folder: str | None, why: str, config: Path) ->
     if folder is not None:
         print(f"peltier {verb}: {why}; waiting for what its guard writes into {folder}", file=sys.stderr, flush=True)
         with suppress(Stopped):
-            found = found_by_the_guard(folder, GUARD_S)
+            found = end_of_the_last_run(folder, GUARD_S)
     if found is None:
         where = f", and in {folder}/run.json" if folder is not None else ""
         return _not_confirmed(verb, f"{why}; what its guard finds is in the daemon's log{where}; {_make_sure(config)}")
     confirmed, text = found
     if not confirmed:
-        return _not_confirmed(verb, f"its guard: {text}. Switch the controller off by hand.")
-    print(f"peltier {verb}: its guard: {text}; what was recorded is in {folder}", file=sys.stderr)
+        return _not_confirmed(verb, f"{text}. Switch the controller off by hand.")
+    print(f"peltier {verb}: {text}; what was recorded is in {folder}", file=sys.stderr)
     return DIED
 
 
@@ -176,9 +192,9 @@ def _not_confirmed(verb: str, why: str) -> int:
     return NotConfirmedOff.exit_status
 
 
-def _told_of_the_end(verb: str, client: Client, job: dict[str, Any], json_target: str | None) -> int:
+def _told_of_the_end(verb: str, client: Client, events: Any, job: dict[str, Any], json_target: str | None) -> int:
     """The job's exit status, or that of an output that nobody confirms to be off, which outranks it."""
-    said, confirmed = _output_now(client)
+    said, confirmed = _output_now(client, events)
     if job["exit_status"] == 0:
         report(json_target, _result(client, job["id"]))
     if job["exit_status"] == 0 and confirmed:
@@ -197,21 +213,33 @@ def _result(client: Client, number: str) -> dict[str, Any]:
         return {}
 
 
-def _output_now(client: Client) -> tuple[str, bool]:
+def _output_now(client: Client, events: Any) -> tuple[str, bool]:
     """What the daemon says of the output when a job has ended, and whether it can answer for it.
 
     The output of a job that has begun since is that job's affair: this one's end was confirmed, or its own status
-    says that it was not.
+    says that it was not. events: what a daemon that has ended since has told behind the job's end is its last word.
     """
     try:
         state = client.ask("state").get("state", {})
     except NoDaemon as error:
-        return f"OUTPUT NOT CONFIRMED OFF: {error}", False
+        state = _told_behind(events)
+        if state is None:
+            return f"OUTPUT NOT CONFIRMED OFF: {error}", False
     if state.get("job") is None and not state.get("output_confirmed"):
         return "OUTPUT NOT CONFIRMED OFF: see `peltier status`", False
     if state.get("output") != "off":
         return f"the output is {state.get('output')}, for what the bench does now: see `peltier status`", True
     return f"output off, {off_in_words(state)}", True
+
+
+def _told_behind(events: Any) -> dict[str, Any] | None:
+    """The next state that was told; None where none was."""
+    with suppress(NoDaemon):
+        for message in events:
+            if message["event"] == "state":
+                state: dict[str, Any] = message["data"]
+                return state
+    return None
 
 
 def _until_it_ends(events: Any, job: dict[str, Any], stream: Any, course: _Course) -> dict[str, Any]:
@@ -254,13 +282,12 @@ def _held_by(state: dict[str, Any]) -> str | None:
 
 
 def _ended_by(verb: str, client: Client, number: str, signal_number: int) -> int:
-    """End the job; 128 + n where it never began, or the output is off, confirmed."""
+    """End the job; 128 + n where it never began, or the output is off, confirmed. Raises NoDaemon."""
     name = signal.Signals(signal_number).name
-    try:
-        job = client.ask("cancel", id=number, by=name).get("job") or {}
+    answer = client.ask("cancel", id=number, by=name)
+    job, state = answer.get("job") or {}, answer.get("state")
+    if state is None:  # there was no such job any more
         state = client.ask("state").get("state", {})
-    except NoDaemon as error:
-        return _not_confirmed(verb, str(error))
     if job.get("state") == "stopped" and job.get("started_s") is None:  # it still waited
         print(f"peltier {verb}: taken out of the queue by {name}: the job had not begun", file=sys.stderr)
         return 128 + signal_number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 
 from rig.daemon import handover
 from rig.daemon.client import NoDaemon
-from rig.guard.left_behind import Left, write_end
+from rig.guard.left_behind import DIED, Left, write_end
 
 OFF = {"state": "idle", "job": None, "output": "off", "output_confirmed": True, "output_confirmed_by": "the controller"}
 NOT_CONFIRMED = {**OFF, "output": "unknown", "output_confirmed": False, "output_confirmed_by": None}
@@ -41,7 +42,7 @@ class _Daemon:
         if self._state is None:
             raise NoDaemon("the daemon is silent")
         if verb == "cancel":
-            return {"job": self.cancelled}
+            return {"job": self.cancelled, "state": self._state}
         return {"state": self._state} if verb == "state" else {"result": {"rows": 3}}
 
     def events(self, silence_s: float) -> Any:
@@ -81,6 +82,23 @@ def test_an_output_that_nobody_answers_for_outranks_the_jobs_status(
     assert said in (err if expected else out)
 
 
+def test_the_last_word_of_a_daemon_that_ends_with_its_job_counts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """On SIGTERM it tells of the job's end and of its output, and may be gone before it is asked."""
+
+    class Ends(_Daemon):
+        def events(self, silence_s: float) -> Any:
+            yield from super().events(silence_s)
+            yield {"event": "row", "data": {}}
+            yield {"event": "state", "data": OFF}
+            raise NoDaemon("the daemon has ended")
+
+    stand_in(Ends(143, GONE), monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == 143
+    assert "output off, confirmed by the controller (the controller)" in capsys.readouterr().err
+
+
 def stand_in(daemon: _Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is the one that runs."""
     monkeypatch.setattr(handover, "_ports", lambda config: {"/dev/one"})
@@ -99,7 +117,7 @@ def test_a_signal_ends_the_job_from_the_moment_it_is_submitted(
     daemon.signals[when] = number
     stand_in(daemon, monkeypatch)
     assert handover.handed_over("run", tmp_path / "config.toml", None) == 128 + number
-    assert daemon.asked == ["submit", "cancel", "state"]
+    assert daemon.asked == ["submit", "cancel"]  # what answers has switched off, and says so: it may be gone then
     assert f"stopped by {name}; output off, confirmed" in capsys.readouterr().err
 
 
@@ -171,6 +189,33 @@ def test_a_job_that_waited_when_its_daemon_was_killed_never_began(
     assert ("give it again" in err) == (status == 1)
 
 
+@pytest.mark.parametrize(("state", "status"), [("queued", 1), ("running", 11)])
+def test_a_job_that_waited_when_its_daemon_ended_never_began(
+    state: str, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """By itself: it ends the job before this one, lets its listeners go, and answers for a moment more."""
+
+    class Ends(_Daemon):
+        def events(self, silence_s: float) -> Any:
+            yield {"event": "state", "data": OFF}
+            yield {"event": "state", "data": WAITS}
+            yield {"event": "job", "data": {"id": "8", "started_s": 0.0, "ended_s": 1.0, "folder": "runs/8"}}
+            yield {"event": "state", "data": FREE}
+            raise NoDaemon("the daemon has ended")
+
+        def ask(self, verb: str, **more: Any) -> dict[str, Any]:
+            if verb == "follow" and verb not in self.asked:
+                self.asked.append(verb)
+                return {"job": {"id": "7", "state": state}}
+            return super().ask(verb, **more)
+
+    stand_in(Ends(0, GONE), monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
+    err = capsys.readouterr().err
+    assert ("the job never began" in err) == (status == 1)
+    assert "runs/8" not in err  # another job's
+
+
 @pytest.mark.parametrize(
     ("confirmed", "status", "said"),
     [
@@ -204,6 +249,43 @@ def test_a_job_whose_daemon_was_killed_ends_as_its_guard_found(
     stand_in(Killed(0, GONE), monkeypatch)
     assert handover.handed_over("run", tmp_path / "config.toml", None) == status
     assert said.format(folder=folder) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("reason", "confirmed", "status", "said"),
+    [
+        (DIED, True, 1, "its guard: as it is; what was recorded is in"),
+        ("signal", True, 1, "its run: as it is; output off, confirmed; what was recorded is in"),
+        ("signal", False, 11, "OUTPUT NOT CONFIRMED OFF: its run: as it is; output not confirmed off"),
+    ],
+)
+def test_a_job_that_is_ended_while_its_daemon_ends(
+    reason: str,
+    confirmed: bool,
+    status: int,
+    said: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """Nobody answers to the Ctrl-C: what is written of the run's end counts, not that of the calibration before it."""
+    folder = tmp_path / "7.part"
+    ends = {"calibration": ("1", "done", True), "": ("2", reason, confirmed)}
+    for name, (at, why, off) in ends.items():
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        stop = {"reason": why, "text": "as it is", "output_off_confirmed": off}
+        (folder / name / "run.json").write_text(json.dumps({"start": {"at": at}, "stop": stop}))
+
+    class Ending(_Daemon):
+        def events(self, silence_s: float) -> Any:
+            yield {"event": "state", "data": OFF}
+            yield {"event": "job", "data": {"id": "7", "started_s": 1.0, "ended_s": None, "folder": str(folder)}}
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(handover, "GUARD_S", 0.01)
+    stand_in(Ending(0, GONE), monkeypatch)
+    assert handover.handed_over("run", tmp_path / "config.toml", None) == status
+    assert said in capsys.readouterr().err
 
 
 class _Held:
