@@ -1,4 +1,4 @@
-"""peltier watch: the bench as a live table, until Ctrl-C; a line a second where there is no terminal."""
+"""peltier watch: the bench as a live table, until Ctrl-C; a line a second, with its time, where there is no terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from rig.core.faults import fault
 from rig.daemon.asking import bench_argument, one_daemon
 from rig.daemon.client import Client, NoDaemon
-from rig.daemon.words import number, resistance, rows_of
+from rig.daemon.words import in_a_log, rows_of
 
 EVERY_S = 0.25  # as often as anybody reads a changing number
 
@@ -76,10 +76,4 @@ def _lines(client: Client, end_s: float | None) -> None:
         if time.monotonic() - shown_s < 1.0:
             continue
         shown_s = time.monotonic()
-        reading = state["reading"]
-        phase = state["job"]["phase"] if state["job"] else "-"
-        print(
-            f"{state['state']:<8} {phase:<10} {number(reading.get('temperature_degC'), 'degC', 3)}  "
-            f"{number(reading.get('current_A'), 'A', 3)}  {resistance(reading.get('resistance_ohm'))}",
-            flush=True,
-        )
+        print(in_a_log(state), flush=True)

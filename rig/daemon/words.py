@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
+
+FRESH_S = 5.0  # a reading that is older is told as old; the page and the overview do from here on
 
 
 def number(value: float | None, unit: str, digits: int) -> str:
@@ -72,7 +75,7 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         ("temperature", f"{number(reading.get('temperature_degC'), 'degC', 3)}, wanted {wanted}"),
         ("drive" if unit != "A" else "current", number(reading.get("current_A"), unit, 3)),
         ("resistance", f"{resistance(reading.get('resistance_ohm'))}, wanted {resistance(reading.get('target_ohm'))}"),
-        ("reading", f"{reading.get('quality')}, {_age(state)}"),
+        ("reading", stale(state) or f"{reading.get('quality')}, {_age(state)}"),
         ("film's memory", "known" if state["memory_known"] else "not known until the film was conditioned"),
         ("ticks", f"{ticks['done']} done, {ticks['missed']} missed, at most {1e3 * ticks['latest_s']:.1f} ms late"),
         ("watch", unread),
@@ -105,6 +108,28 @@ def _gaps(gaps: dict[str, Any]) -> str:
     if not gaps["count"]:
         return "none in its readings"
     return f"{gaps['count']} in its readings, the longest {span(gaps['longest_s'])}, {span(gaps['total_s'])} in all"
+
+
+def stale(state: dict[str, Any]) -> str:
+    """That what is shown of the instruments is old; "" where it is not."""
+    taken = state["reading"].get("time_s")
+    if taken is None or (state["state"] != "offline" and state["time_s"] - taken <= FRESH_S):
+        return ""
+    return f"NONE for {span(max(0.0, state['time_s'] - taken))}: what is shown is of before"
+
+
+def in_a_log(state: dict[str, Any]) -> str:
+    """The bench in a line with the time of day, and what one should know at once behind it."""
+    reading, phase = state["reading"], state["job"]["phase"] if state["job"] else "-"
+    clock_time = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(state["time_s"]))
+    values = (
+        number(reading.get("temperature_degC"), "degC", 3),
+        number(reading.get("current_A"), state.get("drive_unit", "A"), 3),
+        resistance(reading.get("resistance_ohm")),
+    )
+    old = f"reading: {text}" if (text := stale(state)) else ""
+    unknown = "" if state["output_confirmed"] else "OUTPUT NOT CONFIRMED"
+    return "  ".join(part for part in (f"{clock_time} {state['state']:<8} {phase:<10}", *values, old, unknown) if part)
 
 
 def _age(state: dict[str, Any]) -> str:

@@ -9,6 +9,7 @@ import re
 import shutil
 import sys
 import threading
+import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +28,7 @@ from rig.daemon.answers import Answers, Refusal
 from rig.daemon.desk import HISTORY
 from rig.daemon.hold import hold_of
 from rig.daemon.job_run import JobRun, _end_by
-from rig.daemon.words import in_a_line, rows_of
+from rig.daemon.words import in_a_line, in_a_log, rows_of
 from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
 from rig.history.store import Retention, Store
@@ -272,6 +273,26 @@ def test_a_job_that_was_handed_over_is_told_in_a_line() -> None:
     assert in_a_line(row, job, 100.0) == "track     5:13 of about 6:10, 0:57 to go   61.23 degC   12.34 kohm   0.50 A"
     heater = in_a_line(row, {**job, "drive_unit": "of full drive"}, 100.0)
     assert heater.endswith("0.50 of full drive")
+
+
+def test_what_is_shown_of_an_instrument_that_says_nothing_is_told_as_old(bench: RunningBench) -> None:
+    state = bench.until_state("idle")
+    state["reading"] |= {"time_s": 100.0, "temperature_degC": 61.234, "quality": "good"}
+    assert dict(rows_of({**state, "time_s": 101.0}))["reading"] == "good, 1 s ago"
+    for word, at_s in (("idle", 108.0), ("tripped", 108.0), ("offline", 101.0)):
+        then = {**state, "state": word, "time_s": at_s}
+        old = f"NONE for {at_s - 100.0:.0f} s: what is shown is of before"
+        assert dict(rows_of(then))["reading"] == old
+        assert f"reading: {old}" in in_a_log(then)
+
+
+def test_a_line_of_watch_has_the_time_of_day(bench: RunningBench) -> None:
+    state = bench.until_state("idle")
+    state["reading"] |= {"time_s": 100.0, "temperature_degC": 61.234, "resistance_ohm": 12340.0, "current_A": 0.0}
+    state["time_s"] = 101.0
+    day = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(101.0))
+    assert in_a_log(state) == f"{day} idle     -           61.234 degC  0.000 A  12.34 kohm"
+    assert in_a_log({**state, "output_confirmed": False}).endswith("  OUTPUT NOT CONFIRMED")
 
 
 def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
