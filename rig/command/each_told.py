@@ -28,11 +28,13 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
     for record in records:
         if isinstance(record, Refused):  # at once, for whoever had rather mend it first than wait for the others
             print(f"{record.source}: is refused, the others go on; the end says why", file=sys.stderr, flush=True)
+    told: list[str] = []
     with ManyProgress() as progress:
 
         def tell(done: int, of: int, source: str, found: Told) -> None:
             for line in found.faults:
                 progress.say(line)
+                told.append(line)
             if found.lines:
                 progress.clear()
                 voice.say(f"{source}:")
@@ -46,7 +48,7 @@ def each_told(records: Sequence[Record | Refused], task: Task, options: argparse
             progress.say(_kept(options.report))
             raise
     if not documents:
-        raise Faults(faults)
+        raise Faults(line for line in faults if line not in told)
     for record in records:
         for line in record.faults if isinstance(record, Refused) else ():
             print(line, file=sys.stderr)

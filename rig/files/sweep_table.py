@@ -48,3 +48,9 @@ class SweepTable(Table):
             if not low < high:
                 raise ValueError(f"ranges: {key}: expected [low, high] with low < high")
         return self
+
+
+class SweepFile(Table):
+    """The part of a configuration that says it, so that a fault is told with the table's name."""
+
+    sweep: SweepTable

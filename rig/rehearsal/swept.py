@@ -16,7 +16,7 @@ from rig.core.outcome import Outcome
 from rig.files.named_files import contents_named
 from rig.files.record import Refused, content_digest
 from rig.files.record_file import Record, read_record, write_columns
-from rig.files.sweep_table import SweepTable, What
+from rig.files.sweep_table import SweepFile, SweepTable, What
 from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
 from rig.many.cases import Case, each_ended
@@ -67,7 +67,7 @@ def read_sweep(path: Path) -> Sweep:
     raw = read_toml(path)
     if "sweep" not in raw:
         raise fault(path, "sweep", "missing; expected a table [sweep] with seeds, effects, parameters")
-    table = checked(SweepTable, raw["sweep"], path)
+    table = checked(SweepFile, {"sweep": raw["sweep"]}, path).sweep
     if table.records:
         return Sweep(path, raw, table, [], _records(path, table.records))
     points = list(points_of(table))

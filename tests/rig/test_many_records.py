@@ -119,6 +119,16 @@ def test_the_faults_of_a_record_stay_apart(tmp_path: Path) -> None:
     assert row["text"] == " / ".join(faults)
 
 
+def test_a_fault_is_told_once_where_no_record_is_left(tmp_path: Path, peltier: Peltier) -> None:
+    """When its record ends, and not at the end again."""
+    flat = tmp_path / "flat.csv"
+    rows = "".join(f"{second},25,1000\n" for second in range(100))
+    flat.write_text(f"time_s,temperature_degC,resistance_ohm\n{rows}")
+    status, _, err = peltier("identify", flat, "--each", "--workers", 1)
+    assert status == 2
+    assert err.count("temperature_degC: constant at 25") == 1
+
+
 def test_identify_each_has_no_single_model(records: list[Path], tmp_path: Path, peltier: Peltier) -> None:
     status, _, err = peltier("identify", *records, "--each", "--out", tmp_path / "model.toml")
     assert status == 2

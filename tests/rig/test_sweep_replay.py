@@ -84,6 +84,10 @@ def test_a_sweep_that_cannot_be_is_refused(tmp_path: Path, peltier: Peltier) -> 
     status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
     assert status == 2
     assert "control.sm: unknown key" in err
+    path.write_text(path.read_text().replace("[sweep]", "[sweep]\nworkers = 2"))
+    status, _, err = peltier("sweep", path, "--out", tmp_path / "s")
+    assert status == 2
+    assert f"{path}: sweep.workers: unknown key" in err
     assert not (tmp_path / "s").exists()
 
 
