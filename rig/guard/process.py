@@ -252,15 +252,17 @@ class _Watch:
     def _status(self, code: int) -> int:
         """The exit status, after the output was switched off where the child did not say that it is."""
         status = 128 - code if code < 0 else code
+        how = f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
         controller, meter = self._held.get("controller"), self._held.get("meter")
         if controller is None:
+            if code < 0:
+                self.tell(f"process {self._child} {how}; it held no controller")
             return status
         if self._given_up or status == NotConfirmedOff.exit_status:  # it has said so: nobody says otherwise any more
             if not self._given_up:
                 switch_off(controller, self._patience_s)
             return self._not_confirmed(controller)
         verdict = self._verdict(controller)
-        how = f"died of {signal.Signals(-code).name}" if code < 0 else f"ended with status {code}"
         if not verdict.confirmed:
             return self._not_confirmed(controller, f"process {self._child} {how}, and {verdict.text}")
         courses = self._courses_at(verdict)

@@ -240,6 +240,14 @@ def test_an_exit_status_is_passed_on() -> None:
     assert in_a_guarded_process("return 7").returncode == 7
 
 
+def test_a_process_that_dies_before_it_holds_a_port_does_not_do_so_in_silence() -> None:
+    """A system that is out of memory kills one that diagnoses, and the shell sees an ordinary exit of its guard."""
+    done = in_a_guarded_process("os.kill(os.getpid(), 9)")
+    assert done.returncode == 128 + signal.SIGKILL
+    (line,) = done.stderr.splitlines()
+    assert line.endswith("died of SIGKILL; it held no controller")
+
+
 def test_a_port_that_does_not_answer_is_not_confirmed() -> None:
     held = "guard.holds('controller', 'meerstetter', '/dev/ttyNOPE7', {})\n"
     done = in_a_guarded_process(held + "os._exit(0)")
