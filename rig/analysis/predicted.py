@@ -141,6 +141,8 @@ def _rows(record: Record) -> Rows:
         "meter_current_time_s",
         *INPUTS,
     )
+    if "temperature_degC" in record.columns and not record.has("temperature_degC"):
+        raise fault(record.source, "temperature_degC", f"no finite number in {record.rows} rows, expected degC")
     try:
         rows = read_columns({n: record[n] for n in asked if record.has(n)}, held_out=False, fewest=1)
     except ValueError as error:

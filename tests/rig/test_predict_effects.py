@@ -89,6 +89,16 @@ def test_self_heating_without_a_test_current_is_told(folder: Path, peltier: Pelt
     assert "no meter_current_A" in err
 
 
+def test_a_thermometer_that_never_read_is_told(tmp_path: Path, peltier: Peltier) -> None:
+    model, record = tmp_path / "m.toml", tmp_path / "r.csv"
+    model.write_text(MODEL, encoding="utf-8")
+    nothing = np.full(50, np.nan)
+    write_columns(record, {"time_s": np.arange(50.0), "temperature_degC": nothing, "resistance_ohm": np.full(50, 1e4)})
+    status, _, error = peltier("predict", model, record)
+    assert status == 2
+    assert error == f"{record}: temperature_degC: no finite number in 50 rows, expected degC\n"
+
+
 def test_a_model_with_faulty_effects(tmp_path: Path, peltier: Peltier) -> None:
     (tmp_path / "bad.toml").write_text(MODEL + '\n[[effects]]\nname = "film_lag"\n[[effects]]\ntau_s = 1.0\n')
     (tmp_path / "r.csv").write_text("time_s,temperature_degC\n0,30\n1,31\n")
