@@ -92,7 +92,7 @@ def coloured_record(rig: Rig, schedule: Schedule, rng: np.random.Generator, colo
     clean = simulate(rig, schedule, noise_K)
     return {
         "time_s": schedule.time.copy(),
-        "temperature_degC": clean.temperature + noise_K,
+        "temperature_degC": rounded(clean.temperature + noise_K, rig.get("thermometer_quantization", "step_K")),
         "resistance_ohm": 10.0 ** (clean.log_ohm + rig.noise_dec * coloured(rng, rows, colour)),
         "current_A": clean.current.copy(),
         "meter_current_A": schedule.meter_A.copy(),
