@@ -34,7 +34,7 @@ ROUNDS = 4  # of the slow shares and the power that they have, by which lines ar
 TAPS = 1024  # of the filter: of 1/f noise they fall off as k^-1.5, and all behind are a fortieth
 GRID = 16384  # frequencies: 1/f noise goes on to periods of so many rows
 LEAST = 0.01  # of a line's power that the slow shares have: they may fall below 0 at the fastest
-SURE = 2.0  # log-likelihood that 1/f noise has to bring, one of white noise in forty by chance: continued, it becomes much
+SURE = 2.0  # log-likelihood that 1/f noise has to bring, one of white noise in forty by chance: a little becomes much
 OF_MEDIAN = float(np.log(2.0))  # of a line's power over its mean, which few stretches that went astray would be
 AT_ONCE = 32  # columns: of 50,000 rows they take 50 MB
 

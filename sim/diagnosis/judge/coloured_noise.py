@@ -10,6 +10,7 @@ has a period, is no such noise.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise, thermometer_noise
 from sim.diagnosis.judge.verdict import Verdict, judge
@@ -20,47 +21,56 @@ from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.stepwise import Progress
 from sim.diagnosis.validate.adequacies import of_resistance, of_temperature
 
+CHANNELS: Final = 2
 Judged = tuple[Chain, frozenset[str], Verdict]
 
 
 def beside_coloured_noise(begun: Chain, found: Judged, say: Progress) -> Judged:
     """What is said with such noise, or what was found as it is where the record shows none. begun: nothing was searched
     yet; found: the chain, the effects that the search found, and what is said of them."""
-    chain, _, judged = found
-    if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
-        return found
-    if not (_passes_in_temperature(chain, judged) and _passes_in_resistance(chain, judged)):
-        return found
-    say("noise of another colour")
-    other, names = select(replace(begun, coloured=True), say)
-    told = judge(other, names)
-    return (other, names, told) if told.clean else found
+    last = found
+    for _ in range(CHANNELS):  # what one leaves may show only beside the other's colour
+        chain, _, judged = last
+        if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
+            break
+        left = _left(judged)
+        if left <= chain.coloured or not all(PASSES[instrument](chain, judged.fitted) for instrument in left):
+            break
+        say("noise of another colour")
+        other, names = select(replace(begun, coloured=chain.coloured | left), say)
+        last = (other, names, judge(other, names))
+    return last if last[2].clean else found
 
 
-def _passes_in_temperature(chain: Chain, judged: Verdict) -> bool:
-    """Whether nothing is left in the thermometer's channel, or what is passes for such noise."""
-    if judged.temperature is None or judged.temperature.clean:
-        return True
+def _left(judged: Verdict) -> frozenset[str]:
+    """The instruments in whose channel something is left."""
+    of = {"thermometer": judged.temperature, "ohmmeter": judged.resistance}
+    return frozenset(instrument for instrument, left in of.items() if left is not None and not left.clean)
+
+
+def _passes_in_temperature(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether what is left in the thermometer's channel passes for such noise."""
     assert chain.first is not None
-    channel, fit = chain.first.channel, chain.fits(judged.fitted)[0]
+    channel, fit = chain.first.channel, chain.fits(names)[0]
     assert fit is not None
     noise = thermometer_noise(channel, fit, LEAST_NOISE_K, coloured=True)
     if noise.colour is None:
         return False
     rows, readings = channel.rows, channel.record.temperature_degC
     z = noise.on(rows, readings[rows]).over((readings - fit.shown_degC)[rows])
-    return of_temperature(chain, judged.fitted, z, rows, noise).clean
+    return of_temperature(chain, names, z, rows, noise).clean
 
 
-def _passes_in_resistance(chain: Chain, judged: Verdict) -> bool:
+def _passes_in_resistance(chain: Chain, names: frozenset[str]) -> bool:
     """The same of the ohmmeter's."""
-    if judged.resistance is None or judged.resistance.clean:
-        return True
-    channel, fit = chain.film_channel(judged.fitted), chain.fits(judged.fitted)[1]
+    channel, fit = chain.film_channel(names), chain.fits(names)[1]
     assert fit is not None
     noise = ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, chain.path_K, coloured=True)
     if noise.colour is None:
         return False
     rows, output = channel.rows, channel.output
     z = noise.on(rows, output[rows]).over((output - fit.shown)[rows])
-    return of_resistance(chain, judged.fitted, z, rows, noise).clean
+    return of_resistance(chain, names, z, rows, noise).clean
+
+
+PASSES: Final = {"thermometer": _passes_in_temperature, "ohmmeter": _passes_in_resistance}

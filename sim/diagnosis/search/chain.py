@@ -111,8 +111,8 @@ class Chain:
     first: of the first links; facts: of the film (`learned.with_film`). assumed: effects that the user knows are there,
     which no search takes out; budget: of time; false_alarm: the share of clean records that may be given a name.
     curve, relays: whether the film may have a D(T), and be of another kind. together: whether both channels are fitted
-    as one, where the simulated temperature drives the film. coloured: whether the instruments' noise may have a
-    spectrum of its own.
+    as one, where the simulated temperature drives the film. coloured: the instruments, "thermometer" and
+    "ohmmeter", whose noise may have a spectrum of its own.
     """
 
     record: Record
@@ -126,7 +126,7 @@ class Chain:
     curve: bool = True
     relays: bool = True
     together: bool = False
-    coloured: bool = False
+    coloured: frozenset[str] = frozenset()
     found: Found = field(default_factory=Found)
 
     @property

@@ -42,7 +42,7 @@ def first_renoised(chain: Chain, upstream: frozenset[str]) -> Chain:
     old, before = chain.first, chain.record
     assert old is not None
     whole, fit = chain.as_read or before, old.fit(upstream)
-    noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K, chain.coloured)
+    noise = thermometer_noise(old.channel, fit, LEAST_NOISE_K, "thermometer" in chain.coloured)
     outliers = outlying_rows(before.temperature_degC, fit.shown_degC, whole.temperature_used, 0.5 * before.step_K)
     record = whole.without(outliers, outliers[:0])
     left = np.where(record.temperature_used, (before.temperature_degC - fit.shown_degC) / noise.level, np.nan)
@@ -67,7 +67,7 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
     if b is None or facts is None or before.output is None:
         return chain, False
     whole, channel = chain.as_read or before, chain.last(upstream).channel
-    noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K, chain.coloured)
+    noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K, "ohmmeter" in chain.coloured)
     record, outliers = _less_outliers(before, whole, b, noise)
     start, used = remembered(channel, b.parameters), before.output_used
     same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start
