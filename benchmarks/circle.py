@@ -161,7 +161,7 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     model, first = report / (CANDIDATE if tried else MODEL), folder / "first"
     record = read_record(first / "record.csv")
     # `improve` then leaves the model as it is
-    if not (named or tried) or no_better(model, first / "model.toml", record, FALLING_RESISTANCE):
+    if not (named or tried) or no_better(model, first / "model.toml", record, FALLING_RESISTANCE, named or tried):
         return named, tried, "cal/MODEL.toml"
     return named, tried, f"{report.name}/{model.name}"
 

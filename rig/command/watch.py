@@ -1,4 +1,4 @@
-"""peltier watch: the bench as a live table, until Ctrl-C; a line a second, with its time, where there is no terminal."""
+"""peltier watch: the bench as a live table, until Ctrl-C; without a terminal a line a second, with its time."""
 
 from __future__ import annotations
 

@@ -68,12 +68,12 @@ class Improvable:
         names = ", ".join(str(e["name"]) for e in effects)
         return f"the run's model already has what is named ({names}), at sizes that the record bears out"
 
-    def no_better(self, extended: Path, record: Record) -> str | None:
-        """Why nothing is to be expected of an extended model, None where it may be run: it has to tell what the run
-        followed better than the run's own."""
+    def no_better(self, extended: Path, record: Record, new: Sequence[str]) -> str | None:
+        """Why nothing is to be expected of an extended model with these effects, None where it may be run: it has to
+        tell the run better than the run's own."""
         own = self.run.part / "model.toml"
         followed = self.output if self.kind in TRACKING else "temperature_degC"
-        return no_better(extended, own, record, followed) if own.is_file() else None
+        return no_better(extended, own, record, followed, new) if own.is_file() else None
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:
