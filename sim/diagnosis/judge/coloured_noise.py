@@ -3,8 +3,8 @@
 A record's noise is taken to be white, or such that neighbouring rows share a part. A filter in an instrument, or 1/f
 noise, leaves more than that, and the record is "unexplained" with nothing wrong in it. Where all that is left in a
 channel would be nothing beside noise of the colour that it shows from row to row, the record is searched anew with such
-noise. What is said then counts where it leaves nothing: what is slow, hangs on temperature, current or resistance, or
-has a period, is no such noise.
+noise there. What is said then counts where it leaves nothing in that channel: what is slow, hangs on temperature,
+current or resistance, or has a period, is no such noise. The other channel may have a fault, or a film in steps.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ Judged = tuple[Chain, frozenset[str], Verdict]
 def beside_coloured_noise(begun: Chain, found: Judged, say: Progress) -> Judged:
     """What is said with such noise, or what was found as it is where the record shows none. begun: nothing was searched
     yet; found: the chain, the effects that the search found, and what is said of them."""
-    last = found
     for _ in range(CHANNELS):  # what one leaves may show only beside the other's colour
-        chain, _, judged = last
+        chain, _, judged = found
         if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
             break
-        left = _left(judged)
-        if left <= chain.coloured or not all(PASSES[instrument](chain, judged.fitted) for instrument in left):
+        passing = [i for i in sorted(_left(judged) - chain.coloured) if PASSES[i](chain, judged.fitted)]
+        if not passing:
             break
         say("noise of another colour")
-        other, names = select(replace(begun, coloured=chain.coloured | left), say)
-        last = (other, names, judge(other, names))
-    return last if last[2].clean else found
+        other, names = select(replace(begun, coloured=chain.coloured.union(passing)), say)
+        told = judge(other, names)
+        if _left(told) & other.coloured:
+            break
+        found = (other, names, told)
+    return found
 
 
 def _left(judged: Verdict) -> frozenset[str]:
