@@ -1,4 +1,4 @@
-"""What tells a run no better than the model that the run had: the film by the film, what is before it by temperature."""
+"""What tells a run no better than the model that it had: a film by the film, what is before it by the temperature."""
 
 from __future__ import annotations
 
