@@ -99,8 +99,7 @@ def diagnose(
         known = quantity.effects(effects if effects is not None else catalogue())
         budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
-        begun = replace(chain, false_alarm=chosen_false_alarm)
-        chain, names = select(begun, say)
+        chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)

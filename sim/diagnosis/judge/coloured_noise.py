@@ -21,14 +21,14 @@ from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.stepwise import Progress
 from sim.diagnosis.validate.adequacies import of_resistance, of_temperature
 
-CHANNELS: Final = 2
+CHANNELS: Final = 2  # what one leaves may show only beside the other's colour
 Judged = tuple[Chain, frozenset[str], Verdict]
 
 
 def beside_coloured_noise(begun: Chain, found: Judged, say: Progress) -> Judged:
     """What is said with such noise, or what was found as it is where the record shows none. begun: nothing was searched
     yet; found: the chain, the effects that the search found, and what is said of them."""
-    for _ in range(CHANNELS):  # what one leaves may show only beside the other's colour
+    for _ in range(CHANNELS):
         chain, _, judged = found
         if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
             break
