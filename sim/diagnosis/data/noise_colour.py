@@ -15,12 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from compensator.hysteresis.functions import Array
-
-Rows = NDArray[np.int64]
+from sim.diagnosis.data.wandering import Rows
 
 STRETCH = 128  # rows: four periods of the slowest that is read
 LONG = 512  # rows: over two octaves more, 1/f noise and a filter differ

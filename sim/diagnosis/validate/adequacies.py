@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_model import NoiseModel
-from sim.diagnosis.data.record import Rows
+from sim.diagnosis.data.record import Mask, Rows
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.adequacy import Adequacy, adequacy
 
@@ -61,6 +61,6 @@ def of_resistance(chain: Chain, names: frozenset[str], z: Array, rows: Rows, noi
     return adequacy(z, record.time_s[rows], temperature, state, _without_lines(noise, rows))
 
 
-def _without_lines(noise: NoiseModel, rows: Rows) -> np.ndarray | None:
+def _without_lines(noise: NoiseModel, rows: Rows) -> Mask | None:
     """All rows, where the noise has a colour: its spectrum is smooth, and a line in it is no noise."""
-    return None if noise.colour is None else np.ones(rows.size, dtype=bool)
+    return None if noise.colour is None else np.ones(rows.size, dtype=np.bool_)

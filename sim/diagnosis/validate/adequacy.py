@@ -79,7 +79,7 @@ def a_period(z: Array, time_s: Array) -> Question | None:
     lines = np.abs(np.fft.rfft(grid, FINER * grid.size))[FINER * FIRST_LINE :] ** 2 / float(np.sum(off * off))
     largest = float(np.max(lines))
     log_p = min(math.log10(lines.size) - largest * math.log10(math.e), 0.0)
-    return Question("a period where the film does not switch", log_p, 2.0 * (largest - 1.0) / z.size)
+    return Question("a period", log_p, 2.0 * (largest - 1.0) / z.size)
 
 
 def adequacy(
