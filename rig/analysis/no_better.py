@@ -26,7 +26,7 @@ def no_better(extended: Path, own: Path, record: Record, followed: str, new: Ite
     other one the film. Both models begin from what is fitted to the record's first rows. Raises Faults for a model that
     cannot be read."""
     known = catalogue()
-    before_film = all(name in known and known[name].link in ("driver", "plate", "thermometer") for name in new)
+    before_film = all(name in known and known[name].before_film for name in new)
     channel = TEMPERATURE if before_film else followed
     after, before = (_error(path, record, channel) for path in (extended, own))
     if after is None or before is None or after.rmse < before.rmse:

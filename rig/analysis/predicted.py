@@ -92,7 +92,7 @@ def predicted(
     if model.film is None:
         return Prediction(None, shown, None, told, own)
     if drive == "temperature":
-        effects = tuple(e for e in effects if e.effect.link in ("film", "ohmmeter"))
+        effects = tuple(e for e in effects if not e.effect.before_film)
         chain = RecordRun(ChainModel(NO_PLATE, film, effects))
         path = _as_read(rows, record, chain.spacing.longest_s)
         of_film = RecordOwn(chain.ambient_degC, np.zeros(1), film=start)

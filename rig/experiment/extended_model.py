@@ -42,7 +42,7 @@ def chain_observer(
 
 def plate_observer(effects: Sequence[Switched], plate: PlateModel, period_s: float) -> Observer | None:
     """For a temperature that is wanted of the plate itself: effects up to the thermometer, None where there is none."""
-    chosen = [e for e in effects if e.effect.link in ("driver", "plate", "thermometer")]
+    chosen = [e for e in effects if e.effect.before_film]
     return chain_observer(chosen, plate, None, period_s)
 
 

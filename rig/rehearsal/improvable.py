@@ -51,7 +51,7 @@ class Improvable:
         if self.kind in TRACKING:
             return bool(names)
         known = catalogue()
-        return any(name in known and known[name].link in ("driver", "plate", "thermometer") for name in names)
+        return any(name in known and known[name].before_film for name in names)
 
     def why_not(
         self, effects: Sequence[Mapping[str, Any]], new: Sequence[str], tried: Sequence[str]

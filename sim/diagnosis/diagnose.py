@@ -156,9 +156,9 @@ def _assumed(
         effect = known.get(name)
         if effect is None:
             lines.append(f"{name}: no effect of this record's film; expected one of {', '.join(known)}")
-        elif effect.link in ("driver", "plate", "thermometer") and record.current_A is None:
+        elif effect.before_film and record.current_A is None:
             lines.append(f"{name}: current_A: missing; an effect on the {effect.link} needs it")
-        elif effect.link in ("film", "ohmmeter") and record.output is None:
+        elif not effect.before_film and record.output is None:
             lines.append(f"{name}: {record.quantity.column}: missing; an effect on the {effect.link} needs it")
         elif getattr(effect.form, "heated", False) and record.test_current_A is None:
             lines.append(f"{name}: meter_current_A: missing; the heat of the test current needs it")

@@ -132,6 +132,12 @@ class Effect:
     order: int = 0
     inverse: bool = False
 
+    @property
+    def before_film(self) -> bool:
+        """Whether it acts before the film: current and thermometer tell of it, and a film driven by the thermometer's
+        readings does not."""
+        return self.link in ("driver", "plate", "thermometer")
+
     def array(self, values: dict[str, float]) -> Array:
         """The parameters in their order. Raises ValueError for a name or a value that cannot be."""
         names = [p.name for p in self.parameters]

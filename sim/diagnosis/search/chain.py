@@ -64,7 +64,7 @@ def temperature_search(
         channel, base = _share_fitted(channel, base, fitted)
         record = channel.record
     channel = TemperatureChannel(record, fitted, thermometer_noise(channel, base, LEAST_NOISE_K), record.step_K)
-    mine = {n: e for n, e in effects.items() if e.link in ("driver", "plate", "thermometer") and not rounds(e)}
+    mine = {n: e for n, e in effects.items() if e.before_film and not rounds(e)}
     return TemperatureSearch(channel, mine, base, assumed.intersection(mine), budget or Budget())
 
 
@@ -150,7 +150,7 @@ class Chain:
     @property
     def _of_the_film(self) -> dict[str, Effect]:
         """The effects of the last links that this record can show."""
-        mine = {n: e for n, e in self.effects.items() if e.link in ("film", "ohmmeter")}
+        mine = {n: e for n, e in self.effects.items() if not e.before_film}
         known = self.record.test_current_A is not None
         return {n: e for n, e in mine.items() if known or not getattr(e.form, "heated", False)}
 
@@ -195,7 +195,7 @@ class Chain:
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
         """Which effects are on the first links, and which on the last."""
-        upstream = frozenset(n for n in names if self.effects[n].link in ("driver", "plate", "thermometer"))
+        upstream = frozenset(n for n in names if self.effects[n].before_film)
         return upstream, names - upstream
 
     def fits(self, names: frozenset[str]) -> tuple[TemperatureFit | None, ResistanceFit | None]:
