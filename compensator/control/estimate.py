@@ -34,10 +34,12 @@ class Noise(NamedTuple):
 class Estimate(NamedTuple):
     """What is known beside temperature and output themselves.
 
-    drift_K_per_s: heating that the plate model does not know of. degC, output: the noise of the two readings.
+    drift_K_per_s: heating that the plate model does not know of. drive_error: by what share of it the drive heats and
+    cools more than the model says. degC, output: the noise of the two readings.
     """
 
     drift_K_per_s: float = 0.0
+    drive_error: float = 0.0
     degC: Noise = Noise(1e-4)
     output: Noise = Noise(4e-6)
 

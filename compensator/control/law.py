@@ -41,7 +41,8 @@ from compensator.control.unknown_memory import mean_of, possible_memories
 from compensator.hysteresis.film import IDENTITY, FilmModel, Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Choice, Inverse
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import PlateModel, with_drive
+from compensator.thermal.plate import step as plate_step
 
 NUMBERS, STATE = flattener(LawState), rebuilder(LawState)
 GRID: Final = 101  # temperatures on which a film's range is looked at
@@ -176,6 +177,24 @@ class Law:
         first = s.period_s + (o.delay_s + o.lead_s if o is not None else 0.0)
         further = math.ceil(LEAVES_EARLIER * o.film_lag_s / s.preview_spacing_s) if o is not None else 0
         return first + s.preview_spacing_s * np.arange(s.preview + further, dtype=np.float64)
+
+    def late(self, state: LawState, before_A: float, late_s: float) -> tuple[LawState, float]:
+        """The state after a step whose command acted late_s later (< 0: earlier) than the step stood for, before_A
+        having flowed until then; and by how much it has moved: an observer only goes on, and what flows is not known
+        where the controller has the current."""
+        if self.settings.name == "instrument_pid" or not self.settings.trusts_model:
+            return state, 0.0
+        drift, error = state.estimate.drift_K_per_s, state.estimate.drive_error
+        if self.observer is None:
+            plate = with_drive(self.plate.numbers, 1.0 + error)
+            there = float(plate_step(plate, state.temperature_degC, before_A, late_s)) + drift * late_s
+            moved_K = there - state.temperature_degC
+            return state._replace(temperature_degC=there, thermometer_degC=state.thermometer_degC + moved_K), late_s
+        if late_s <= 0.0:
+            return state, 0.0
+        seen = self.observer.predicted(state.observer, drift, late_s, error)
+        shown_degC = seen.thermometer_degC
+        return state._replace(temperature_degC=seen.plate_degC, thermometer_degC=shown_degC, observer=seen), late_s
 
     def step(self, state: LawState, inputs: Inputs) -> tuple[Command, LawState]:
         """One period: what to send, and the state after it. The same arguments give the same bits."""

@@ -38,7 +38,7 @@ from compensator.hysteresis.film import Memory, Packed, memory_owning
 from compensator.hysteresis.functions import Array
 from compensator.hysteresis.play import advance, output_of
 from compensator.inverse.solve import Settings
-from compensator.thermal.plate import current_for_rate, current_range, rate
+from compensator.thermal.plate import current_for_rate, current_range, drive_rate, rate, with_drive
 from compensator.thermal.plate import step as plate_step
 
 LawName = Literal["full", "feedforward", "pid", "instrument_pid", "temperature"]
@@ -91,7 +91,7 @@ class LawState(NamedTuple):
     the memories that the film may have, where nobody knows it (`compensator.control.unknown_memory`), plays then their
     mean; no rows where it is known. errors: what the film model may lack (`compensator.control.disturbance`). heats:
     how unsteady the plate's unknown heat may be, and how late its thermometer (`compensator.control.unknown_heat`).
-    observer: the state of the law's observer, None without one.
+    observer: the state of the law's observer as the last command acts, not told of it yet; None without one.
     """
 
     temperature_degC: float
@@ -163,7 +163,8 @@ def read_temperature(
     reading, since_s = inputs.temperature_degC, passed_s(rule.period_s, inputs.elapsed_s)
     own = rule.name == INSTRUMENT_PID or not rule.trusts_model  # the current is the controller's own: not foretold
     if math.isnan(reading) or rule.name == FEEDFORWARD:
-        known = Estimate(estimate.drift_K_per_s, learned_noise(estimate.degC, nan, since_s), estimate.output)
+        noise = learned_noise(estimate.degC, nan, since_s)
+        known = Estimate(estimate.drift_K_per_s, estimate.drive_error, noise, estimate.output)
         if own:
             return told.shown_before_degC, told.plate_before_degC, known, heats
         return told.shown_degC, told.plate_degC, known, heats
@@ -183,7 +184,7 @@ def read_output(
     since_s = passed_s(rule.period_s, inputs.elapsed_s)
     errors = grown(errors, rule.output_range, moved, since_s)
     noise = learned_noise(estimate.output, inputs.output if math.isfinite(off) else nan, since_s)
-    known = Estimate(estimate.drift_K_per_s, estimate.degC, noise)
+    known = Estimate(estimate.drift_K_per_s, estimate.drive_error, estimate.degC, noise)
     if not math.isfinite(off):
         return known, errors
     return known, corrected(errors, off, noise.variance, rule.most_share)
@@ -309,8 +310,10 @@ def law_step(
     rule, s = unpacked(ruled, Rule), unpacked(numbers, Known)
     period, drift = rule.period_s, s.estimate.drift_K_per_s
     since_s = passed_s(period, inputs.elapsed_s)
+    driven_K_per_s = drive_rate(plate, s.temperature_degC, s.current_A)
+    plate = with_drive(plate, 1.0 + s.estimate.drive_error)
     here = plate_step(plate, s.temperature_degC, s.current_A, since_s) + drift * since_s
-    foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC)
+    foretold = Foretold(here, here, s.thermometer_degC, s.temperature_degC, driven_K_per_s)
     shown, here, known, heats = read_temperature(rule, s.estimate, heats, foretold, 0.0, inputs)
     plays, possible, errors, output, v = plays.copy(), possible.copy(), errors.copy(), nan, s.input_degC
     envelopes, radii, _, _, _ = film

@@ -38,7 +38,7 @@ from compensator.control.unknown_memory import taken_along
 from compensator.hysteresis.film import Memory, Packed
 from compensator.hysteresis.functions import Array
 from compensator.inverse.solve import Settings
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import PlateModel, with_drive
 
 
 class Observed(Protocol):
@@ -46,7 +46,8 @@ class Observed(Protocol):
 
     plate_degC, film_degC: the estimates (without a film the same). thermometer_degC: what a thermometer without noise
     shows. output: of the film itself; shown_output: of what the ohmmeter shows; nan without a film. warming_K: of the
-    film, above what its lag makes of the plate. film_memory: None without a film.
+    film, above what its lag makes of the plate. driven_K_per_s: what the model's drive gave of the plate's heating over
+    the last period. film_memory: None without a film.
     """
 
     @property
@@ -66,6 +67,9 @@ class Observed(Protocol):
 
     @property
     def warming_K(self) -> float: ...
+
+    @property
+    def driven_K_per_s(self) -> float: ...
 
     @property
     def film_memory(self) -> Memory | None: ...
@@ -91,9 +95,11 @@ class Observer(Protocol):
         """A current is commanded at the state's time."""
         ...
 
-    def predicted(self, state: Any, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan) -> Any:
+    def predicted(
+        self, state: Any, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan, drive_error: float = 0.0
+    ) -> Any:
         """Time passes in driver, plate and thermometer, a period where elapsed_s is nan; unknown_K_per_s: heating that
-        the model does not know."""
+        the model does not know; drive_error: by what share the drive heats and cools more than the model says."""
         ...
 
     def followed(self, state: Any, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0) -> Any:
@@ -104,7 +110,9 @@ class Observer(Protocol):
         """The film has this memory, at its own temperature."""
         ...
 
-    def ahead(self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0) -> Any:
+    def ahead(
+        self, state: Any, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0, drive_error: float = 0.0
+    ) -> Any:
         """The state when a command of now acts."""
         ...
 
@@ -127,8 +135,8 @@ def observed_step(
     """One period of a law with an observer: see the module."""
     seen, estimate, errors, heats, possible = observed(rule, film, observer, state, inputs)
     test = inputs.test_current_A
-    there = observer.ahead(seen, test, estimate.drift_K_per_s)
-    plate = observer.plate_now(there).numbers
+    there = observer.ahead(seen, test, estimate.drift_K_per_s, estimate.drive_error)
+    plate = with_drive(observer.plate_now(there).numbers, 1.0 + estimate.drive_error)
     memory = there.film_memory
     if memory is None:
         memory = Memory(there.film_degC, np.zeros(1))
@@ -162,7 +170,7 @@ def observed_step(
         possible,
         errors,
         heats,
-        observer.sent(seen, current),
+        seen,
     )
 
 
@@ -171,11 +179,13 @@ def observed(
 ) -> tuple[Any, Estimate, Array, Array, Array]:
     """(the observer's state after both readings, the estimate, errors of the film model, unknown heats, the possible
     memories)."""
-    before, possible = state.observer, state.possible
-    now = observer.predicted(before, state.estimate.drift_K_per_s, inputs.elapsed_s)
-    foretold = Foretold(now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC)
+    before, possible, known = observer.sent(state.observer, state.current_A), state.possible, state.estimate
+    now = observer.predicted(before, known.drift_K_per_s, inputs.elapsed_s, known.drive_error)
+    foretold = Foretold(
+        now.thermometer_degC, now.plate_degC, before.thermometer_degC, before.plate_degC, now.driven_K_per_s
+    )
     lag_s = observer.thermometer_lag_s
-    shown, plate, estimate, heats = read_temperature(rule, state.estimate, state.heats, foretold, lag_s, inputs)
+    shown, plate, estimate, heats = read_temperature(rule, known, state.heats, foretold, lag_s, inputs)
     heats.setflags(write=False)
     now = observer.followed(now, plate, shown, inputs.test_current_A)
     if possible.size > 0:

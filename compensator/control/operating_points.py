@@ -76,9 +76,9 @@ def temperatures(law: Law, way: int, levels: Sequence[float]) -> list[float]:
 
 def believed(law: Law, noise_K: float, state: LawState) -> LawState:
     """The same, the noise of the thermometer known for long, and the ohmmeter taken at its word: of the sizes that the
-    model's error may have one is left, and a reading counts in full."""
+    model's error may have one is left, the drive is known, and a reading counts in full."""
     lag_s = law.observer.thermometer_lag_s if law.observer is not None else 0.0
-    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:], (0.0,))
+    known, heats = state.estimate._replace(degC=Noise(noise_K**2)), unknown_heats(UNSTEADY_K_PER_S2[-1:], (0.0,), 0.0)
     there = Foretold(0.0, 0.0, 0.0, 0.0)
     for _ in range(SETTLED):
         heats = corrected_temperature(known, heats, there, 0.0, law.settings.period_s, 0.0, lag_s)[-1]

@@ -64,6 +64,21 @@ def step(par: Array, temperature: float, current: float, dt: float) -> float:
 
 
 @njit(cache=True)
+def drive_rate(par: Array, temperature: float, current: float) -> float:
+    """What the drive alone gives of dT/dt (K/s): the Peltier heat, or a heater's power. Joule heat is not of it."""
+    return float((par[0] * (temperature + KELVIN) + par[3]) * current)
+
+
+@njit(cache=True)
+def with_drive(par: Array, share: float) -> Array:
+    """The same plate, its drive heating and cooling that share of what it does."""
+    other = par.copy()
+    other[0] *= share
+    other[3] *= share
+    return other
+
+
+@njit(cache=True)
 def current_range(par: Array, temperature: float, limit: float) -> tuple[float, float]:
     """Least and largest useful current (A): within the limit, and not beyond the largest cooling."""
     if par[5] > 0.0:

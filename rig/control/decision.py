@@ -66,7 +66,10 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Predicts(Protocol):
-    """A policy that goes by what its commands do: it has to know of one that nobody acknowledged."""
+    """A policy that goes by what its commands do: it has to know when each acts, and which nobody acknowledged."""
+
+    def acted(self, acts_s: float) -> None:
+        """When the last decision's command acted, in the phase's time."""
 
     def held(self, current_A: float) -> None:
         """The last decision's command is not known to have arrived: this current is on, A."""

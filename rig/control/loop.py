@@ -216,9 +216,13 @@ class Loop:
         decision = policy.decide(k * period_s, degC, output, read)
         current_time_s = math.nan  # as before
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
+            armed = self.sent.armed
             current_time_s = self._apply(policy, decision, now, degC) - self._start_s
             if not math.isnan(current_time_s):
-                self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
+                if armed:  # else it took longer than the next one will
+                    self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
+                if isinstance(policy, Predicts):
+                    policy.acted(current_time_s - begin_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         ohms = self._output == LOG_RESISTANCE
         self.folder.row(

@@ -85,6 +85,7 @@ class Follow:
         self.estimates_memory = False
         self._memory = memory
         self._tick_s, self._acted_s = math.inf, math.nan  # the tick before, and when its command acted, in the phase
+        self._before_A = 0.0  # in force until it acted
         self._read_s = math.nan  # the same of the output before
         self._ahead = law.preview_times_s()
 
@@ -100,6 +101,7 @@ class Follow:
             if self.estimates_memory and math.isnan(output):
                 return Decision(0.0, wait=True)
             self.state = self._started(temperature_degC, self.units.law(output), read.test_current_A)
+            self._tick_s, self._acted_s = -math.inf, at_s  # no period has passed since it was read
         metered, units = self.target.quantity != "temperature", self.units
         now = float(self.target.at(at_s))
         ahead_s = at_s + read.acts_after_s + self._ahead
@@ -113,6 +115,7 @@ class Follow:
             asked, coming = units.law(asked), units.law(coming)
         if self.branches is not None and metered:
             law = self.branches.law(law, at_s, float(ahead_s[-1]))
+        self._before_A = self.state.current_A
         command, self.state = law.step(self.state, Inputs(temperature_degC, units.law(output), asked, coming, *read_so))
         ohms = units.quantity == "resistance"
         wanted = math.nan if not metered else ohm(now) if ohms else now
@@ -128,13 +131,16 @@ class Follow:
             predicted_output=math.nan if ohms else predicted,
         )
 
+    def acted(self, acts_s: float) -> None:
+        """The last command acted then: plate and film went on with the current before until that moment."""
+        if self.state is not None and not self.setpoints and not math.isnan(self._acted_s):
+            self.state, moved_s = self.law.late(self.state, self._before_A, acts_s - self._acted_s)
+            self._acted_s += moved_s
+
     def held(self, current_A: float) -> None:
         """The last command was not acknowledged: plate and film go on with this current (A; nan: nobody knows)."""
-        if self.state is None or math.isnan(current_A):
-            return
-        self.state = self.state._replace(current_A=current_A)
-        if self.law.observer is not None:
-            self.state = self.state._replace(observer=self.law.observer.sent(self.state.observer, current_A))
+        if self.state is not None and not math.isnan(current_A):
+            self.state = self.state._replace(current_A=current_A)
 
     def _given_before(self, read_s: float) -> bool:
         """Whether the output that was read then is the one that the meter gave at the tick before."""
@@ -202,7 +208,7 @@ def handed_over(state: LawState, law: Law) -> LawState:
         now = Reference(seen.film_degC, seen.plate_degC + seen.warming_K)
         fresh = fresh._replace(left=now, reference=now, warming_K=seen.warming_K, observer=seen)
     if law.settings.name == "feedforward":  # its own prediction is all that it goes by
-        return fresh._replace(estimate=known._replace(drift_K_per_s=0.0))
+        return fresh._replace(estimate=known._replace(drift_K_per_s=0.0, drive_error=0.0))
     errors = state.errors if state.errors.size > 0 else fresh.errors  # a law of temperatures has none
     return fresh._replace(estimate=known, possible=state.possible, errors=errors, heats=state.heats)
 

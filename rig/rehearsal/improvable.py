@@ -53,9 +53,7 @@ class Improvable:
         known = catalogue()
         return any(name in known and known[name].before_film for name in names)
 
-    def why_not(
-        self, effects: Sequence[Mapping[str, Any]], new: Sequence[str], tried: Sequence[str]
-    ) -> str | None:
+    def why_not(self, effects: Sequence[Mapping[str, Any]], new: Sequence[str], tried: Sequence[str]) -> str | None:
         """Why there is nothing to run again for, None where there is. effects: that are named; new, tried: of those the
         new ones, and what is found and not named."""
         if new or tried:

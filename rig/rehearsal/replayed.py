@@ -101,9 +101,13 @@ class RecordedLoop:
             decision = policy.decide(tick * period_s, degC, output, read)
             if decision.done or decision.wait:
                 continue
-            if told and math.isnan(self.record["current_time_s"][row]):  # nobody acknowledged it
-                if isinstance(policy, Predicts):
+            acted_s = float(self.record["current_time_s"][row]) if told else math.nan
+            if told and isinstance(policy, Predicts):
+                if math.isnan(acted_s):
                     policy.held(float(self.record["current_A"][row]))
+                else:
+                    policy.acted(acted_s - begin)
+            if told and math.isnan(acted_s):  # nobody acknowledged it
                 continue
             sent = "setpoint_degC" if decision.use_setpoint else "current_A"
             self._compare(getattr(decision, sent), float(self.record[sent][row]), float(time[row]))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import PlateModel, with_drive
 from sim.effects.effect import Switched
 from sim.model.film_side import Film, FilmSide, FilmState
 from sim.model.links import Links, followed, links_of
@@ -107,10 +107,16 @@ class Chain:
         return self.measure(state, time_s, plate, test_current_A)
 
     def heated(
-        self, state: ChainState, time_s: Array, current_A: Array, unknown_K_per_s: float = 0.0
+        self,
+        state: ChainState,
+        time_s: Array,
+        current_A: Array,
+        unknown_K_per_s: float = 0.0,
+        drive_error: float = 0.0,
     ) -> tuple[Array, Array, ChainState]:
         """(plate's temperature at the nodes, its rates after and before each node in K/s, shape (nodes, 2), state with
-        plate and bodies at the last node). unknown_K_per_s: heating of the plate that the model does not know of."""
+        plate and bodies at the last node). unknown_K_per_s: heating of the plate that the model does not know of;
+        drive_error: by what share its drive heats and cools more than the model says."""
         count = time_s.size
         reset, plate, slopes = np.empty(count), np.empty(count), np.empty((count, 2))
         reset.fill(math.nan)
@@ -118,7 +124,8 @@ class Chain:
         heat, own, bodies = self._heat, state.own_degC.copy(), self._heat.count
         if unknown_K_per_s != 0.0:
             heat, own = heat.also(unknown_K_per_s), np.append(own, 0.0)
-        run(self._par, heat.terms, heat.values, time_s, current_A, np.zeros(count), reset, own, plate, slopes)
+        par = with_drive(self._par, 1.0 + drive_error) if drive_error != 0.0 else self._par
+        run(par, heat.terms, heat.values, time_s, current_A, np.zeros(count), reset, own, plate, slopes)
         return plate, slopes, replace(state, plate_degC=float(plate[-1]), own_degC=own[:bodies])
 
     def measure(

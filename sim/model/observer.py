@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import PlateModel, drive_rate
 from sim.effects.effect import Filter, Switched, Warming
 from sim.model.chain import Chain, ChainModel, ChainState
 from sim.model.links import Effects, warmed
@@ -38,9 +38,9 @@ class ObserverState:
     thermometer_degC: what an ideal thermometer would have shown, before the correction. output: -log10 of the film's
     own resistance; shown_output: of what the ohmmeter shows now, its filters, skew and readings included; both nan
     without a film. warming_K: of the film, above what its lags make of the plate. acting_A: current in the plate from
-    now on; on_the_way: (acts at, s; A) of those commanded that do not act yet. past: (s, -log10 R at the ohmmeter), as
-    far back as a skew asks for. course: the plate's nodes, (s, degC), from the last one that film and ohmmeter have
-    followed to.
+    now on; driven_K_per_s: what the model's drive gave of the plate's heating over the last period. on_the_way: (acts
+    at, s; A) of those commanded that do not act yet. past: (s, -log10 R at the ohmmeter), as far back as a skew asks
+    for. course: the plate's nodes, (s, degC), from the last one that film and ohmmeter have followed to.
     """
 
     time_s: float
@@ -51,6 +51,7 @@ class ObserverState:
     shown_output: float
     warming_K: float
     acting_A: float
+    driven_K_per_s: float
     on_the_way: tuple[tuple[float, float], ...]
     chain: ChainState
     past: Past
@@ -72,6 +73,7 @@ class Observer:
     def __init__(self, model: ChainModel, period_s: float) -> None:
         """Raises ValueError for effects that clash."""
         self.model, self.period_s, self.links = model, period_s, model.links
+        self._numbers = model.plate.numbers
         self._chain = Chain(model)
         self._heat = heat_flows(self.links.plate)
         skew_s = -float(self.links.taken(np.zeros(1))[0])
@@ -87,7 +89,7 @@ class Observer:
         the film's; None: its default there."""
         at = self._chain.start(plate_degC, memory)
         state = ObserverState(
-            0.0, plate_degC, plate_degC, plate_degC, math.nan, math.nan, 0.0, 0.0, (), at, (), ((0.0, plate_degC),)
+            0.0, plate_degC, plate_degC, plate_degC, math.nan, math.nan, 0.0, 0.0, 0.0, (), at, (), ((0.0, plate_degC),)
         )
         return self.followed(state, plate_degC, plate_degC, test_current_A)
 
@@ -103,14 +105,19 @@ class Observer:
         )
 
     def predicted(
-        self, state: ObserverState, unknown_K_per_s: float = 0.0, elapsed_s: float = math.nan
+        self,
+        state: ObserverState,
+        unknown_K_per_s: float = 0.0,
+        elapsed_s: float = math.nan,
+        drive_error: float = 0.0,
     ) -> ObserverState:
         """Time passes in driver, plate and thermometer; film and ohmmeter stay where they were, until `followed`.
 
-        unknown_K_per_s: heating of the plate that the model does not know of. elapsed_s: nan: a period.
+        unknown_K_per_s: heating of the plate that the model does not know of. elapsed_s: nan: a period. drive_error: by
+        what share the drive heats and cools more than the model says.
         """
         passes_s = self.period_s if math.isnan(elapsed_s) else elapsed_s
-        return self._predicted(state, state.time_s + passes_s, unknown_K_per_s)
+        return self._predicted(state, state.time_s + passes_s, unknown_K_per_s, drive_error)
 
     def followed(
         self, state: ObserverState, plate_degC: float, thermometer_degC: float, test_current_A: float = 0.0
@@ -150,11 +157,17 @@ class Observer:
             return state
         return replace(state, chain=replace(state.chain, film=replace(film, memory=memory)))
 
-    def ahead(self, state: ObserverState, test_current_A: float = 0.0, unknown_K_per_s: float = 0.0) -> ObserverState:
+    def ahead(
+        self,
+        state: ObserverState,
+        test_current_A: float = 0.0,
+        unknown_K_per_s: float = 0.0,
+        drive_error: float = 0.0,
+    ) -> ObserverState:
         """The state when a command of now acts, nothing else being sent and nothing read."""
         if self.delay_s <= 0.0:
             return state
-        later = self._predicted(state, state.time_s + self.delay_s, unknown_K_per_s)
+        later = self._predicted(state, state.time_s + self.delay_s, unknown_K_per_s, drive_error)
         return self.followed(later, later.plate_degC, later.thermometer_degC, test_current_A)
 
     def plate_now(self, state: ObserverState) -> PlateModel:
@@ -187,7 +200,9 @@ class Observer:
             total = warmed(e, time, total, power)
         return float(total[0])
 
-    def _predicted(self, state: ObserverState, until_s: float, unknown_K_per_s: float) -> ObserverState:
+    def _predicted(
+        self, state: ObserverState, until_s: float, unknown_K_per_s: float, drive_error: float
+    ) -> ObserverState:
         """Driver, plate and thermometer up to that time."""
         there = until_s + 1e-9  # a command of this very moment, whatever its rounding, acts
         due = sorted(pair for pair in state.on_the_way if pair[0] <= there)
@@ -200,7 +215,9 @@ class Observer:
         if steps[-1][0] < until_s:
             steps.append((until_s, steps[-1][1]))
         time, current = (np.ascontiguousarray(values) for values in np.array(steps).T)
-        plate, _, at = self._chain.heated(state.chain, time, current, unknown_K_per_s)
+        plate, _, at = self._chain.heated(state.chain, time, current, unknown_K_per_s, drive_error)
+        passed_s = until_s - state.time_s
+        mean_A = float(current[:-1] @ np.diff(time)) / passed_s if passed_s > 0.0 else float(current[-1])
         shown, at = self._chain.thermometer(at, time, plate)
         return replace(
             state,
@@ -209,6 +226,7 @@ class Observer:
             thermometer_degC=float(shown[-1]),
             film_degC=state.film_degC if self.model.film is not None else float(plate[-1]),
             acting_A=float(current[-1]),
+            driven_K_per_s=drive_rate(self._numbers, state.plate_degC, mean_A),
             on_the_way=tuple(pair for pair in state.on_the_way if pair[0] > there),
             chain=at,
             course=state.course + tuple(zip(time[1:].tolist(), plate[1:].tolist(), strict=True)),

@@ -92,6 +92,21 @@ def test_a_lag_of_the_thermometer_that_nobody_knows_is_found(lag_s: float) -> No
     assert np.std(without[1000:]) > 3.0 * np.std(mine[1000:])
 
 
+def test_a_drive_that_gives_less_than_its_model_is_learned() -> None:
+    """A fifth less: told anew at each change of the current as heat that comes and goes, it was late each time."""
+    state, heats, chance = Estimate(), unknown_heats(), np.random.default_rng(11)
+    degC, truth, off = 40.0, 40.0, []
+    for k in range(1200):
+        driven = 0.5 * math.copysign(1.0, math.sin(0.3 * k * PERIOD_S))
+        truth += 0.8 * driven * PERIOD_S
+        then = degC + ((1.0 + state.drive_error) * driven + state.drift_K_per_s) * PERIOD_S
+        reading, there = truth + NOISE_K * chance.standard_normal(), Foretold(then, then, degC, degC, driven)
+        _, degC, state, heats = corrected_temperature(state, heats, there, reading, PERIOD_S, 0.0, 0.0)
+        off.append(degC - truth)
+    assert state.drive_error == pytest.approx(-0.2, abs=0.005)
+    assert np.std(off[300:]) < 0.5 * NOISE_K
+
+
 def test_nothing_is_lost_by_supposing_lags_where_there_is_none() -> None:
     mine, without = (off_K(heats, no_heat, 7, 0.0, 0.1) for heats in (unknown_heats(), unknown_heats(lags_s=(0.0,))))
     assert np.std(mine[1000:]) < 1.05 * np.std(without[1000:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import NAMES, Inputs, LawName, LawState
 from compensator.control.pid import PidGains, PidState, pid_integrate, pid_output
 from compensator.control.reference_shaping import FilmNow, Reach, Reference, Turn, next_reference, next_temperature
-from compensator.control.unknown_heat import LAGS_S, REMEMBERED_S, UNSTEADY_K_PER_S2
+from compensator.control.unknown_heat import DRIVE_DOUBT, LAGS_S, REMEMBERED_S, UNSTEADY_K_PER_S2
 from compensator.hysteresis.film import Memory
 from compensator.hysteresis.functions import Array
 from compensator.inverse.inverse import Inverse
@@ -36,10 +37,11 @@ class PlainEstimate:
         self.noise = {"degC": [1e-4, 0], "output": [4e-6, 0]}
         self.lately: dict[str, list[tuple[int, float]]] = {"degC": [], "output": []}
         self.tick = 0
-        self.drift, self.range, self.sizes2 = 0.0, output_range, (SIZES * output_range) ** 2
+        self.drift, self.drive, self.range, self.sizes2 = 0.0, 0.0, output_range, (SIZES * output_range) ** 2
         self.values, self.doubts, self.chances = np.zeros(SIZES.size), self.sizes2.copy(), np.ones(SIZES.size)
-        self.shown, doubt = degC, np.array([[1e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 4e-4]])
-        self.heats = {(lag, w): (np.zeros(3), doubt) for lag in LAGS_S for w in UNSTEADY_K_PER_S2}
+        self.shown, doubt = degC, np.diag([1e-4, 1e-4, 4e-4, DRIVE_DOUBT**2])
+        doubt[0, 1] = doubt[1, 0] = 1e-4
+        self.heats = {(lag, w): (np.zeros(4), doubt) for lag in LAGS_S for w in UNSTEADY_K_PER_S2}
         self.lags, self.likely = dict.fromkeys(LAGS_S, 1.0), dict.fromkeys(self.heats, 1.0)  # of a size, given its lag
         self.moved, self.toward = 0.0, 0.0
 
@@ -55,18 +57,22 @@ class PlainEstimate:
             noise[0] += (off**2 / (1.0 + (1.0 + ratio) ** 2 + ratio**2) - noise[0]) / (noise[1] + 20)
         self.lately[which] = [*past, (self.tick, value)][-2:]
 
-    def temperature(self, before: float, predicted: float, reading: float, period: float) -> float:
-        """The plate; before, predicted: a period before, and now. Filters of thermometer, plate and heating rate."""
+    def temperature(self, before: float, predicted: float, reading: float, period: float, driven: float) -> float:
+        """The plate; before, predicted: a period before, and now. Filters of thermometer, plate, heating rate and the
+        share by which the drive gives more than `driven`."""
         self.learn("degC", reading)
         noise, moved = self.noise["degC"][0] + 1e-12, predicted - before
         for (lag, w), (over, covariance) in self.heats.items():
             a = 1.0 - math.exp(-period / lag) if lag else 1.0
             late = period - lag * a
-            forward = np.array([[1.0 - a, a, late], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
-            heat = np.array([0.5 * period**2 - lag * late, 0.5 * period**2, period])
+            forward = np.eye(4)
+            forward[0] = 1.0 - a, a, late, late * driven
+            forward[1, 2:] = period, period * driven
+            heat = np.array([0.5 * period**2 - lag * late, 0.5 * period**2, period, 0.0])
             p = forward @ covariance @ forward.T + w**2 * np.outer(heat, heat)
-            there = forward @ (over + np.array([self.shown, before, 0.0])) + np.array([late / period, 1.0, 0.0]) * moved
-            now = there - np.array([predicted, predicted, 0.0])
+            at, along = np.array([self.shown, before, 0.0, 0.0]), np.array([late / period, 1.0, 0.0, 0.0])
+            there = forward @ (over + at) + along * moved
+            now = there - np.array([predicted, predicted, 0.0, 0.0])
             rate = (there[0] - over[0] - self.shown) / period
             whole, off = p[0, 0] + noise, reading - (there[0] - rate * ACTS_S)
             gain = p[:, 0] / whole
@@ -76,6 +82,7 @@ class PlainEstimate:
         told = sum(self.weights[each] * over for each, (over, _) in self.heats.items())
         self.heats = {each: (over - told, covariance) for each, (over, covariance) in self.heats.items()}
         self.drift, self.shown = self.drift + float(told[2]), float(predicted + told[0])
+        self.drive += float(told[3])
         return float(predicted + told[1])
 
     def forget(self, period: float) -> None:
@@ -119,11 +126,14 @@ def plain_step(
     """One period from the public parts, as the law's docstring says: (current, setpoint, state, disturbance)."""
     s, film, pid = law.settings, law.film, state.pid
     known.tick += 1
-    here = PLATE.step(state.temperature_degC, state.current_A, s.period_s) + known.drift * s.period_s
+    before, seebeck = state.temperature_degC, PLATE.seebeck_over_capacity_per_A_s
+    plate = replace(PLATE, seebeck_over_capacity_per_A_s=seebeck * (1.0 + known.drive))
+    here = plate.step(before, state.current_A, s.period_s) + known.drift * s.period_s
     if s.name == "instrument_pid":
         here = state.temperature_degC if math.isnan(reading) else reading
     elif s.name != "feedforward" and not math.isnan(reading):
-        here = known.temperature(state.temperature_degC, here, reading, s.period_s)
+        driven = seebeck * state.current_A * (before + 273.15)
+        here = known.temperature(before, here, reading, s.period_s, driven)
     else:
         known.shown = here
     memory, disturbance = state.memory, state.disturbance
@@ -137,11 +147,11 @@ def plain_step(
         current = state.current_A
         if math.isfinite(output):
             wanted, pid = pid_output(s.gains, pid, target_now, output, s.period_s)
-            low, high = PLATE.current_range_A(here, s.current_limit_A)
+            low, high = plate.current_range_A(here, s.current_limit_A)
             current = min(max(wanted, low), high)
             pid = pid_integrate(s.gains, pid, target_now, output, current - wanted, s.period_s)
         return current, math.nan, after(here, before, memory, pid, current), 0.0
-    cooling, heating = (s.rate_share * rate for rate in PLATE.rate_range_K_per_s(here, s.current_limit_A))
+    cooling, heating = (s.rate_share * rate for rate in plate.rate_range_K_per_s(here, s.current_limit_A))
     reach = Reach(s.preview_spacing_s, s.period_s, min(cooling, -1e-6), max(heating, 1e-6), 0.0)
     if film is None:
         following = next_temperature(targets, Reference(before, before), reach).film_degC
@@ -159,9 +169,9 @@ def plain_step(
     if s.name in ("full", "temperature"):
         correction, pid = pid_output(s.gains, pid, before, here, s.period_s)
         rate += correction
-    current = PLATE.current_for_rate_A(here, rate, s.current_limit_A)
+    current = plate.current_for_rate_A(here, rate, s.current_limit_A)
     if s.name in ("full", "temperature"):
-        shortfall = PLATE.rate_K_per_s(here, current) - rate
+        shortfall = plate.rate_K_per_s(here, current) - rate
         shortfall = 0.0 if abs(shortfall) < 1e-12 else shortfall
         pid = pid_integrate(s.gains, pid, before, here, shortfall, s.period_s)
     return current, following, after(here, following, memory, pid, current), disturbance

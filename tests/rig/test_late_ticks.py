@@ -45,10 +45,18 @@ def law_of(name: LawName, lag_s: float = 0.0) -> Law:
     return Law(settings, PLATE, FILM, chain_observer(effects, PLATE, FILM, PERIOD_S))
 
 
-def followed(law: Law, late_s: Late, missed: Callable[[int], bool], held: int = 1, lost: range = range(0)) -> Array:
+def followed(
+    law: Law,
+    late_s: Late,
+    missed: Callable[[int], bool],
+    held: int = 1,
+    lost: range = range(0),
+    acts_late_s: Late | None = None,
+) -> Array:
     """(ticks, 5): time of reading, the film's error (dec), of the plate's estimate (K), noises believed (K, dec). The
     plant is the model; the ohmmeter gives each value `held` times, with its own time; lost: ticks without a
-    thermometer."""
+    thermometer; acts_late_s: by how much each command acts later than the law was told, None: not at all, and nobody
+    says so."""
     rng, memory = np.random.default_rng(3), FILM.initial_memory(FIRST_DEGC, "cooled")
     policy = Follow(law, WANTED, memory)
     degC, shown, current, now, rows = FIRST_DEGC, FIRST_DEGC, 0.0, 0.0, []
@@ -75,7 +83,9 @@ def followed(law: Law, late_s: Late, missed: Callable[[int], bool], held: int = 
         degC_read = math.nan if k in lost else shown + NOISE_K * rng.standard_normal()
         read = ReadAt(late_s(k), read_s - value_s, ACTS_S, 0.0)
         decision = policy.decide(k * PERIOD_S, degC_read, value, read)
-        until(read_s + ACTS_S)
+        until(read_s + ACTS_S + (acts_late_s(k) if acts_late_s is not None else 0.0))
+        if acts_late_s is not None:
+            policy.acted(now)
         state = policy.state
         assert state is not None
         off = FILM.output_at(memory) - float(policy.units.law(float(WANTED.at(now))))
@@ -126,6 +136,28 @@ def test_late_ticks_cost_nothing(late_s: Late) -> None:
     ]
     assert error[1][0] < 1.5 * error[0][0]
     assert error[1][1] < 1.5 * error[0][1]
+
+
+@pytest.mark.parametrize("lag_s", [0.0, 1.5])
+def test_a_command_that_acts_late_is_counted_from_then(lag_s: float) -> None:
+    """The first one waits for the output to be switched on, which took 0.2 s: the plate was told 0.5 K wrong."""
+    arming = followed(law_of("full", lag_s), on_time, none, acts_late_s=lambda k: 0.2 if k == 0 else 0.0)
+    at_once = followed(law_of("full", lag_s), on_time, none)
+    assert np.max(np.abs(arming[:20, 2])) < np.max(np.abs(at_once[:20, 2])) + 2.0 * NOISE_K
+
+
+def test_where_the_plate_is_does_not_hang_on_when_commands_act() -> None:
+    """Each up to 40 ms later than the law was told, which it is told afterwards."""
+    error = [
+        np.sqrt(np.mean(followed(law_of("full"), on_time, none, acts_late_s=late)[50:, 2] ** 2))
+        for late in (on_time, lambda k: 0.04 * math.modf(0.618 * k)[0])
+    ]
+    assert error[1] < 1.3 * error[0]
+
+
+def test_the_first_command_is_no_period_after_the_first_reading() -> None:
+    """A plate 50 K above its room was told 0.1 K colder than it had just been read, and led there."""
+    assert np.max(np.abs(followed(law_of("full"), on_time, none)[:20, 2])) < 3.0 * NOISE_K
 
 
 def test_a_value_that_the_meter_gives_again_is_no_new_reading() -> None:
