@@ -73,6 +73,8 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 class _Here(Executor):
     """Calls what it is given at once, as it would arrive in another process."""
 
+    _processes = None  # as of a pool that has begun none
+
     def submit(self, work: Callable[..., Any], /, *arguments: Any, **more: Any) -> Future[Any]:
         future: Future[Any] = Future()
         try:

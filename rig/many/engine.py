@@ -19,7 +19,7 @@ import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -122,7 +122,7 @@ class _Processes:
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        self._pool: Executor | None = None
+        self._pool: ProcessPoolExecutor | None = None
         self._folder = tempfile.mkdtemp(prefix="peltier-many-")
 
     def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
@@ -143,10 +143,12 @@ class _Processes:
         self._end()
 
     def _end(self) -> None:
+        """The pool's processes only: the caller's program may have others. Python has `kill_workers` from 3.14 on."""
         pool, self._pool = self._pool, None
         if pool is not None:
+            workers = list((pool._processes or {}).values())  # before shutdown, which forgets them
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in multiprocessing.active_children():
+            for process in workers:
                 process.kill()
 
     def close(self) -> None:

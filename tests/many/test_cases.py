@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
 import signal
 import threading
@@ -73,6 +74,24 @@ def test_a_signal_ends_it_wherever_it_waits(tmp_path: Path, dies: bool) -> None:
     threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(Stopped), SignalStop():
         _all(cases, workers=1)
+
+
+def test_a_process_of_the_callers_own_outlives_the_cases() -> None:
+    own = multiprocessing.get_context("spawn").Process(target=time.sleep, args=(600.0,))
+    own.start()
+    try:
+        with opened(EngineChoice(workers=1), 1) as engine:
+            assert next(each_ended([Case(0, doubled, (1,))], engine)).value == 2
+            workers = [process for process in multiprocessing.active_children() if process.pid != own.pid]
+        for process in workers:
+            process.join(60.0)
+        assert len(workers) == 1
+        assert not workers[0].is_alive()
+        own.join(0.5)  # time for a kill to arrive
+        assert own.is_alive()
+    finally:
+        own.kill()
+        own.join()
 
 
 def test_what_is_shared_is_read_once_a_worker() -> None:
