@@ -10,6 +10,8 @@ from rig.files.run_folder import RunFolder
 
 MEAN_ROWS = 17  # of a lagging thermometer, before its slope is taken
 LEAST_LOOP_DEC = 0.02  # between heating and cooling, for there to be a transition
+ASIDE = 0.15  # of the transition's width, by which a nested loop's middle lies off its middle: no two about one point
+LEAST_STEP = 0.15  # of the transition's width, between two turns: less moves few play operators
 
 
 def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, float]:
@@ -52,7 +54,7 @@ def _branch(temperature: Array, output: Array, rows: Array, grid: Array) -> Arra
 
 
 def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> list[float]:
-    """Turning points of minor loops in the transition, high and low by turns, from the cold end.
+    """Turning points of minor loops in the transition, high and low by turns, from the cold end; none beyond its ends.
 
     Nested loops first, shrinking as the damped oscillations of the paper's figure 2; then random ones, so that loops
     begin and end everywhere.
@@ -64,11 +66,11 @@ def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> li
     nested = max(2, loops // 3)
     for k in range(nested):
         share = 1.0 - k / nested
-        middle = low + width * (0.5 + 0.15 * float(random.uniform(-1.0, 1.0)))
-        points += [middle + 0.5 * share * width, middle - 0.5 * share * width]
+        aside = min(ASIDE, 0.5 * (1.0 - share))  # the first loop is the whole transition and has no room to either side
+        middle = low + width * (0.5 + aside * float(random.uniform(-1.0, 1.0)))
+        points += [min(middle + 0.5 * share * width, high), max(middle - 0.5 * share * width, low)]  # after rounding
     for _ in range(loops - nested):
         for sign in (1.0, -1.0):
-            room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)
-            step = float(random.uniform(min(0.15 * width, room), max(room, 0.15 * width)))
-            points.append(points[-1] + sign * min(step, max(room, 0.15 * width)))
+            room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)  # the step before left its own length
+            points.append(points[-1] + sign * float(random.uniform(min(LEAST_STEP * width, room), room)))
     return points
