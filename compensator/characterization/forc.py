@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.characterization.local_fit import TINY
 from compensator.characterization.major_branch import WHOLE, Run, Sense, onward_rows, runs_of
 from compensator.hysteresis.functions import Array
+from compensator.identification.output_sense import output_falls
 from compensator.identification.temperature_smoother import temperature_path
 
 FEWEST_CURVES: Final = 7  # of a diagram: fewer show no more than a few sections of it
@@ -80,7 +81,7 @@ def forc(time_s: ArrayLike, temperature_degC: ArrayLike, output: ArrayLike, *, i
         text = f"the record holds {_inside(curves, v)} first-order reversal curves; expected at least {FEWEST_CURVES}: "
         text += "from the cold end to many temperatures in the transition, and back each time"
         return _nothing(sense, np.array([curve[0] for curve in curves]), text)
-    falls = float(np.corrcoef(curves[0][1], curves[0][2])[0, 1]) < 0.0
+    falls = output_falls([(v, log)])
     return _diagram(sense, curves, v, -0.5 if (sense == "cooling") == falls else 0.5)
 
 

@@ -35,6 +35,11 @@ def output_sense(records: Sequence[tuple[Array, Array]]) -> float:
     return together / changes if changes > 0.0 else 0.0
 
 
+def output_falls(records: Sequence[tuple[Array, Array]]) -> bool:
+    """Whether the output falls as temperature rises; of the same records as `output_sense`."""
+    return output_sense(records) < FALLING
+
+
 def _means(v: Array, y: Array) -> tuple[Array, Array]:
     """Means of both over the rows of each step, within which the temperature moves by less than `STEP` of its range."""
     if not v.size or np.ptp(v) == 0.0:

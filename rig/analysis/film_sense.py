@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from compensator.identification.output_sense import FALLING, output_sense
+from compensator.identification.output_sense import output_falls
 from rig.core.faults import Faults
 from rig.files.film_output import FALLING_RESISTANCE, column_of, other_sense
 from rig.files.record_file import Record
@@ -15,7 +15,7 @@ def rising(records: Sequence[Record], output: str, say: Callable[[str], None]) -
     if output != FALLING_RESISTANCE and not any(record.has_output(output) for record in records):
         raise Faults([_missing(record, output) for record in records])
     pairs = [(r["temperature_degC"], r.output(output)) for r in records if r.has_output(output)]
-    if output_sense(pairs) >= FALLING:
+    if not output_falls(pairs):
         return output
     other = other_sense(output)
     say(f"film: {output} falls as temperature rises: the model's output is {other}")

@@ -22,6 +22,7 @@ from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.identification.film import FilmFit, identify_film
 from compensator.identification.heat_balance import Kind
+from compensator.identification.output_sense import output_falls
 from compensator.identification.plate import PlateFit, identify_plate
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
@@ -173,9 +174,8 @@ def identify_calibration(
     time, temperature = folder.column("time_s"), folder.column("temperature_degC")
     current, resistance = folder.column("current_A"), folder.column("resistance_ohm")
     output = np.where(np.isfinite(resistance) & (resistance > 0.0), -np.log10(np.maximum(resistance, 1e-12)), math.nan)
-    known = np.isfinite(output) & np.isfinite(temperature)
     name = FALLING_RESISTANCE
-    if np.corrcoef(temperature[known], output[known])[0, 1] < 0.0:
+    if output_falls([(temperature, output)]):
         name, output = RISING_RESISTANCE, -output
     checked = folder.column("phase") == "check"
     fitted = ~checked

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.output_sense import output_falls
 from rig.core.outcome import Unsuitable
 from rig.files.run_folder import RunFolder
 
@@ -34,7 +35,7 @@ def transition_range(folder: RunFolder, lag_s: float = 0.0) -> tuple[float, floa
     grid = np.linspace(temperature.min(), temperature.max(), 400)
     rising = np.gradient(temperature) > 0.0
     distance = _branch(temperature, output, ~rising, grid) - _branch(temperature, output, rising, grid)
-    if np.corrcoef(temperature, output)[0, 1] < 0.0:  # a film whose resistance rises
+    if output_falls([(temperature, output)]):  # a film whose resistance rises
         distance = -distance
     if float(np.max(distance)) < LEAST_LOOP_DEC:
         text = (

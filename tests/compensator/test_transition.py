@@ -164,6 +164,22 @@ def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
         assert found.density[i, j] == pytest.approx(-0.5 * corners / (4.0 * h * h), abs=0.25 * np.nanmax(found.density))
 
 
+def test_the_density_has_its_sign_though_one_curve_drifts_the_other_way() -> None:
+    random = np.random.default_rng(3)
+    relays = replace(draw_film(random, "preisach", form=2), before=(0.0,))
+    points = [20.0]
+    for reversal in np.linspace(48.0, 78.0, 24):
+        points += [float(reversal), 25.0]
+    degC = sweep(points, 0.2)
+    log = relays.log_ohm(degC) + 0.001 * random.standard_normal(degC.size)
+    reversals = np.flatnonzero(np.diff(np.sign(np.diff(degC)))) + 1
+    first = slice(int(reversals[0]), int(reversals[1]))
+    log[first] -= np.linspace(0.0, 0.3, first.stop - first.start)  # falls as it cools, as no other curve does
+    peak = forc(np.arange(degC.size) * 1.0, degC, -log).peak()
+    assert peak is not None
+    assert peak[0] > 52.0  # where the film switches; with the other sign it lay on the curve that drifts
+
+
 def test_too_few_reversal_curves_are_no_diagram() -> None:
     known = draw_known(8)
     found = forc(known.time_s, known.temperature_degC, -known.log_ohm)

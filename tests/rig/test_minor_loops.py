@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.experiment.minor_loops import LEAST_STEP, minor_turning_points
+from rig.experiment.minor_loops import LEAST_STEP, minor_turning_points, transition_range
 
 
 @pytest.mark.parametrize("loops", [2, 7, 14, 200])
@@ -22,3 +24,22 @@ def test_loops_turn_inside_the_transition_and_are_none_of_them_alike(loops: int)
         assert np.min(steps[nested:], initial=high) > 0.999 * LEAST_STEP * (high - low)
         turned = list(pairwise(points))
         assert len(set(turned)) == len(turned)
+
+
+def major_loop(sign: float) -> tuple[Any, np.ndarray, np.ndarray]:
+    """A film that switches at 70 degC and back at 55, on a plate that is slowest just before either; sign: of log10 R
+    with the temperature."""
+    shares, at = (0.0, 0.1, 0.9, 1.0), np.linspace(0.0, 1.0, 800)
+    down, up = np.interp(at, shares, (72.0, 58.0, 56.0, 52.0)), np.interp(at, shares, (52.0, 67.0, 69.0, 72.0))
+    v = np.concatenate([down, up])
+    switched = 1.0 / (1.0 + np.exp(-(v - np.where(np.arange(v.size) < down.size, 55.0, 70.0)) / 0.3))
+    log = 3.0 + sign * switched
+    columns = {"phase": np.full(v.size, "major"), "temperature_degC": v, "resistance_ohm": 10.0**log}
+    return SimpleNamespace(column=columns.__getitem__), v, log
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0], ids=["falls", "rises"])
+def test_the_transition_is_found_where_the_correlation_has_the_other_sign(sign: float) -> None:
+    folder, v, log = major_loop(sign)
+    assert sign * np.corrcoef(v, log)[0, 1] < -0.5
+    assert transition_range(folder) == pytest.approx((54.0, 71.0), abs=0.5)
