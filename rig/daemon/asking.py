@@ -10,6 +10,7 @@ from typing import Any
 
 from rig.core.faults import Faults
 from rig.daemon.client import Client, NoDaemon, daemons
+from rig.files.written import write_text
 
 NONE_RUNS = "no daemon runs here (`peltier serve CONFIG` starts one)"
 
@@ -55,7 +56,7 @@ def checked(answer: dict[str, Any]) -> dict[str, Any]:
 
 
 def report(target: str | None, value: dict[str, Any]) -> None:
-    """Write JSON where it was asked for."""
+    """Write JSON where it was asked for; a file whole or not at all. Raises OSError, which names the file."""
     if target is None:
         return
     text = json.dumps({key: entry for key, entry in value.items() if key != "ok"}, indent=2) + "\n"
@@ -63,7 +64,7 @@ def report(target: str | None, value: dict[str, Any]) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
     else:
-        Path(target).write_text(text, encoding="utf-8")
+        write_text(Path(target), text)
 
 
 def teller(target: str | None) -> Any:
