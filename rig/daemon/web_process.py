@@ -31,6 +31,7 @@ class WebProcess:
         self._name = "page" if listener is None else "STOP's own listener"
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = threading.Event()
+        self._beginning = threading.Lock()  # a process that is being begun when `stop` comes is ended, too
 
     def start(self) -> None:
         """Begin, in a thread that waits for its end."""
@@ -43,23 +44,32 @@ class WebProcess:
         while not self._ending.is_set():
             began = time.monotonic()
             try:
-                self._process = subprocess.Popen(
-                    [*command, *map(str, files)], stdin=subprocess.DEVNULL, pass_fds=tuple(files)
-                )
+                process = self._begin([*command, *map(str, files)], files)
             except OSError as error:
                 self._note(f"the {self._name} cannot be served: {error}")
             else:
-                status = self._process.wait()
+                if process is None:
+                    return
+                status = process.wait()
                 if self._ending.wait(SAME_SIGNAL_S):
                     return
                 self._note(f"the process of the {self._name} ended with status {status} and is begun again")
             wait_s = FIRST_WAIT_S if time.monotonic() - began > LONG_LIFE_S else min(2.0 * wait_s, LONGEST_WAIT_S)
             self._ending.wait(wait_s)
 
+    def _begin(self, command: list[str], files: list[int]) -> subprocess.Popen[bytes] | None:
+        """A process, for `stop` to end; None where that has come already. Raises OSError."""
+        with self._beginning:
+            if self._ending.is_set():
+                return None
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=tuple(files))
+            return self._process
+
     def stop(self) -> None:
         """End it; what it leaves open is closed by force."""
         self._ending.set()
-        process = self._process
+        with self._beginning:
+            process = self._process
         if process is None:
             return
         process.terminate()

@@ -1,13 +1,19 @@
-"""The end of a web process: a caller that does not take its answer is not left open."""
+"""The end of a web process: no caller is left open that does not take its answer, and no process that just began."""
 
 from __future__ import annotations
 
 import asyncio
 import socket
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
+import pytest
+
+from rig.daemon.web_process import WebProcess
 from rig.web.serving import serve_and_close, server_of
 
 MORE_THAN_A_KERNEL_KEEPS = 20_000_000  # bytes; Linux holds some megabytes of an answer between two sockets
@@ -36,3 +42,33 @@ def test_a_caller_that_takes_no_answer_is_closed_at_the_end() -> None:
         server.should_exit = True
         thread.join()
         assert not server.server_state.connections
+
+
+def test_a_web_process_that_is_being_begun_at_the_end_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between the look whether it is to end and the process there is time for `stop`."""
+    asked, go_on = threading.Event(), threading.Event()
+    begun: list[subprocess.Popen[bytes]] = []
+    popen = subprocess.Popen
+
+    def late(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        asked.set()
+        go_on.wait()
+        begun.append(popen([sys.executable, "-c", "import time; time.sleep(600)"], **options))
+        return begun[0]
+
+    monkeypatch.setattr(subprocess, "Popen", late)
+    web = WebProcess(Path("bench.sock"), lambda line: None)
+    web.start()
+    asked.wait()
+    stop = threading.Thread(target=web.stop)
+    stop.start()
+    stop.join(0.2)  # long enough to find no process, if it does not wait for the one to come
+    go_on.set()
+    stop.join()
+    try:
+        assert len(begun) == 1
+        assert begun[0].returncode is not None
+    finally:
+        for process in begun:
+            process.kill()
+            process.wait()
