@@ -54,7 +54,7 @@ def overview() -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a verb; the return value is the exit status (interfaces, names and exits)."""
+    """Run a verb; the return value is the exit status (docs/command_line.md)."""
     own_process = arguments is None  # a caller inside Python keeps its streams, and is not ours to double
     if own_process:
         open_standard_streams()

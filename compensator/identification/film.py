@@ -2,11 +2,11 @@
 
     u(t) = D(v(t)) + sum_j p_j F_rj^gamma[v](t),   p_j >= 0            paper eq (9)
 
-The way: check the records and find the path behind the noisy temperature (`identify_rows`, `temperature_path`);
-search globally on thinned rows for each form of D and the memory that each record began with (`identify_search`);
-choose the form, and whether operators with mixed envelopes are worth it (`identify_mixed`), by rows that were held
-out (`identify_selection`); refine the winner on all rows; say how sure it is (`identify_bands`) and what the records
-cannot fix (`identify_notes`).
+The way: check the records and find the path behind the noisy temperature (`rows`, `temperature_smoother`); search
+globally on thinned rows for each form of D and the memory that each record began with (`multistart`), or had after a
+gap (`gap_memory`); choose the form, and whether operators with mixed envelopes are worth it (`mixed_envelopes`), by
+rows that were held out (`model_selection`); refine the winner on all rows; say how sure it is (`prediction_bands`) and
+what the records cannot fix (`identifiability`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Calibration: condition the film, run a profile that fixes film and plate, identify, check on held-out rows.
 
-pulse      three current pulses: the plate's first model, and whether the current heats when it should
+pulse      two pulses of current: the model of the plate that the profile is driven with, and whether a current heats
 condition  to the hot end: whatever the film was, it is saturated now
 major      down to the cold end and back: the major loop, and with it where the transition lies
 minor      nested and crossing minor loops inside the transition with dwells: what fixes the weights
