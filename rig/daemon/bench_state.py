@@ -39,7 +39,7 @@ def bench_state(desk: Desk) -> dict[str, Any]:
         "state": word,
         "output": desk.output,
         "output_confirmed": desk.confirmed,
-        "output_confirmed_by": desk.confirms_off_by if desk.confirmed and desk.output == "off" else None,
+        "output_confirmed_by": desk.confirms_off_by if desk.output == "off" else None,
         "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
         "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
         "job": doing,

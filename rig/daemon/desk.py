@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rig.control.loop import Ticks
 from rig.core.clock import Clock
@@ -22,6 +22,7 @@ from rig.core.outcome import Tripped
 from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
 from rig.daemon.bench_state import bench_state, no_job_because
+from rig.daemon.configured_paths import history_folder, model_of
 from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
@@ -72,7 +73,7 @@ class Desk:
         self.recent: deque[dict[str, Any]] = deque(maxlen=200)
         self.wake = threading.Event()
         self.ticks = Ticks()
-        self.output, self.confirmed = "unknown", False
+        self.output: Literal["on", "off", "unknown"] = "unknown"  # one word: no thread sees half of a change
         self.after_off: AfterOff | None = None  # what the temperature says of an output that went off
         self._not_off: str | None = None  # what the guard wrote of the job that ran when the daemon's process died
         self.online = False
@@ -160,6 +161,17 @@ class Desk:
         return jobs
 
     # -- what happens on the bench -------------------------------------------------------------------------------
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it is known what the output does."""
+        return self.output != "unknown"
+
+    def output_now(self, word: Literal["on", "off"], confirmed: bool = True) -> None:
+        """What the controller was told to do with the output, and whether it confirmed that. An "off" that the
+        temperature has contradicted is not believed until a reset."""
+        believed = confirmed and not (word == "off" and self.contradicted)
+        self.output = word if believed else "unknown"
 
     def row(self, row: dict[str, Any]) -> None:
         """A completed control cycle: to the history, and published when it is committed there."""
@@ -275,7 +287,7 @@ class Desk:
 
     def _switched_off(self, why: JobStopped) -> Off:
         off = self.gate.stop(why)
-        self.output, self.confirmed = ("off", True) if off.confirmed else ("unknown", False)
+        self.output_now("off", off.confirmed)
         return off
 
     def reset(self, reason: str) -> bool:
@@ -334,15 +346,3 @@ class Desk:
     def is_idle(self) -> bool:
         """Whether nothing runs, and nothing is about to."""
         return self.queue.running is None and (len(self.queue) == 0 or bool(no_job_because(self)))
-
-
-def history_folder(file: ConfigurationFile) -> Path:
-    """Where run folders and the history are: serve.folder beside the configuration, else runs/ where it was started."""
-    folder = file.content.serve.folder
-    return file.beside(folder) if folder is not None else Path("runs").absolute()
-
-
-def model_of(file: ConfigurationFile) -> Path | None:
-    """The film's model that a configuration names."""
-    name = file.content.experiment.model
-    return file.beside(name).absolute() if name is not None else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,13 +13,13 @@ from rig.control.loop import Tick
 from rig.core.errors import RigError
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, OfOutput, Stopped, Tripped, Unsuitable
-from rig.core.reading import Quality
 from rig.daemon.client import CALIBRATION
-from rig.daemon.desk import Desk, model_of
+from rig.daemon.configured_paths import model_of
+from rig.daemon.desk import Desk
 from rig.daemon.experiment import Watcher, calibrate_watched, run_watched
 from rig.daemon.gate import Pass, StoppableClock
 from rig.daemon.job import Job, JobStopped
-from rig.daemon.row import quality_of
+from rig.daemon.row import row_of
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, still_to_come
 from rig.experiment.summaries import calibration_summary, summary
@@ -109,7 +108,7 @@ class JobRun(Watcher):
             self._pass.off_confirmed, self._pass.void = off_confirmed, why
             if desk.in_loop:
                 desk.in_loop, desk.phase = False, None
-                desk.output, desk.confirmed = ("off", True) if off_confirmed else ("unknown", False)
+                desk.output_now("off", off_confirmed)
         self._conclude(_end_by(why))
 
     def _do(self) -> None:
@@ -140,11 +139,10 @@ class JobRun(Watcher):
             self._over = True
         desk, job = self._desk, self._job
         if end.trip == "not_confirmed_off":
-            desk.output, desk.confirmed = "unknown", False
+            desk.output_now("off", confirmed=False)
         if desk.in_loop:  # its end could not be written down; but the output is off, or that would have been told
             desk.in_loop, desk.phase = False, None
-            not_off = end.exit_status == NotConfirmedOff.exit_status
-            desk.output, desk.confirmed = ("unknown", False) if not_off else ("off", True)
+            desk.output_now("off", end.exit_status != NotConfirmedOff.exit_status)
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
         if end.trip is not None:
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
@@ -185,7 +183,7 @@ class JobRun(Watcher):
         with self._idling, self._lock:
             self._pass.check_void()
             self._desk.in_loop = True
-            self._desk.output, self._desk.confirmed = "on", True
+            self._desk.output_now("on")
         self._desk.changed()
 
     def expect(self, phases: Phases) -> None:
@@ -208,24 +206,17 @@ class JobRun(Watcher):
     def tick(self, tick: Tick) -> None:
         """To the history, with the time of day in place of the run's."""
         self._pass.check_void()
-        desk, decision, resistance = self._desk, tick.decision, tick.resistance
+        desk, decision = self._desk, tick.decision
         self._last = (tick.watch, tick.current_A)
-        known = tick.temperature.is_number
-        seen = resistance is not None and (resistance.is_number or resistance.quality is Quality.OVERRANGE)
-        meter = self._bench.meter
+        current_A = 0.0 if decision.done else tick.current_A
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
         desk.row(
             {
-                "time_s": desk.label_s(),
-                "temperature_degC": tick.temperature.value if known else math.nan,
-                "resistance_ohm": resistance.value if seen and resistance is not None else math.nan,
-                "current_A": 0.0 if decision.done else tick.current_A,
-                "meter_current_A": meter.test_current_A if meter is not None else math.nan,
+                **row_of(desk.label_s(), tick.temperature, tick.resistance, current_A, self._bench.meter),
                 "setpoint_degC": decision.setpoint_degC,
                 "reference_degC": decision.reference_degC,
                 "target_ohm": decision.target_ohm,
                 "predicted_ohm": decision.predicted_ohm,
-                "quality": quality_of(tick.temperature, resistance),
                 "phase": tick.phase,
                 "job": self._job.id,
             }
@@ -236,7 +227,7 @@ class JobRun(Watcher):
         desk = self._desk
         if self._pass.void is not None:
             return
-        desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
+        desk.output_now("off", bool(confirmed))
         if confirmed and self._last is not None:
             watch, current_A = self._last
             courses = watch.after_off(current_A, LOOK_S)

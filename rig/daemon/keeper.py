@@ -10,6 +10,7 @@ import gc
 import math
 import signal
 import threading
+from collections.abc import Callable
 from typing import NamedTuple
 
 from rig.bench.assembly import Bench, open_bench
@@ -21,7 +22,7 @@ from rig.daemon.bench_state import no_job_because
 from rig.daemon.desk import Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.job_run import JobRun
-from rig.daemon.row import quality_of
+from rig.daemon.row import row_of
 from rig.daemon.systemd import EndTold, Notifier
 from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
@@ -118,7 +119,7 @@ class Keeper:
             self._lost(error)
         except NotConfirmedOff as error:
             self._not_off = error
-            desk.output, desk.confirmed = "unknown", False
+            desk.output_now("off", confirmed=False)
             self._lost(error)
             if isinstance(error.__cause__, Stopped):
                 raise
@@ -131,7 +132,7 @@ class Keeper:
         desk.identities = dict(bench.identities)
         desk.has_dead_man = bench.controller.has_dead_man
         desk.confirms_off_by, desk.drive_unit = confirmed_by(bench.controller), drive_unit(bench.controller)
-        desk.output, desk.confirmed = ("unknown", False) if desk.contradicted else ("off", True)
+        desk.output_now("off")  # the bench opens with it
         desk.online, desk.offline_because = True, ""
         desk.live_by(bench.clock)
 
@@ -140,7 +141,7 @@ class Keeper:
         desk = self._desk
         off = desk.gate.stop(error)
         if not off.confirmed:
-            desk.output, desk.confirmed = "unknown", False
+            desk.output_now("off", confirmed=False)
         if self._running is not None:
             if not self._running.over.wait(JOB_ENDS_S):
                 self._worker.abandon()
@@ -243,28 +244,15 @@ class _Idle:
         if self._look_s is not None and bench.clock.now_s() < self._look_s:
             return  # every question would feed the dead man of a controller that did not obey
         self._see_that_it_is_off()
-        temperature = self._reading("thermometer", self._controller.read_temperature)
+        temperature = self._reading(self._controller.read_temperature)
         self._ask_the_temperature(temperature)
         resistance = None
         if bench.meter is not None:
-            resistance = self._reading("ohmmeter", bench.meter.read)
+            resistance = self._reading(bench.meter.read)
         self._silent = self._silent + 1 if temperature.quality is Quality.MISSING else 0
         if self._silent >= SILENT_TICKS:
             raise Disconnected(f"no answer of the controller in {self._silent} ticks")
-        overrange = resistance is not None and resistance.quality is Quality.OVERRANGE
-        desk.row(
-            {
-                "time_s": desk.label_s(),
-                "temperature_degC": temperature.value if temperature.is_number else math.nan,
-                "resistance_ohm": resistance.value
-                if resistance is not None and (resistance.is_number or overrange)
-                else math.nan,
-                "current_A": 0.0,
-                "meter_current_A": bench.meter.test_current_A if bench.meter is not None else math.nan,
-                "quality": quality_of(temperature, resistance),
-                "phase": "idle",
-            }
-        )
+        desk.row({**row_of(desk.label_s(), temperature, resistance, 0.0, bench.meter), "phase": "idle"})
 
     def _see_that_it_is_off(self) -> None:
         """Now and then, and until it is confirmed: at every tick, or after each silence for the dead man."""
@@ -287,8 +275,7 @@ class _Idle:
         self._look_s = None
         if not confirmed and self._dead_man_s > 0.0:
             self._look_s = self._bench.clock.now_s() + self._dead_man_s + MARGIN_S
-        confirmed = confirmed and not desk.contradicted
-        desk.output, desk.confirmed = ("off", True) if confirmed else ("unknown", False)
+        desk.output_now("off", confirmed)
         desk.changed()
 
     def _silence_did_it(self) -> bool:
@@ -307,15 +294,13 @@ class _Idle:
         if look.over:
             desk.after_off = None
         if look.agrees is False:
-            desk.output, desk.confirmed, desk.contradicted = "unknown", False, True
+            desk.contradicted = True
+            desk.output_now("off", confirmed=False)
             desk.trip(OFF_CONTRADICTED, look.text)
 
-    def _reading(self, name: str, read: object) -> Reading:
-        assert callable(read)
+    def _reading(self, read: Callable[[], Reading]) -> Reading:
         try:
-            reading = read()
-            assert isinstance(reading, Reading)
-            return reading
+            return read()
         except Disconnected:
             raise
         except InstrumentError:

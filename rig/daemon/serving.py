@@ -13,8 +13,9 @@ from rig.core.outcome import NotConfirmedOff
 from rig.core.patient_lines import PatientLines
 from rig.daemon.answers import Answers
 from rig.daemon.bench_state import no_job_because, warnings
+from rig.daemon.configured_paths import history_folder
 from rig.daemon.control_socket import ControlSocket
-from rig.daemon.desk import Desk, history_folder
+from rig.daemon.desk import Desk
 from rig.daemon.keeper import Keeper
 from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make

@@ -17,6 +17,7 @@ from rig.daemon import latching
 from rig.daemon.answers import Answers, Refusal
 from rig.daemon.bench_state import no_job_because, warnings
 from rig.daemon.desk import HISTORY, Desk
+from rig.daemon.gate import Off
 from rig.daemon.latch import CLEAR, TRIPPED, Kept, Latch
 from rig.daemon.latch_file import LATCH, read, write
 from rig.daemon.latching import Latching, NotCleared
@@ -182,7 +183,7 @@ def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
         write(path, kept)
 
     with life(file) as desk:
-        desk.confirmed = True
+        desk.output_now("off")
         assert not no_job_because(desk)
         monkeypatch.setattr(latching, "write", slowly)
         tell = desk.announcer.tell
@@ -196,10 +197,23 @@ def test_a_trip_is_on_disk_before_it_is_told_and_a_reset_before_a_job_may_start(
         monkeypatch.setattr(desk.announcer, "tell", telling)
         desk.trip("temperature_limit", "too hot")
         desk.reset("looked at it")
-        desk.confirmed = True
+        desk.output_now("off")
         assert not no_job_because(desk)
     assert found == [("tripped", "idle", "held"), ("clear", "tripped", "held")]
     assert told[0] == ("trip", "tripped")
+
+
+def test_an_off_that_the_temperature_contradicted_is_not_believed_by_a_stop_either(
+    file: ConfigurationFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with life(file) as desk:
+        monkeypatch.setattr(desk.gate, "stop", lambda why: Off(True, 0.0))
+        desk.contradicted = True
+        assert desk.stop("a test").confirmed  # by the controller
+        assert (desk.state()["output"], desk.state()["output_confirmed"]) == ("unknown", False)
+        desk.reset("looked at it")
+        assert desk.stop("a test").confirmed
+        assert (desk.state()["output"], desk.state()["output_confirmed"]) == ("off", True)
 
 
 def no_room(*_: object) -> None:
@@ -215,7 +229,7 @@ def test_a_latch_that_cannot_be_written_holds_is_told_and_is_not_reset(
 ) -> None:
     monkeypatch.setattr(latching, "TRY_AGAIN_S", 0.02)
     with life(file) as desk:
-        desk.confirmed = True
+        desk.output_now("off")
         monkeypatch.setattr(latching, "write", broken)
         desk.trip("temperature_limit", "too hot")
         assert word(desk) == "tripped"
