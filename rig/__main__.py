@@ -70,10 +70,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(__version__)
         return 0
     verb = words[0]
-    if verb in ON_A_CLOCK:  # threads of linear algebra wait for each other, which takes seconds on a busy computer
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        if own_process:
-            outlive_readers()
+    if verb in ON_A_CLOCK and own_process:
+        outlive_readers()
     if verb not in VERBS:
         import difflib
 
@@ -81,7 +79,8 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"; did you mean {near[0]!r}?" if near else "."
         print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # small matrices: threads cost more than they give
+    # small matrices: threads cost more than they give, and wait for each other, for seconds on a busy computer
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     status = ended(lambda: _act(verb, words[1:], own_process), verb, own_process)
     for name in _taken_apart(words[1:]) if status == 2 else ():
         print(f"peltier {verb}: a name with spaces needs quotation marks: {name!r}", file=sys.stderr)

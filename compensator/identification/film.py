@@ -161,12 +161,8 @@ def _identified(
     if cleaned is not rows:
         rows = cleaned
         path = build_path(rows.records, starts, rows.thin)
-        found = {
-            each.name: make_problem(path, structure, each).refine(
-                make_problem(path, structure, each).solve(found[each.name].theta)
-            )
-            for each in forms
-        }
+        problems = {form.name: make_problem(path, structure, form) for form in forms}
+        found = {name: each.refine(each.solve(found[name].theta)) for name, each in problems.items()}
         chosen, solution, candidates = choose_form(rows, starts, forms, found, structure, plain_kind)
     if kind in (None, "mixed_envelopes"):
         error = next(c.held_out_rmse for c in candidates if c.form == chosen.name)

@@ -33,7 +33,7 @@ from rig.core.faults import fault
 from rig.core.outcome import Tripped
 from rig.drivers.heater_drive import cools
 from rig.experiment.extended_model import plate_observer
-from rig.experiment.minor_loops import minor_turning_points, transition_range
+from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points, transition_range
 from rig.experiment.pulses import check_same_plate, heat_by_pulses, plate_of_pulses
 from rig.files.configuration import Configuration
 from rig.files.film_output import FALLING_RESISTANCE, RISING_RESISTANCE, sign_of
@@ -102,9 +102,7 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     follow.target = major
     loop.phase("major", follow, major.duration_s, c.period_s)
     span = c.transition_degC or transition_range(loop.folder, known.lag_s)
-    turns = minor_turning_points(span, c.minor_loops, c.seed)
-    fitted = turns[: max(2, (3 * len(turns)) // 4)]
-    checked = turns[len(fitted) :]
+    fitted, checked = fitted_and_checked(minor_turning_points(span, c.minor_loops, c.seed))
     for name, points in (("minor", [low, *fitted]), ("check", [fitted[-1], *checked])):
         follow.target = _temperature_target(points, rate, c.dwell_s)
         loop.phase(name, follow, follow.target.duration_s, c.period_s)

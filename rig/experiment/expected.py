@@ -12,7 +12,7 @@ from typing import Protocol
 from compensator.thermal.plate import PlateModel
 from rig.control.loop import Tick
 from rig.experiment.calibration import calibration_range
-from rig.experiment.minor_loops import minor_turning_points
+from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points
 from rig.experiment.pulses import PULSE_S
 from rig.files.configuration import Configuration
 from rig.files.model_file import Model
@@ -47,8 +47,7 @@ def expected_calibration(configuration: Configuration) -> Phases:
     rate, width = c.rate_K_per_s, TRANSITION_SHARE * (high - low)
     middle = 0.5 * (low + high)
     span = c.transition_degC or (middle - 0.5 * width, middle + 0.5 * width)
-    turns = minor_turning_points(span, c.minor_loops, c.seed)
-    fitted = turns[: max(2, (3 * len(turns)) // 4)]
+    fitted, checked = fitted_and_checked(minor_turning_points(span, c.minor_loops, c.seed))
 
     def along(points: list[float]) -> float:
         return sum(abs(b - a) / rate + c.dwell_s for a, b in pairwise(points)) + c.dwell_s
@@ -59,7 +58,7 @@ def expected_calibration(configuration: Configuration) -> Phases:
         ("condition", along([ROOM_DEGC, high])),
         ("major", along([high, low, high, low])),
         ("minor", along([low, *fitted])),
-        ("check", along([fitted[-1], *turns[len(fitted) :]])),
+        ("check", along([fitted[-1], *checked])),
     ]
 
 
@@ -74,10 +73,9 @@ def expected_run(configuration: Configuration, target: Target, model: Model | No
     rate = _rate(plate, configuration, high)
     way_s = 0.5 * (high - low) / rate
     first = [("polarity", POLARITY_S)] if model is not None else expected_calibration(configuration)
-    laws = [e.law, *[name for name in e.compare if name != e.law]]
     each = [("condition", way_s), ("approach", way_s + e.settle_s)] if e.memory == "condition" else []
     each = [*each, ("settle", e.settle_s)]
-    runs = len(laws) + e.repeat - 1
+    runs = len(e.laws) + e.repeat - 1
     return [*first, *[phase for _ in range(runs) for phase in (*each, ("track", target.duration_s))]]
 
 

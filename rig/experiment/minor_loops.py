@@ -75,3 +75,10 @@ def minor_turning_points(span: tuple[float, float], loops: int, seed: int) -> li
             room = (high - points[-1]) if sign > 0.0 else (points[-1] - low)  # the step before left its own length
             points.append(points[-1] + sign * float(random.uniform(min(LEAST_STEP * width, room), room)))
     return points
+
+
+def fitted_and_checked(turns: list[float]) -> tuple[list[float], list[float]]:
+    """The turning points of the loops that film and plate are fitted to, three quarters of all, and of those after them
+    that no fit sees."""
+    fitted = max(2, (3 * len(turns)) // 4)
+    return turns[:fitted], turns[fitted:]

@@ -108,7 +108,7 @@ def _calibrated(session: Session, path: Path) -> Calibration:
         write_columns(folder.part / PREDICTED, predicted)
         session.report(folder)
         whole = folder.finish()
-    result = Calibration(**{**result.__dict__, "model_path": whole / "MODEL.toml"})
+    result = replace(result, model_path=whole / "MODEL.toml")
     say(f"calibration: RMSE {result.check_rmse_dec:.4f} dec on {result.rows_checked} held-out rows")
     for line in result.numbers.lines() if result.numbers is not None else []:
         say(line)
@@ -175,11 +175,10 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
     assert model.plate is not None
     if e.law != "instrument_pid":
         _needs_current(session, model)
-    names: list[LawName] = [e.law, *[name for name in e.compare if name != e.law]]
     folders: dict[LawName, RunFolder] = {}
     try:
         learning = _repetitions(session, inner, result)
-        for name in names:
+        for name in e.laws:
             if name == e.law:
                 folders[name] = _one_law(session, path, result, name, learning.next)
                 learning.take(folders[name], target, learning.next, e.period_s)
@@ -194,7 +193,7 @@ def _track_all(session: Session, path: Path, result: Result) -> None:
         result.folder = _reports(session, folders, e.law).finish()
     if result.calibration is not None:
         moved = result.folder / "calibration" / "MODEL.toml"
-        result.calibration = Calibration(**{**result.calibration.__dict__, "model_path": moved})
+        result.calibration = replace(result.calibration, model_path=moved)
 
 
 def _repetitions(session: Session, inner: Path, result: Result) -> Learning:

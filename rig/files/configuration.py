@@ -108,6 +108,7 @@ class LimitsTable(Table):
     polarity_share: Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_pulse)] = 0.25
 
 
+TrackingLaw = Literal["full", "pid", "feedforward", "instrument_pid"]
 Kind = Literal["track_resistance", "track_output", "temperature_profile", "current_profile", "hold"]
 
 
@@ -125,13 +126,18 @@ class ExperimentTable(Table):
     name: str = Field(default="run", pattern=r"^[A-Za-z0-9_.-]{1,40}$")
     target: str | list[str] | None = None
     model: str | None = None
-    law: Literal["full", "pid", "feedforward", "instrument_pid"] = "full"
+    law: TrackingLaw = "full"
     period_s: Period = 0.1
     compare: list[Literal["pid", "feedforward", "instrument_pid"]] = []
     settle_s: Wait = 10.0
     repeat: Annotated[int, Field(ge=1, le=100)] = 1
     learned: str | None = None
     memory: Literal["condition", "estimate", "assume"] = "condition"
+
+    @property
+    def laws(self) -> tuple[TrackingLaw, ...]:
+        """Those that track the target, each once: the run's own, then those to compare it with."""
+        return tuple(dict.fromkeys((self.law, *self.compare)))
 
 
 class ControlTable(Table):

@@ -11,9 +11,15 @@ import pytest
 
 from rig.drivers import registry
 from rig.experiment.tracking import score
+from rig.files.configuration import ExperimentTable
 from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
+
+
+def test_a_law_that_is_named_twice_runs_once() -> None:
+    """Its folder would be there already, after hours."""
+    assert ExperimentTable(law="pid", compare=["feedforward", "pid", "feedforward"]).laws == ("pid", "feedforward")
 
 
 def test_misspelt_keys_are_all_named_at_once(peltier: Peltier, tmp_path: Path) -> None:
