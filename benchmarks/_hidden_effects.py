@@ -16,8 +16,6 @@ from dataclasses import dataclass
 from benchmarks._own_plant import KELVIN, STEP_S
 from benchmarks._tracked_plant import Plate, TrackedPlant, TrueFilm
 
-CLOSE_K = 1e-4  # of the film's temperature, where its own resistance heats it
-
 
 @dataclass(frozen=True)
 class Hidden:

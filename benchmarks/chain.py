@@ -51,7 +51,8 @@ def triples(count: int) -> None:
             worst[way] = max(known[0], off_K), max(known[1], off_dec)
         print(f"\r{k + 1} of {count} triples", end="", file=sys.stderr)
     for way, (off_K, off_dec) in worst.items():
-        print(f"{way:<10} against the simulated rig, {count} triples: {off_K:.1e} K, {off_dec:.1e} dec   asked 1e-6")
+        found = f"{count} triples: {off_K:.1e} K, {off_dec:.1e} dec"
+        print(f"{way:<10} against the simulated rig, {found}   asked {ASKED_AGREEMENT:g}")
 
 
 def of_case(number: int, first: int) -> dict[str, Any]:

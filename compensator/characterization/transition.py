@@ -29,7 +29,6 @@ from compensator.characterization.quantity import Quantity, told, untold
 from compensator.hysteresis.functions import Array
 
 SENSES: Final[tuple[Sense, Sense]] = ("heating", "cooling")
-LEAST_CHANGE: Final = 3.0  # half widths of its interval: an output that changes by less does not change
 NOT_ASKED: Final = "the output is no resistance"
 
 
@@ -74,7 +73,7 @@ def transition(
         shape = shapes.get(sense)
         found[f"midpoint_{sense}_degC"] = shape.crossing(low, high) if shape else untold(_no_branch(sense))
     found["hysteresis_at_midpoint_K"] = _difference(found["midpoint_heating_degC"], found["midpoint_cooling_degC"])
-    found["change_dec" if in_decades else "change"] = _change(shapes, low, high, in_decades)
+    found["change_dec" if in_decades else "change"] = _change(shapes, low, high)
     activation = None
     if in_decades and shapes:
         logs = [-shape.branch.output for shape in shapes.values()]
@@ -113,7 +112,7 @@ def _difference(one: Quantity, other: Quantity) -> Quantity:
     return Quantity(value, (value - half, value + half))
 
 
-def _change(shapes: dict[Sense, BranchShape], low: float, high: float, in_decades: bool) -> Quantity:
+def _change(shapes: dict[Sense, BranchShape], low: float, high: float) -> Quantity:
     """By how much the output changes over the range: decades that R falls by (below 0 where it rises), or the output's
     own rise. The mean over the branches."""
     if not shapes:

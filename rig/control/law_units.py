@@ -49,11 +49,6 @@ class LawUnits:
         """Of what is shown."""
         return "ohm" if self.quantity == "resistance" else unit_of(self.quantity)
 
-    @property
-    def error_unit(self) -> str:
-        """Of a tracking error."""
-        return unit_of(FALLING_RESISTANCE if self.quantity == "resistance" else self.quantity)
-
 
 def plain_units(film: FilmModel | None) -> LawUnits:
     """Of a law whose film is as its model has it; of one without a film, those of a resistance."""

@@ -15,10 +15,6 @@ from pydantic import BaseModel, ConfigDict, SecretStr, ValidationError
 from rig.core.faults import Faults
 from rig.files.toml_text import shown
 
-MOST_BYTES = 50_000_000  # a model of 100,000 operators takes 20 MB
-DEEPEST = 20  # tables and lists inside each other; a configuration needs five
-SHOWN = 80  # characters of a value that is told of
-
 
 class Table(BaseModel):
     """A TOML table: unknown keys are refused, values stay as they were read."""

@@ -29,7 +29,7 @@ def draw_many(rows: Sequence[Row], path: Path) -> Path | None:
     return path
 
 
-def _varied(rows: Sequence[Row], error: str) -> list[str]:
+def _varied(rows: Sequence[Row]) -> list[str]:
     """The columns of numbers before the results that take more than one value."""
     names = list(rows[0])[: list(rows[0]).index("status")]
     return [
@@ -43,7 +43,7 @@ def _varied(rows: Sequence[Row], error: str) -> list[str]:
 
 def _over_what_varied(rows: Sequence[Row], error: str, label: str) -> Any:
     done = [row for row in rows if error in row]
-    names = _varied(done, error) or ["number"]
+    names = _varied(done) or ["number"]
     kinds = list(dict.fromkeys(row.get("effects", "") for row in done))
     figure, panels = new_figure(len(names), 1.2 + 2.6 * len(names), share=False)
     colours = list(dict.fromkeys(COLOURS.values()))

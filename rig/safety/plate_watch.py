@@ -38,7 +38,7 @@ NOISE_SHARE, BEND = 0.02, 1.95  # of a second difference, whose mean size is so 
 UNSEEN_K = 10.0  # that a plate may be ahead of its thermometer
 FASTEST_K_PER_S = 3.0  # at which a sensor that comes off within 20 s is seen before the plate is 15 K hotter
 STEP_S = 0.25  # of the simulation, at most
-LONGEST_S = 5.0  # that one reading stands for
+LONGEST_S = 5.0  # that one reading stands for, before it and after it: what a longer gap did nobody has seen
 
 
 class _Answer:
@@ -105,7 +105,7 @@ class PlateWatch:
         """What the thermometer should show at a time, the current having been this since the last look; or nan."""
         if self._seen is None or self.known is None or math.isnan(current_A) or not self._seen.settled:
             return math.nan
-        plate, dt = self.known.plate, min(max(now_s - self._at_s, 0.0), 5.0)
+        plate, dt = self.known.plate, min(max(now_s - self._at_s, 0.0), LONGEST_S)
         seen = self._seen
         acting_A = current_A if self.known.delay_s == 0.0 else self._acting_A
         to_degC = plate.step(seen.plate_degC, acting_A, dt) + seen.disturbance_K_per_s * dt
@@ -217,7 +217,7 @@ class PlateWatch:
         seen.reading_degC, seen.change_K = reading_degC, change
         off_K = reading_degC - seen.shown_degC
         settle = self._settle_s
-        bound_K = self._tolerance_K(known, seen, settle)
+        bound_K = self._tolerance_K(known, seen)
         if abs(off_K) > bound_K:
             self._trip_unseen(now_s, seen, off_K, bound_K)
         dt = min(now_s - seen.corrected_s, LONGEST_S) if seen.settled else 0.0
@@ -246,7 +246,7 @@ class PlateWatch:
         drive = abs(known.plate.rate_K_per_s(seen.plate_degC, self._acting_A)) + loss
         return g * sink_K + 2.0 * (doubt.gain * drive + doubt.loss * loss)
 
-    def _tolerance_K(self, known: KnownPlate, seen: _Seen, settle: float) -> float:
+    def _tolerance_K(self, known: KnownPlate, seen: _Seen) -> float:
         doubt = known.doubt
         gain_K, loss_K = doubt.gain * seen.driven.lately_K, doubt.loss * seen.lost.lately_K
         model = math.hypot(gain_K, loss_K, self.late_K)  # errors that know nothing of each other
