@@ -61,9 +61,11 @@ class Follow:
 
     The target's quantity says what it is: a temperature for the law "temperature", else what the meter reads. units:
     of the law's output, by default those of its film. setpoints: the reference goes to the controller's own PID instead
-    of a current to its output. correction: what earlier runs have learned, on -log10 R (`rig.experiment.repeated`); the
-    target that is recorded stays as it is. branches: the way to go where a target has several temperatures.
-    estimates_memory: nobody knows the film's memory at the start; the readings tell.
+    of a current to its output. branches: the way to go where a target has several temperatures.
+
+    To be set afterwards: correction, what earlier runs have learned, on -log10 R (`rig.experiment.repeated`); the
+    target that is recorded stays as it is. estimates_memory: nobody knows the film's memory at the start; the readings
+    tell.
     """
 
     def __init__(
