@@ -30,16 +30,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "instruments"))
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
-from faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
-from still_plant import StillPlant
-from wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
 
 from rig.core.clock import VirtualClock
 from rig.drivers.scpi_meter import ScpiMeter
 from rig.ports import registry
+from tests.instruments.faulty_wire import DISORDER, REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.wire_cases import CONTROLLERS, METERS, Case, Tally, controller_on, exchange, meter_on
 
 NUMBER = ScpiMeter.NUMBER
 CHUNK = 500  # exchanges on one bench; then the next seed

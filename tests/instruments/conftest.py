@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
+from tests.instruments.still_plant import StillPlant
 
 
 @pytest.fixture

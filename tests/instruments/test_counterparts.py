@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.drivers.registry import open_controller, open_meter
@@ -19,6 +18,7 @@ from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.instruments.still_plant import StillPlant
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.drivers import registry as drivers
 from rig.ports.open import LineSettings
 from sim.instruments import registry as emulators
 from sim.instruments.instrument import Instrument
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 CONTROLLERS = ("lakeshore", "meerstetter", "srs_ldc500", "tclab", "te_technology")

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Refused
@@ -16,6 +15,7 @@ from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
 from sim.instruments.srs_ldc500 import SrsLdc500
 from sim.instruments.te_technology import TeTechnology
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 DEAD_MAN_S = 2.0

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from faulty_wire import REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
-from still_plant import StillPlant
-from wire_cases import CONTROLLERS, METERS, Attach, Case, TellTale, controller_on, meter_on
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
 from rig.core.reading import Quality
 from rig.drivers.registry import open_meter
 from sim.instruments.registry import emulated_meter
+from tests.instruments.faulty_wire import REPLY_FAULTS, REQUEST_FAULTS, FaultyWire
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.wire_cases import CONTROLLERS, METERS, Attach, Case, TellTale, controller_on, meter_on
 
 EVERY_FAULT = [*[(fault,) for fault in REPLY_FAULTS + REQUEST_FAULTS], REPLY_FAULTS + REQUEST_FAULTS]
 EXCHANGES = 400

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from far_ends import Answering
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Refused, TimedOut
@@ -26,6 +25,7 @@ from rig.drivers.registry import open_controller
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
+from tests.instruments.far_ends import Answering
 
 # worked bytes of the TC-36-25 manual, Appendix C p. 42 to 50, and the fence's; PyVISA-sim keeps the ends apart
 DEVICE = """

@@ -6,11 +6,8 @@ import itertools
 from typing import Any
 
 import pytest
-from far_ends import Answering
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from still_plant import StillPlant
-from wire_cases import CONTROLLERS, METERS, Case
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
@@ -19,6 +16,9 @@ from rig.drivers.registry import open_controller, open_meter
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
+from tests.instruments.far_ends import Answering
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.wire_cases import CONTROLLERS, METERS, Case
 
 FEW = settings(max_examples=15, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 KINDS = [b"*#!^\r\n;:? ", b"0123456789abcdefABCDEF+-.,E", b"READFTCHISNOUPVLMX*\"'\x03\x18\x00\xff\xb2\xb3\xb9"]

@@ -6,9 +6,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from conversation import Conversation
-from far_ends import Host
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
@@ -18,6 +15,9 @@ from rig.drivers.registry import open_meter
 from rig.ports.open import LineSettings
 from sim.instruments.hp34401a import Hp34401A
 from sim.instruments.instrument import Instrument
+from tests.instruments.conversation import Conversation
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

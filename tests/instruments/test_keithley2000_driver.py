@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from conversation import Conversation
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused, TimedOut
@@ -17,6 +15,8 @@ from rig.drivers.meter import on_since_s, resistance_reading
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

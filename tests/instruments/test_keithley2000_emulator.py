@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from far_ends import Host
-from still_plant import StillPlant
 
 from sim.instruments.keithley2000 import RANGES, Keithley2000, Range
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 
 @pytest.fixture

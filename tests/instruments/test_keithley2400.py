@@ -6,9 +6,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from conversation import Conversation
-from far_ends import Host
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
@@ -18,6 +15,9 @@ from rig.drivers.registry import open_meter
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2400 import Keithley2400
+from tests.instruments.conversation import Conversation
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 NAN, OVERFLOW = "+9.910000E+37", "+9.900000E+37"

@@ -7,9 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from conversation import Conversation
-from far_ends import Host
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
@@ -19,6 +16,9 @@ from rig.drivers.registry import open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2450 import Keithley2450
+from tests.instruments.conversation import Conversation
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

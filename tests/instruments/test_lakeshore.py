@@ -9,9 +9,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from conversation import Conversation
-from far_ends import Host
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, OutOfStep, Refused
@@ -23,6 +20,9 @@ from rig.drivers.registry import open_controller
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.lakeshore import LakeShore
+from tests.instruments.conversation import Conversation
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

@@ -6,9 +6,6 @@ from binascii import crc_hqx
 from collections.abc import Callable
 
 import pytest
-from conversation import Conversation
-from still_plant import StillPlant
-from transcripts import MECOM, OBJECT_TEMPERATURE_DEGC
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Refused, TimedOut
@@ -17,6 +14,9 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.transcripts import MECOM, OBJECT_TEMPERATURE_DEGC
 
 Attach = Callable[[Instrument], str]
 

@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from conversation import Conversation
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Refused
@@ -16,6 +14,8 @@ from rig.drivers.meerstetter import MeerstetterController
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

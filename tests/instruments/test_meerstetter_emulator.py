@@ -7,9 +7,9 @@ import struct
 from binascii import crc_hqx
 
 import pytest
-from still_plant import StillPlant
 
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.instruments.still_plant import StillPlant
 
 
 class Host:

@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock
 from rig.drivers.registry import open_controller, open_meter
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
+from tests.instruments.still_plant import StillPlant
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from far_ends import Answering
-from still_plant import StillPlant
-from wire_cases import CONTROLLERS, Case, controller_on
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, TimedOut
@@ -15,6 +12,9 @@ from rig.drivers.confirmed import OFF_S
 from rig.drivers.registry import open_controller
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
+from tests.instruments.far_ends import Answering
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.wire_cases import CONTROLLERS, Case, controller_on
 
 Attach = Callable[[Instrument], str]
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt
@@ -16,6 +15,7 @@ from rig.drivers.meter import reading_in_words
 from rig.drivers.registry import open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 METERS = ("keithley2000", "hp34401a", "keithley2400")

@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from far_ends import Answering
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected, InstrumentError, Refused
@@ -25,6 +23,8 @@ from rig.files.configuration import read_configuration
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.meerstetter import MeerstetterTec
+from tests.instruments.far_ends import Answering
+from tests.instruments.still_plant import StillPlant
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own_driver.md"
 CONFIGURATION = """

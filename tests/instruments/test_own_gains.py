@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from still_plant import StillPlant
 
 from compensator.control.own_pid import OwnPid
 from rig.core.clock import VirtualClock
@@ -13,6 +12,7 @@ from rig.drivers.own_gains import configured_pid, own_fields, set_pid
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 PID = OwnPid(2.0, 6.0, 0.6)

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 
 import pytest
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, InstrumentError, Overrange, Refused, TimedOut
@@ -15,6 +14,7 @@ from rig.drivers.controller import OwnLimits
 from rig.drivers.registry import open_controller
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 NAN = math.nan

@@ -15,8 +15,6 @@ from pathlib import Path
 
 import pytest
 import serial
-from conversation import Conversation
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, Disconnected, PortHeld, TimedOut
@@ -26,6 +24,8 @@ from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.keithley2000 import Keithley2000
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 LINE = LineSettings(9600)

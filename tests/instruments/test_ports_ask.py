@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pytest
-from far_ends import Answering
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Disconnected
 from rig.drivers.search import TRIED, tries
 from rig.ports import registry
 from sim.instruments.registry import emulated_controller, emulated_meter
+from tests.instruments.far_ends import Answering
+from tests.instruments.still_plant import StillPlant
 
 
 @pytest.mark.parametrize(("role", "driver", "options"), TRIED, ids=lambda value: str(value) if value else "")

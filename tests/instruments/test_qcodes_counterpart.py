@@ -10,12 +10,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from still_plant import StillPlant
 
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.keithley2000 import Keithley2000
 from sim.instruments.keithley2450 import Keithley2450
 from sim.instruments.lakeshore import LakeShore
+from tests.instruments.still_plant import StillPlant
 
 
 def test_qcodes_drivers(plant: StillPlant, tmp_path: Path) -> None:

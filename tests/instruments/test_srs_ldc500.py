@@ -7,8 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from conversation import Conversation
-from still_plant import StillPlant
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused, TimedOut
@@ -18,6 +16,8 @@ from rig.drivers.srs_ldc500 import SrsLdc500Controller
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 from sim.instruments.srs_ldc500 import SrsLdc500
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

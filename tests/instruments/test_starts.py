@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from still_plant import StillPlant
-from wire_cases import CONTROLLERS, METERS, Case
 
 from rig.core.clock import VirtualClock
 from rig.drivers.registry import open_controller, open_meter
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.wire_cases import CONTROLLERS, METERS, Case
 
 Attach = Callable[[Instrument], str]
 LATE_S = 0.4

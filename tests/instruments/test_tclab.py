@@ -7,9 +7,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from conversation import Conversation
-from far_ends import Host
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock, VirtualClock
 from rig.core.errors import Corrupt, Disconnected, InstrumentError, OutOfStep, Refused
@@ -22,6 +19,9 @@ from rig.ports import registry
 from rig.ports.pseudo_terminal import PseudoTerminals
 from sim.instruments.instrument import Instrument
 from sim.instruments.tclab import DEGC_PER_STEP, TcLab
+from tests.instruments.conversation import Conversation
+from tests.instruments.far_ends import Host
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 

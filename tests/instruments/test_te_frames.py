@@ -6,9 +6,6 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
-from conversation import Conversation
-from still_plant import StillPlant
-from transcripts import TE_36_25, TE_48_20, TE_BAD_SUM
 
 from rig.core.clock import VirtualClock
 from rig.core.errors import Corrupt, OutOfStep, TimedOut
@@ -18,6 +15,9 @@ from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.instrument import Instrument
 from sim.instruments.te_technology import TeTechnology
+from tests.instruments.conversation import Conversation
+from tests.instruments.still_plant import StillPlant
+from tests.instruments.transcripts import TE_36_25, TE_48_20, TE_BAD_SUM
 
 Attach = Callable[[Instrument], str]
 

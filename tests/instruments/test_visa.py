@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 import serial
-from still_plant import StillPlant
 
 from rig.core.clock import RealClock
 from rig.core.errors import Disconnected, PortHeld, TimedOut
@@ -20,6 +19,7 @@ from rig.ports import registry
 from rig.ports.open import LineSettings, open_port
 from rig.ports.transport import Transport
 from sim.instruments.keithley2450 import Keithley2450
+from tests.instruments.still_plant import StillPlant
 
 pyvisa = pytest.importorskip("pyvisa", reason="PyVISA is not installed")
 pytest.importorskip("pyvisa_py", reason="PyVISA-py is not installed")

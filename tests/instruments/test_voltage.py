@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from still_plant import StillPlant
 
 from rig.bench.assembly import open_bench
 from rig.core.clock import VirtualClock
@@ -23,6 +22,7 @@ from rig.files.configuration import read_configuration
 from rig.files.record_file import read_record
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_meter
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 METERS = ("hp34401a", "keithley2000", "keithley2400")

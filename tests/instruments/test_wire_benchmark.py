@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from faulty_wire import CORRUPTION, DISORDER, REPLY_FAULTS, REQUEST_FAULTS
-from wire_cases import CONTROLLERS, METERS, Case, exchange
+
+from tests.instruments.faulty_wire import CORRUPTION, DISORDER, REPLY_FAULTS, REQUEST_FAULTS
+from tests.instruments.wire_cases import CONTROLLERS, METERS, Case, exchange
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 

@@ -10,9 +10,6 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import Any
 
-from faulty_wire import FaultyWire
-from still_plant import StillPlant
-
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError
 from rig.core.reading import Reading
@@ -22,6 +19,8 @@ from rig.drivers.registry import open_controller, open_meter
 from rig.ports import registry
 from sim.instruments.instrument import Instrument
 from sim.instruments.registry import emulated_controller, emulated_meter
+from tests.instruments.faulty_wire import FaultyWire
+from tests.instruments.still_plant import StillPlant
 
 Attach = Callable[[Instrument], str]
 RATE_OHM_PER_S = 10.0
