@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import queue
 import threading
 from pathlib import Path
 from typing import Any
+
+from rig.files.json_numbers import finite
 
 WAITING = 500  # lines for one listener
 
@@ -61,20 +62,10 @@ def encoded(value: Any) -> bytes:
     try:
         return json.dumps(value, allow_nan=False, default=_plain).encode() + b"\n"
     except ValueError:
-        return json.dumps(_finite(value), default=_plain).encode() + b"\n"
+        return json.dumps(finite(value), default=_plain).encode() + b"\n"
 
 
 def _plain(value: Any) -> Any:
     if hasattr(value, "item"):  # numpy's numbers
-        return _finite(value.item())
+        return finite(value.item())
     return str(value) if isinstance(value, Path) else repr(value)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
-    return value

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import Any
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
+from rig.files.json_numbers import finite
 from rig.files.json_text import parsed_json
 from rig.web.bench_link import BenchGone, BenchLink
 
@@ -43,15 +43,6 @@ def failed(status: int, *lines: str, **headers: str) -> Response:
     response = said({"faults": list(lines)}, status)
     response.headers.update({name.replace("_", "-"): text for name, text in headers.items()})
     return response
-
-
-def finite(value: Any) -> Any:
-    """The value with null for what is no finite number."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
-    return [finite(entry) for entry in value] if isinstance(value, list) else value
 
 
 async def asked(link: BenchLink, do: str, **more: Any) -> dict[str, Any]:
