@@ -76,6 +76,11 @@ class Journal:
         """What a case is."""
         return self._identities[number]
 
+    @property
+    def count(self) -> int:
+        """How many cases there are."""
+        return len(self._identities)
+
     def missing(self) -> list[int]:
         """What is still to be done: cases without a line, and those whose process died of something else."""
         return [n for n in self._identities if n not in self.done or self.done[n][0].get("status") == LOST]

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from rig.core.faults import Faults
 from rig.files.record_file import read_record
 from rig.files.runs_in import RunInFolder
-from rig.many.cases import Case, each_ended
-from rig.many.engine import EngineChoice, opened
-from rig.many.journal import LOST, Journal
+from rig.many.cases import Case
+from rig.many.computed import compute_missing
+from rig.many.engine import Engine, EngineChoice
+from rig.many.journal import Journal
 from rig.rehearsal.swept import in_a_line, of_record
-from rig.safety.signals import SignalStop
 
 Row = dict[str, Any]
 DIGITS = 12  # of a digest in hexadecimal: 48 bits, which a double holds exactly
@@ -34,25 +34,17 @@ def diagnose_runs(
         numbered.setdefault(number, run)
     identities = {number: _identity(number, run, folder) for number, run in numbered.items()}
     journal = Journal(out, "trend", identities, same=("number", "run", "at", "rig"))
-    left = journal.missing()
-    try:
-        with SignalStop(), opened(choice, max(len(left), 1)) as engine:
 
-            def cases() -> Any:
-                for number in left:
-                    try:
-                        record = read_record(numbered[number].record)
-                    except Faults as faults:
-                        journal.add(number, {"status": "failed", "text": in_a_line(faults)}, 0.0)
-                        continue
-                    yield Case(number, of_record, ("diagnosis", engine.share(record)))
+    def cases(engine: Engine, left: list[int]) -> Iterator[Case]:
+        for number in left:
+            try:
+                record = read_record(numbered[number].record)
+            except Faults as faults:
+                journal.add(number, {"status": "failed", "text": in_a_line(faults)}, 0.0)
+                continue
+            yield Case(number, of_record, ("diagnosis", engine.share(record)))
 
-            for ended in each_ended(cases(), engine):
-                values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
-                journal.add(ended.number, values, ended.seconds)
-                tell(len(journal.done), len(identities), {**identities[ended.number], **values})
-    finally:
-        journal.close()
+    compute_missing(journal, cases, choice, tell)
     return sorted(journal.rows(), key=lambda row: str(row["at"]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,12 @@ from rig.files.record_file import Record, read_record, write_columns
 from rig.files.sweep_table import SweepFile, SweepTable, What
 from rig.files.toml_file import checked
 from rig.files.toml_text import read_toml
-from rig.many.cases import Case, each_ended
-from rig.many.engine import EngineChoice, given, opened
-from rig.many.journal import LOST, Journal
+from rig.many.cases import Case
+from rig.many.computed import compute_missing
+from rig.many.engine import Engine, EngineChoice, given
+from rig.many.journal import Journal
 from rig.rehearsal.points import Point, check_points, configuration_at, points_of
 from rig.rehearsal.simulated import simulate, target_error
-from rig.safety.signals import SignalStop
 from rig.version import __version__
 
 Values = dict[str, Any]
@@ -107,31 +107,21 @@ def sweep(
     todo: Sweep, out: Path, choice: EngineChoice, keep_records: bool, tell: Callable[[int, int, Values], None]
 ) -> list[Values]:
     """The table's rows, in the order of their numbers; tell(done, of, row) as each ends. Raises Faults."""
-    identities = todo.identities
-    journal = Journal(out, "sweep", identities, same=("of", "holds", "record") if todo.records else ())
+    journal = Journal(out, "sweep", todo.identities, same=("of", "holds", "record") if todo.records else ())
     for number, record in enumerate(todo.records):
         if isinstance(record, Refused):
             journal.note(number, {"status": "failed", "text": " / ".join(record.faults)})
-    left = journal.missing()
     folder = out if keep_records else None
-    try:
-        with SignalStop(), opened(choice, max(len(left), 1)) as engine:
-            raw = engine.share(todo.raw)
 
-            def cases() -> Any:
-                for number in left:
-                    if todo.records:
-                        yield Case(number, of_record, (todo.table.what, engine.share(todo.records[number])))
-                    else:
-                        point = todo.points[number]
-                        yield Case(number, of_point, (todo.table.what, todo.path, raw, point, folder))
+    def cases(engine: Engine, left: list[int]) -> Iterator[Case]:
+        raw = engine.share(todo.raw)
+        for number in left:
+            if todo.records:
+                yield Case(number, of_record, (todo.table.what, engine.share(todo.records[number])))
+            else:
+                yield Case(number, of_point, (todo.table.what, todo.path, raw, todo.points[number], folder))
 
-            for ended in each_ended(cases(), engine):
-                values = ended.value if not ended.fault else {"status": LOST, "text": ended.fault}
-                journal.add(ended.number, values, ended.seconds)
-                tell(len(journal.done), len(identities), {**identities[ended.number], **values})
-    finally:
-        journal.close()
+    compute_missing(journal, cases, choice, tell)
     return journal.rows()
 
 

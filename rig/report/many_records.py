@@ -22,14 +22,14 @@ import numpy as np
 
 from rig.core.faults import fault
 from rig.files.record import Record, Refused, content_digest, unit_of
-from rig.many.cases import Case, each_ended
-from rig.many.engine import EngineChoice, opened
+from rig.many.cases import Case, Ended
+from rig.many.computed import compute
+from rig.many.engine import Engine, EngineChoice
 from rig.many.journal import LOST, Journal, cases_in, files_of
 from rig.report.figures import svg_text
 from rig.report.many_figure import named_figure
 from rig.report.page import figure, write_page
 from rig.report.told import MODEL, Told
-from rig.safety.signals import SignalStop
 from rig.version import __version__
 
 Row = dict[str, Any]
@@ -80,28 +80,29 @@ def each_record(
             if journal is not None:
                 journal.note(number, _row(record, Told(faults=record.faults), task))
     left = [number for number in range(len(records)) if number not in documents and number not in faults]
+
+    def cases(engine: Engine) -> Iterator[Case]:
+        others = [engine.share(other) for other in task.shared]
+        for number in left:
+            model = str(out / names[number] / MODEL) if out is not None else None
+            yield Case(number, task.work, (engine.share(records[number]), task.asked, model, *others))
+
+    def take(ended: Ended) -> None:
+        source = records[ended.number].source
+        found = ended.value if not ended.fault else Told(faults=(f"{source}: {ended.fault}",))
+        if found.faults:
+            faults[ended.number] = found.faults
+        else:
+            documents[ended.number] = found.document
+        if out is not None and journal is not None:
+            found.write_files(out / names[ended.number])
+            lost = {"status": LOST, "text": ended.fault}
+            row = lost if ended.fault else _row(records[ended.number], found, task)
+            journal.add(ended.number, row, ended.seconds)
+        tell(len(documents) + len(faults), len(records), source, found)
+
     try:
-        with SignalStop(), opened(choice, max(len(left), 1)) as engine:
-
-            def cases() -> Iterator[Case]:
-                others = [engine.share(other) for other in task.shared]
-                for number in left:
-                    model = str(out / names[number] / MODEL) if out is not None else None
-                    yield Case(number, task.work, (engine.share(records[number]), task.asked, model, *others))
-
-            for ended in each_ended(cases(), engine):
-                source = records[ended.number].source
-                found = ended.value if not ended.fault else Told(faults=(f"{source}: {ended.fault}",))
-                if found.faults:
-                    faults[ended.number] = found.faults
-                else:
-                    documents[ended.number] = found.document
-                if out is not None and journal is not None:
-                    found.write_files(out / names[ended.number])
-                    lost = {"status": LOST, "text": ended.fault}
-                    row = lost if ended.fault else _row(records[ended.number], found, task)
-                    journal.add(ended.number, row, ended.seconds)
-                tell(len(documents) + len(faults), len(records), source, found)
+        compute(cases, len(left), choice, take)
     finally:
         if journal is not None:
             journal.close()
