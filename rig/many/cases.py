@@ -20,6 +20,7 @@ from rig.many.engine import Engine
 
 TRIES = 3  # a case whose process died three times alone is what kills it, and not somebody's `kill`
 WAITING = 2  # cases for each worker: one that runs, one that waits, so that no worker is idle while a result travels
+LOOK_S = 1.0  # between two looks for a signal, which takes microseconds
 LOST = ("KilledWorker", "CommClosedError", "FutureCancelledError")  # what Dask raises for cases whose process died
 
 
@@ -51,7 +52,7 @@ def each_ended(cases: Iterable[Case], engine: Engine) -> Iterator[Ended]:
         lost = _submitted(islice(left, max(0, WAITING * engine.workers - len(flying))), engine, flying)
         if not flying and not lost:
             return
-        ended = wait(flying, return_when=FIRST_COMPLETED).done if flying and not lost else set()
+        ended = _some(flying) if flying and not lost else set()
         for future in [one for one in flying if one in ended]:  # a set's own order is another one in each process
             case = flying.pop(future)
             found = _result(case, future)
@@ -72,6 +73,14 @@ def each_ended(cases: Iterable[Case], engine: Engine) -> Iterator[Ended]:
                 yield _alone(case, engine)
 
 
+def _some(flying: Iterable[Future[Any]]) -> set[Future[Any]]:
+    """Those that have ended, as soon as one has. It waits in pieces: the system may hand a signal to any thread, and
+    Python raises what comes of it in the main one, which does not wake for it."""
+    while not (ended := wait(flying, LOOK_S, FIRST_COMPLETED).done):
+        pass
+    return ended
+
+
 def _submitted(cases: Iterable[Case], engine: Engine, flying: dict[Future[Any], Case]) -> list[Case]:
     """Send cases on their way; those that a dead engine did not take."""
     lost = []
@@ -88,7 +97,7 @@ def _alone(case: Case, engine: Engine) -> Ended:
     for _ in range(TRIES):
         flying: dict[Future[Any], Case] = {}
         if not _submitted([case], engine, flying):
-            found = _result(case, next(iter(flying)))
+            found = _result(case, *_some(flying))
             if found is not None:
                 return found
         engine.begin_anew()

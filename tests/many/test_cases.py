@@ -17,7 +17,7 @@ from rig.core.outcome import Stopped
 from rig.many.cases import Case, Ended, each_ended
 from rig.many.engine import EngineChoice, opened
 from rig.safety.signals import SignalStop
-from tests.many.work import doubled, fails, kills_itself, read_from, size_of, slow
+from tests.many.work import doubled, ends, fails, kills_itself, read_from, size_of, slow
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="kills processes")
 
@@ -74,6 +74,23 @@ def test_a_signal_ends_it_wherever_it_waits(tmp_path: Path, dies: bool) -> None:
     threading.Thread(target=interrupt, daemon=True).start()
     with pytest.raises(Stopped), SignalStop():
         _all(cases, workers=1)
+
+
+@pytest.mark.parametrize("dies", [False, True], ids=["side by side", "alone after a worker died"])
+def test_a_signal_that_another_thread_was_handed_ends_it_too(tmp_path: Path, dies: bool) -> None:
+    """The main thread's wait is not interrupted by it: it raises when it wakes by itself."""
+    cases = [Case(0, kills_itself if dies else doubled, (0,)), Case(1, ends, (tmp_path, 15.0))]
+
+    def interrupt() -> None:
+        while not list(tmp_path.iterdir()):
+            time.sleep(0.05)
+        time.sleep(0.2)  # until the main thread waits again
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    with pytest.raises(Stopped), SignalStop():
+        _all(cases, workers=1)
+    assert [mark.name for mark in tmp_path.iterdir()] == ["begun"]
 
 
 def test_a_process_of_the_callers_own_outlives_the_cases() -> None:

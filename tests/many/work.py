@@ -24,6 +24,13 @@ def slow(value: int, seconds: float, marks: Path) -> int:
     return 2 * value
 
 
+def ends(marks: Path, seconds: float) -> None:
+    """Leaves a mark when it begins, and another when it has not been ended before."""
+    (marks / "begun").touch()
+    time.sleep(seconds)
+    (marks / "ended").touch()
+
+
 def fails(value: int) -> int:
     raise ValueError(f"no value for {value}")
 
