@@ -248,19 +248,27 @@ def configuration_of(path: Path, text: str, raw: dict[str, Any], for_experiment:
     for key, name in (("experiment.model", content.experiment.model), ("experiment.target", content.experiment.target)):
         if for_experiment and isinstance(name, str) and not file.beside(name).is_file():
             lines.append(f"{path}: {key}: {name!r}: no such file beside the configuration")
-    low, high = content.limits.temperature_degC
-    span = content.calibration.temperature_degC
-    if span is not None and not (low <= span[0] and span[1] <= high):
-        lines.append(
-            f"{path}: calibration.temperature_degC: {list(span)}: "
-            f"expected within limits.temperature_degC [{low}, {high}]"
-        )
+    lines += _ranges_outside(path, content)
     lines += _slow_periods(path, content)
     lines += _unknown_drivers(path, content)
     lines += _effect_faults(file)
     if lines:
         raise Faults(lines)
     return file
+
+
+def _ranges_outside(path: Path, content: Configuration) -> list[str]:
+    """A line for each range of a calibration that is not inside the one around it."""
+    lines = []
+    around, (low, high) = "limits.temperature_degC", content.limits.temperature_degC
+    for key in ("temperature_degC", "transition_degC"):
+        span = getattr(content.calibration, key)
+        if span is None:
+            continue
+        if not (low <= span[0] and span[1] <= high):
+            lines.append(f"{path}: calibration.{key}: {list(span)}: expected within {around} [{low}, {high}]")
+        around, (low, high) = f"calibration.{key}", span
+    return lines
 
 
 def _slow_periods(path: Path, content: Configuration) -> list[str]:

@@ -62,6 +62,26 @@ def test_one_wrong_value(peltier: Peltier, tmp_path: Path, old: str, new: str, p
     assert str(path) in err
 
 
+@pytest.mark.parametrize(
+    ("ranges", "expected"),
+    [
+        ("temperature_degC = [5, 90]", "calibration.temperature_degC: [5.0, 90.0]: expected within limits"),
+        ("transition_degC = [50, 96]", "calibration.transition_degC: [50.0, 96.0]: expected within limits"),
+        (
+            "temperature_degC = [30, 70]\ntransition_degC = [50, 75]",
+            "transition_degC: [50.0, 75.0]: expected within calibration.temperature_degC [30.0, 70.0]",
+        ),
+    ],
+)
+def test_a_calibrations_ranges_lie_inside_each_other(
+    peltier: Peltier, tmp_path: Path, ranges: str, expected: str
+) -> None:
+    path = write_bench(tmp_path, more=f"\n[calibration]\n{ranges}\n")
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 2
+    assert expected in err
+
+
 def test_target_outside_the_films_range(peltier: Peltier, tmp_path: Path) -> None:
     path = write_bench(tmp_path, target='["start 20 kohm", "ramp to 20 Mohm at 0.1 dec/s", "hold 5 s"]')
     status, _, err = peltier("run", path, "--out", tmp_path / "run")
