@@ -102,7 +102,7 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     follow.target = major
     loop.phase("major", follow, major.duration_s, c.period_s)
     span = c.transition_degC or transition_range(loop.folder, known.lag_s)
-    fitted, checked = fitted_and_checked(minor_turning_points(span, c.minor_loops, c.seed))
+    fitted, checked = fitted_and_checked(minor_turning_points(span, (low, high), c.minor_loops, c.seed))
     for name, points in (("minor", [low, *fitted]), ("check", [fitted[-1], *checked])):
         follow.target = _temperature_target(points, rate, c.dwell_s)
         loop.phase(name, follow, follow.target.duration_s, c.period_s)

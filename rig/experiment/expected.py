@@ -47,7 +47,7 @@ def expected_calibration(configuration: Configuration) -> Phases:
     rate, width = c.rate_K_per_s, TRANSITION_SHARE * (high - low)
     middle = 0.5 * (low + high)
     span = c.transition_degC or (middle - 0.5 * width, middle + 0.5 * width)
-    fitted, checked = fitted_and_checked(minor_turning_points(span, c.minor_loops, c.seed))
+    fitted, checked = fitted_and_checked(minor_turning_points(span, (low, high), c.minor_loops, c.seed))
 
     def along(points: list[float]) -> float:
         return sum(abs(b - a) / rate + c.dwell_s for a, b in pairwise(points)) + c.dwell_s

@@ -40,10 +40,12 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
             if gains[other] < HOPE * own:
                 continue
             if is_last and not beside_relays:  # a few steps say nothing of where relays settle
-                named, quick = search.fit(chain.split(names)[1]), search.quick(fit, other)
-                if quick.score < named.score - FAR:
+                named = search.fit(chain.split(names)[1])
+                begun = search.quick(fit, other), search.instead(named, name, other)
+                best = max(begun, key=lambda f: f.score)
+                if best.score < named.score - FAR:
                     continue
-                chain.followed(rest | {other}, max(quick, search.instead(named, name, other), key=lambda f: f.score))
+                chain.followed(rest | {other}, best)
             if chain.score(rest | {other}) > whole - (CLOSE_BESIDE_RELAYS if beside_relays else CLOSE):
                 found.append(other)
         out[name] = found
