@@ -20,6 +20,7 @@ from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
 from sim.diagnosis.judge.false_alarm import LARGEST, SMALLEST, candidates, false_alarm
 from sim.diagnosis.judge.film_records import told_by_film_records
+from sim.diagnosis.judge.smoothed_path import on_a_smoothed_path
 from sim.diagnosis.judge.turns_between import TURNS, only_turns
 from sim.diagnosis.judge.verdict import UNSEEN, Verdict, judge
 from sim.diagnosis.report.candidates import candidates_of
@@ -103,6 +104,7 @@ def diagnose(
         cut = "searching" if budget.over(SEARCHING) else None
         say("evidence")
         chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)
+        chain, judged = on_a_smoothed_path(chain, names, judged)
         chain, judged = beside_domains(chain, names, judged, say)
         judged = told_by_film_records(chain, judged, _further(of_film, quantity))
         while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:

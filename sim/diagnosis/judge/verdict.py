@@ -16,6 +16,7 @@ from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.held_out_evidence import held_out_evidence, held_out_square
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity, no_other_sharpness_is_better
 from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
+from sim.diagnosis.judge.smoother_path import LEAST_BEYOND, beyond_a_smoother_path
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
@@ -41,6 +42,7 @@ LITTLE_LEFT = 0.2  # of the noise's variance
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
 MAY_DO_AS_MUCH = "something else is left with it, which may do what it seems to do"
+SMOOTHS = "a smoother course of the temperature that drives the film does as much, or most of it"
 NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
 MOST_LEFT = 0.25  # share of the excess that may be left where an effect is named
 
@@ -146,6 +148,9 @@ def _worth(
             return evidence, (evidence, "the plate's temperature, which drives the film, is not understood")
         if chain.record.early > 0.0:
             return evidence, (evidence, "the plate's temperature between the rows, which drives the film, is not known")
+    beyond = beyond_a_smoother_path(chain, names, name)
+    if beyond is not None and beyond < LEAST_BEYOND:
+        return evidence, (min(weak, beyond), SMOOTHS)
     if is_output_nonlinearity(chain.effects[name]) and not _film_is_explained(chain, names, resistance):
         return evidence, (weak, "the film is not understood, and may bend its output itself")
     left = temperature if upstream else resistance

@@ -22,6 +22,7 @@ from sim.diagnosis.fit.channel_noise import thermometer_noise
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
+from sim.diagnosis.fit.smoother_path import smoothed
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.film_facts import FilmFacts
@@ -112,7 +113,8 @@ class Chain:
     which no search takes out; budget: of time; false_alarm: the share of clean records that may be given a name.
     curve, relays: whether the film may have a D(T), and be of another kind. together: whether both channels are fitted
     as one, where the simulated temperature drives the film. coloured: the instruments, "thermometer" and
-    "ohmmeter", whose noise may have a spectrum of its own.
+    "ohmmeter", whose noise may have a spectrum of its own. smooth_s: by which the path that drives the film is smoothed
+    without delay (`sim.diagnosis.fit.smoother_path`); 0: not at all.
     """
 
     record: Record
@@ -127,6 +129,7 @@ class Chain:
     relays: bool = True
     together: bool = False
     coloured: frozenset[str] = frozenset()
+    smooth_s: float = 0.0
     found: Found = field(default_factory=Found)
 
     @property
@@ -156,6 +159,11 @@ class Chain:
 
     def path(self, upstream: frozenset[str]) -> PlatePath:
         """The plate's temperature that drives the film: simulated with these effects, or measured."""
+        path = self._path(upstream)
+        return smoothed(path, self.smooth_s) if self.smooth_s > 0.0 else path
+
+    def _path(self, upstream: frozenset[str]) -> PlatePath:
+        """As it is told."""
         if self.first is None:
             return measured_path(self.record)
         channel, fit = self.first.channel, self.first.fit(upstream)

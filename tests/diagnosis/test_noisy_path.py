@@ -1,0 +1,82 @@
+"""A film driven by a thermometer's noisy readings: a lag that is there is named, one that only filters noise is not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.fit.smoother_path import AS_SMOOTH, smoothed
+from sim.effects.lag import first_order_lag
+from sim.model.plate_path import PlatePath
+
+Array = NDArray[np.float64]
+FINE_S, ROW_S = 0.2, 2.0
+NOISE_K, NOISE_DEC = 0.012, 5e-4
+TURNS_DEGC = (24.0, 82.0, 55.0, 75.0, 60.0, 78.0, 50.0, 70.0, 40.0)
+
+
+def course(seed: int) -> Array:
+    """The plate's temperature, a value each FINE_S: ramps at 0.07 K/s, corners rounded by a plate of 15 s."""
+    rates = 0.05 * FINE_S * np.random.default_rng(seed).uniform(0.7, 1.3, len(TURNS_DEGC))
+    parts = [
+        np.linspace(a, b, math.ceil(abs(b - a) / rate))
+        for a, b, rate in zip(TURNS_DEGC, TURNS_DEGC[1:], rates, strict=False)
+    ]
+    ramps = np.concatenate(parts) - TURNS_DEGC[0]
+    keeps = math.exp(-FINE_S / 15.0)
+    return np.asarray(TURNS_DEGC[0] + lfilter([1.0 - keeps], [1.0, -keeps], ramps))
+
+
+def film(degC: Array) -> Array:
+    """log10 R of 150 grains: half-widths about 3 K, each with a normal density of middles; phases mix in their logs."""
+    half_K = 3.0 * np.exp(0.35 * norm.ppf((np.arange(150) + 0.5) / 150))
+    play, metal = degC[0] + half_K, np.empty(degC.size)
+    for k, now in enumerate(degC):
+        np.clip(play, now - half_K, now + half_K, out=play)
+        metal[k] = float(np.mean(norm.cdf((play - 66.0) / 2.5)))
+    insulating = 5.0 + 0.2 / 8.617e-5 / math.log(10.0) * (1.0 / (degC + 273.15) - 1.0 / 333.15)
+    return (1.0 - metal) * insulating + metal * 2.0
+
+
+def record(seed: int, skew_s: float = 0.0, lag_s: float = 0.0) -> dict[str, Array]:
+    """Thermometer with white noise, ohmmeter with next to none, a row each two seconds."""
+    rng, degC = np.random.default_rng(seed), course(seed)
+    keeps = math.exp(-FINE_S / lag_s) if lag_s > 0.0 else 0.0
+    of_film = degC[0] + np.asarray(lfilter([1.0 - keeps], [1.0, -keeps], degC - degC[0]))
+    every, late = round(ROW_S / FINE_S), round(skew_s / FINE_S)
+    rows = np.arange(every, degC.size - every, every)
+    log_ohm = film(of_film)[rows - late] + NOISE_DEC * rng.standard_normal(rows.size)
+    shown = degC[rows] + NOISE_K * rng.standard_normal(rows.size)
+    return {"time_s": rows * FINE_S, "temperature_degC": shown, "resistance_ohm": 10.0**log_ohm}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_skew_is_no_lag_that_smooths_and_a_skew_that_takes_its_delay_back(seed: int) -> None:
+    found = diagnose(record(seed, skew_s=2.0))
+    assert [f.name for f in found.findings] == ["timestamp_skew"]
+    assert found.findings[0].parameters["skew_s"][0] == pytest.approx(2.0, abs=0.2)
+
+
+def test_a_lag_that_is_there_is_named() -> None:
+    found = diagnose(record(3, lag_s=4.0))
+    assert [f.name for f in found.findings] == ["film_lag"]
+    assert found.findings[0].parameters["tau_s"][0] == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_smoother_path_is_as_smooth_as_a_lag_and_has_no_delay() -> None:
+    tau_s, time = 2.0, np.arange(0.0, 600.0, 0.1)
+    wave = np.sin(2.0 * np.pi * time / 60.0)
+    slopes = np.column_stack((np.gradient(wave, time), np.gradient(wave, time)))
+    without = smoothed(PlatePath(time, wave, slopes), AS_SMOOTH * tau_s).plate_degC
+    lagged = np.empty(time.size)
+    first_order_lag(tau_s, time, wave, np.array([math.nan]), lagged)
+    inside = slice(1200, 4800)  # whole waves, far from the ends
+    assert np.max(without[inside]) == pytest.approx(np.max(lagged[inside]), rel=1e-3)
+    assert float(without[inside] @ np.cos(2.0 * np.pi * time / 60.0)[inside]) == pytest.approx(0.0, abs=1.0)
+    assert np.max(np.abs(lagged - wave)[inside]) > 9.0 * np.max(np.abs(without - wave)[inside])
