@@ -217,12 +217,9 @@ class Loop:
         current_time_s = math.nan  # as before
         if not decision.wait and (not decision.done or math.isfinite(decision.current_A)):
             armed = self.sent.armed
-            current_time_s = self._apply(policy, decision, now, degC) - self._start_s
-            if not math.isnan(current_time_s):
-                if armed:  # else it took longer than the next one will
-                    self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
-                if isinstance(policy, Predicts):
-                    policy.acted(current_time_s - begin_s)
+            current_time_s = self._apply(policy, decision, now, degC, begin_s) - self._start_s
+            if armed and not math.isnan(current_time_s):  # to arm it takes longer than the next one will
+                self._acts_after_s = min(max(current_time_s - row_s, 0.0), period_s)
         self.watch.look_at_status(now, self.sent, self.bench.controller)
         ohms = self._output == LOG_RESISTANCE
         self.folder.row(
@@ -281,14 +278,17 @@ class Loop:
                 if reading.quality is not Quality.MISSING:  # that was told when it was asked for
                     self.folder.event(now - self._start_s, "no_reading", f"{name}: {reasons[name]}")
 
-    def _apply(self, policy: Policy, decision: Decision, now: float, degC: float) -> float:
-        """Send it; about when it acts, on the bench's clock: nan where nobody acknowledged it."""
+    def _apply(self, policy: Policy, decision: Decision, now: float, degC: float, begin_s: float) -> float:
+        """Send it, and tell a policy of a phase that began then; about when it acts, on the bench's clock: nan where
+        nobody acknowledged it."""
         acts_s = self._sender.apply(decision, now, degC)
         if math.isnan(acts_s):
             self.ticks.unacknowledged += 1
             self.folder.event(now - self._start_s, "unacknowledged", self._sender.why)
             if isinstance(policy, Predicts):
                 policy.held(self.sent.current_A)
+        elif isinstance(policy, Predicts):
+            policy.acted(acts_s - self._start_s - begin_s)
         return acts_s
 
     def _note_status(self) -> None:
