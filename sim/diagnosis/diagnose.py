@@ -112,8 +112,7 @@ def diagnose(
             judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
         others = [other.commanded_in_sight(known.values()) for other in _further(holdout, quantity)]
         told = borne_out(chain, judged, others)
-        first = [Other(o, told_rows(o) if as_predicted else None) for o in others]
-        held_out = HeldOutRows(chain, tuple(first), told.halves)
+        held_out = HeldOutRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others), told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
