@@ -97,8 +97,8 @@ def diagnose(
         together, begins = joined((columns, *further)) if further else (columns, None)
         quantity = quantity_of(output, together)
         record = read_columns(together, held_out=not holdout, quantity=quantity, joined=begins)
-        known = quantity.effects(effects if effects is not None else catalogue())
-        budget = Budget(budget_s if budget_s is not None else math.inf, clock, began_s)
+        known = quantity.effects(catalogue() if effects is None else effects)
+        budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
         cut = "searching" if budget.over(SEARCHING) else None
@@ -107,12 +107,11 @@ def diagnose(
         chain, judged = on_a_smoothed_path(chain, names, judged)
         chain, judged = beside_domains(chain, names, judged, say)
         judged = told_by_film_records(chain, judged, _further(of_film, quantity))
-        while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
-            weakest = min(sorted(vague), key=lambda name: judged.evidence[name])
-            judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
+        judged = _with_sizes(chain, judged)
         others = [other.commanded_in_sight(known.values()) for other in _further(holdout, quantity)]
         told = borne_out(chain, judged, others)
-        held_out = HeldOutRows(chain, tuple(Other(o, told_rows(o) if as_predicted else None) for o in others), told.halves)
+        first = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
+        held_out = HeldOutRows(chain, first, told.halves)
         cut = cut or ("judging" if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
@@ -120,6 +119,14 @@ def diagnose(
         if base == "generalized_pi" and chain.record.output is not None and not budget.over():
             found = _restricted(found, held_out)
         return in_its_unit(found)
+
+
+def _with_sizes(chain: Chain, judged: Verdict) -> Verdict:
+    """Without names whose size the record does not fix."""
+    while vague := set(vague_effects(chain, judged.fitted)) - chain.assumed:
+        weakest = min(sorted(vague), key=judged.evidence.__getitem__)
+        judged = judge(chain, judged.fitted - {weakest}, judged, "the record does not fix its size")
+    return judged
 
 
 def _further(records: Sequence[Mapping[str, ArrayLike]], quantity: Quantity) -> list[Record]:
