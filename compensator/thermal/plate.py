@@ -85,7 +85,7 @@ def current_range(par: Array, temperature: float, limit: float) -> tuple[float, 
         return 0.0, limit
     if par[1] == 0.0:
         return -limit, limit
-    return -min(limit, par[0] * (temperature + KELVIN) / par[1]), limit
+    return -min(limit, max(par[0] * (temperature + KELVIN) / par[1], 0.0)), limit
 
 
 @njit(cache=True)
@@ -97,7 +97,10 @@ def current_for_rate(par: Array, temperature: float, wanted_rate: float, limit: 
     discriminant = b * b + 2.0 * par[1] * wanted
     if discriminant <= 0.0:
         return low
-    return float(min(max(2.0 * wanted / (b + math.sqrt(discriminant)), low), high))
+    root = b + math.sqrt(discriminant)
+    if root <= 0.0:  # below absolute zero, where a model that is far off may put a plate
+        return high if wanted > 0.0 else low
+    return float(min(max(2.0 * wanted / root, low), high))
 
 
 @dataclass(frozen=True)

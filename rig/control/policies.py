@@ -20,6 +20,7 @@ from rig.files.target import Target
 
 MODEL_LACKS: Final = "model_lacks"  # of a correction: taken off the readings and the target; else added to the target
 SAME_READING_S: Final = 1e-6  # between the stamps of one reading that is given twice: rounding
+LATEST_S: Final = 10.0  # that a command acts after it was to: output and line are given up before, so no time is right
 SOONEST: Final = 0.05  # of a period, from one command to the next: a late tick is followed by one in time
 LEAST_WAY_K: Final = 0.2  # of a plan over the preview: less is a dwell, on which the nearest temperature is right
 
@@ -135,8 +136,9 @@ class Follow:
 
     def acted(self, acts_s: float) -> None:
         """The last command acted then: plate and film went on with the current before until that moment."""
-        if self.state is not None and not self.setpoints and not math.isnan(self._acted_s):
-            self.state, moved_s = self.law.late(self.state, self._before_A, acts_s - self._acted_s)
+        late_s = acts_s - self._acted_s
+        if self.state is not None and not self.setpoints and abs(late_s) <= LATEST_S:
+            self.state, moved_s = self.law.late(self.state, self._before_A, late_s)
             self._acted_s += moved_s
 
     def held(self, current_A: float) -> None:

@@ -92,3 +92,9 @@ def test_parameters_that_cannot_be_are_refused() -> None:
         PlateModel(0.0, 0.06, 0.1, 25.0)
     with pytest.raises(ValueError, match="heating rate"):
         PlateModel(0.0, 0.0, 0.1, 25.0, kind="heater")
+
+
+@pytest.mark.parametrize("rate", [-3e15, 0.0, 3e15])
+def test_a_plate_that_a_model_puts_below_absolute_zero_asks_for_a_current_within_the_limit(rate: float) -> None:
+    """A mutated model did so, and a division by zero ended the replay."""
+    assert abs(PlateModel(1.5, 0.06, 0.018, 25.0).current_for_rate_A(-1.4e15, rate, 4.0)) <= 4.0
