@@ -14,6 +14,7 @@ from compensator.characterization.activation import BOLTZMANN_eV_PER_K
 from compensator.characterization.forc import forc
 from compensator.characterization.transition import transition
 from tests.diagnosis.truth.draw import draw_film
+from tests.diagnosis.truth.films import Film
 
 QUICK = (0, 2, 7, 8, 9, 10, 11, 12, 15, 18, 21, 23)  # of the benchmark's films, of each kind, those with few rows
 
@@ -140,7 +141,8 @@ def test_activation_energy_and_a_lagging_thermometer() -> None:
     assert after == pytest.approx(before - found.shift_K(3.0), abs=0.05)
 
 
-def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
+def reversal_curves() -> tuple[Film, np.ndarray, np.ndarray]:
+    """A Preisach film, 24 reversal curves of it on heating (degC), and their log10 R with noise."""
     random = np.random.default_rng(3)
     relays = replace(draw_film(random, "preisach", form=2), before=(0.0,))
     points = [20.0]
@@ -148,6 +150,11 @@ def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
         points += [float(reversal), 25.0]
     degC = sweep(points, 0.2)
     log = relays.log_ohm(degC) + 0.001 * random.standard_normal(degC.size)
+    return relays, degC, log
+
+
+def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
+    relays, degC, log = reversal_curves()
     found = forc(np.arange(degC.size) * 1.0, degC, -log)
     assert found.reason == ""
     assert found.sense == "cooling"
@@ -165,13 +172,7 @@ def test_reversal_curves_give_the_density_of_a_preisach_film() -> None:
 
 
 def test_the_density_has_its_sign_though_one_curve_drifts_the_other_way() -> None:
-    random = np.random.default_rng(3)
-    relays = replace(draw_film(random, "preisach", form=2), before=(0.0,))
-    points = [20.0]
-    for reversal in np.linspace(48.0, 78.0, 24):
-        points += [float(reversal), 25.0]
-    degC = sweep(points, 0.2)
-    log = relays.log_ohm(degC) + 0.001 * random.standard_normal(degC.size)
+    _, degC, log = reversal_curves()
     reversals = np.flatnonzero(np.diff(np.sign(np.diff(degC)))) + 1
     first = slice(int(reversals[0]), int(reversals[1]))
     log[first] -= np.linspace(0.0, 0.3, first.stop - first.start)  # falls as it cools, as no other curve does

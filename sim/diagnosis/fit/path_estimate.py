@@ -76,7 +76,10 @@ def measured_path(record: Record) -> PlatePath:
     """The path behind the thermometer's readings, where the record has no current."""
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
     path = temperature_path(record.time_s, temperature).temperature_degC
-    steps = np.diff(record.time_s)
-    slope = np.diff(path) / steps
-    slopes = np.column_stack((np.append(slope, slope[-1]), np.insert(slope, 0, slope[0])))
-    return PlatePath(record.time_s, np.asarray(path, dtype=np.float64), slopes)
+    return straight_path(record.time_s, np.asarray(path, dtype=np.float64))
+
+
+def straight_path(time_s: Array, degC: Array) -> PlatePath:
+    """A path that is straight between its nodes, (nodes,)."""
+    slope = np.diff(degC) / np.diff(time_s)
+    return PlatePath(time_s, degC, np.column_stack((np.append(slope, slope[-1]), np.insert(slope, 0, slope[0]))))

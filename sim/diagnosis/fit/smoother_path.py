@@ -10,10 +10,12 @@ frequency w, either way.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from sim.diagnosis.fit.path_estimate import straight_path
 from sim.effects.lag import first_order_lag
 from sim.model.plate_path import PlatePath
 
@@ -25,7 +27,4 @@ def smoothed(path: PlatePath, tau_s: float) -> PlatePath:
     time, later, out = path.time_s, np.empty(path.time_s.size), np.empty(path.time_s.size)
     first_order_lag(tau_s, time, path.plate_degC, np.array([math.nan]), later)
     first_order_lag(tau_s, time[-1] - time[::-1], later[::-1].copy(), np.array([math.nan]), out)
-    degC = np.ascontiguousarray(out[::-1])
-    slope = np.diff(degC) / np.diff(time)
-    slopes = np.column_stack((np.append(slope, slope[-1]), np.insert(slope, 0, slope[0])))
-    return PlatePath(time, degC, slopes, path.turning_s)
+    return replace(straight_path(time, np.ascontiguousarray(out[::-1])), turning_s=path.turning_s)
