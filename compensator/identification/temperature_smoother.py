@@ -46,12 +46,14 @@ CORNER: Final = 3.0  # in ranges of the rate: how much it may change where it br
 @dataclass(frozen=True, eq=False)
 class TemperaturePath:
     """`temperature_degC`: shape (samples,); `turning`: indices of the turning points, first and last row included;
-    `noise_K`: standard deviation of the readings' noise, 0 where it is negligible; `outliers`: indices left out."""
+    `noise_K`: standard deviation of the readings' noise, 0 where it is negligible; `outliers`: indices left out;
+    `density`: q / sigma^2 between the samples, 1/s^3, (samples - 1,), None where the readings are taken as they are."""
 
     temperature_degC: Array
     turning: NDArray[np.int64]
     noise_K: float
     outliers: NDArray[np.int64]
+    density: Array | None = None
 
 
 @njit(cache=True)
@@ -215,7 +217,7 @@ def temperature_path(
         if first > 0:
             run = np.maximum(run, path[first]) if rises else np.minimum(run, path[first])
         path[start : last + 1] = run
-    return TemperaturePath(path, turning, sigma, outliers)
+    return TemperaturePath(path, turning, sigma, outliers, density + extra)
 
 
 def _trusted(innovations: Array) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numba import njit
@@ -22,7 +22,11 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_colour import ColouredWhitening, NoiseColour
+from sim.diagnosis.data.path_error import SeenPathError
 from sim.diagnosis.data.wandering import Rows, Wandering
+
+GROUPS: Final = 30  # of readings alike, for another record's
+SAME_PATH: Final = 0.2  # of what the film shows of its path's error: what it is told by, slopes, is not known better
 
 
 class Whitens(Protocol):
@@ -40,7 +44,8 @@ class NoiseModel:
     of the noise over the record's readings; wandering: what goes on from row to row beside
     white noise, and no model tells: where the plate may have gone, how the film's domains stand. wanders: readings,
     rising, and the deviation of it at these, for rows of another record; None: nothing, or none is asked for. colour:
-    in place of the correlation, where that does not do; None: it does.
+    in place of the correlation, where that does not do; None: it does. path: what the film shows of what the path is
+    off by that drives it; None: that path is known, or the floor stands for it.
     """
 
     level: float
@@ -54,6 +59,7 @@ class NoiseModel:
     wandering: Wandering | None = None
     wanders: tuple[Array, Array] | None = None
     colour: NoiseColour | None = None
+    path: SeenPathError | None = None
 
     @classmethod
     def white(cls, deviation: float) -> NoiseModel:
@@ -64,7 +70,8 @@ class NoiseModel:
     def plain(self) -> bool:
         """Whether it is white and the same everywhere."""
         same = not self.edges.size and self.weights is None
-        return same and self.correlation == 0.0 and self.wandering is None and self.colour is None
+        wanders = self.wandering is not None or self.path is not None
+        return same and self.correlation == 0.0 and not wanders and self.colour is None
 
     @property
     def as_correlated(self) -> float:
@@ -92,6 +99,8 @@ class NoiseModel:
     def marginal(self, readings: Array, rows: Rows | None = None) -> Array:
         """The same with what wanders, as long as no reading tells of it."""
         own = self.with_tails(readings, rows)
+        if self.path is not None and rows is not None:
+            return np.hypot(own, self.path.deviation[rows])
         if self.wandering is not None and rows is not None:
             return np.hypot(own, self.wandering.deviation[rows])
         return own if self.wanders is None else np.hypot(own, np.interp(readings, *self.wanders))
@@ -103,6 +112,8 @@ class NoiseModel:
     def alike(self, other: NoiseModel, readings: Array, share: float) -> bool:
         """Whether another model weighs these readings about the same: to this share of a deviation."""
         if (self.weights is None) != (other.weights is None) or (self.colour is None) != (other.colour is None):
+            return False
+        if self.path is not None and (other.path is None or not self.path.alike(other.path, SAME_PATH)):
             return False
         if self.colour is not None and other.colour is not None and not self.colour.alike(other.colour, share):
             return False
@@ -116,6 +127,8 @@ class NoiseModel:
             return Whitening(1.0 / np.full(rows.size, self.level))
         if self.wandering is not None:
             return self.wandering.whitening(rows, self.at(readings, rows))
+        if self.path is not None:
+            return self.path.whitening(rows, self._weighed_down(readings, rows), self.correlation, self.shared)
         scale = 1.0 / self.at(readings, rows)
         root = np.ones(rows.size) if self.weights is None else np.sqrt(self.weights[rows])
         follows = np.diff(rows, prepend=rows[:1] - 2) == 1
@@ -129,6 +142,11 @@ class NoiseModel:
         before = np.zeros(rows.size)
         before[1:] = np.where(follows[1:], self.correlation * scale[:-1], 0.0)
         return Whitening(scale, before, theta, np.flatnonzero(~follows), root / np.where(follows, size, 1.0))
+
+    def _weighed_down(self, readings: Array, rows: Rows) -> Array:
+        """The standard deviation at these readings, larger where a reading counts for less."""
+        own = self.at(readings, rows)
+        return own if self.weights is None else own / np.sqrt(self.weights[rows])
 
     def _innovations(self) -> tuple[float, float]:
         """theta and the deviation of u in u_k = x_k - c x_{k-1} + theta u_{k-1}: an autoregression and a white part are
@@ -181,6 +199,14 @@ def _innovations(
                 u[j] = own[k] * values[k, j] - before[k] * values[k - 1, j] + theta * u[j]
         for j in range(u.size):
             out[k, j] = weight[k] * u[j]
+
+
+def by_reading(readings: Array, deviation: Array) -> tuple[Array, Array]:
+    """Readings, rising, and the root mean square of a deviation at these, as another record has it there. readings,
+    deviation: (rows,)."""
+    groups = np.array_split(np.argsort(readings), min(GROUPS, readings.size))
+    at = np.array([float(np.mean(readings[g])) for g in groups])
+    return at, np.array([root_mean_square(deviation[g]) for g in groups])
 
 
 def root_mean_square(values: Array) -> float:

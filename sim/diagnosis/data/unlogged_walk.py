@@ -41,7 +41,13 @@ def noise_beside(walk: Wandering, residual: Array, rows: Rows) -> float:
     nothing lies in between. Not where the least does: a controller that answers noise changes its current least where
     there is little."""
     _, added = walk.between(rows)
-    second, lies = np.abs(np.diff(residual, 2)), added[1:-1] + added[2:]
+    return noise_where_little_lies(added[1:-1] + added[2:], residual)
+
+
+def noise_where_little_lies(lies: Array, residual: Array) -> float:
+    """The same of any residual, (rows,), and what lies in it besides about each row but the ends, a variance,
+    (rows - 2,)."""
+    second = np.abs(np.diff(residual, 2))
     if not second.size:
         return 0.0
     found = MAD * float(np.median(second)) / math.sqrt(6.0)

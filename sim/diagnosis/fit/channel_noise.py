@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
+from scipy.optimize import brentq
 
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
 from sim.diagnosis.data.noise_estimate import noise_of
-from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
-from sim.diagnosis.data.unlogged_walk import noise_beside, unlogged_walk
+from sim.diagnosis.data.noise_model import NoiseModel, by_reading, root_mean_square
+from sim.diagnosis.data.path_error import PathError, SeenPathError, WhiteningOfTurns
+from sim.diagnosis.data.record import Mask, Rows
+from sim.diagnosis.data.unlogged_walk import noise_beside, noise_where_little_lies, unlogged_walk
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
+from sim.diagnosis.fit.seen_path import seen_path, steepness
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
 
 DITHERED = 2.0  # steps of quantization over the noise, below which the noise spreads rounding evenly over the rows
+FEWEST_SHOWN: Final = 50  # rows in which a path's error shows, or does not: the median of as many is known to a tenth
+LEAST_K: Final = 1e-6  # of a path's error: less than any shows
+ROUGH_TO: Final = 0.02  # of itself: as well as a noise is known
 NO_MISFIT = 1.1  # of what changes from row to row, what is left at all where the fit leaves nothing but noise
-STEEPNESS_ROWS = 15  # about a row
-LEAST_MOVED_K = 0.01  # over them: a plate that stands tells no slope
 
 
 def thermometer_noise(
@@ -56,19 +62,70 @@ def _unlogged(channel: TemperatureChannel, fit: TemperatureFit) -> Wandering:
 
 
 def ohmmeter_noise(
-    channel: ResistanceChannel, fit: ResistanceFit, least_dec: float, path_K: float, coloured: bool = False
+    channel: ResistanceChannel,
+    fit: ResistanceFit,
+    least_dec: float,
+    unsure: PathError | float | None,
+    coloured: bool = False,
 ) -> NoiseModel:
-    """Of the ohmmeter. Where it is not the same everywhere it may be far below what the path is uncertain by (path_K)
-    on a flank: a film is no better a thermometer than the plate's own, until both channels are fitted as one."""
+    """Of the ohmmeter. Where it is not the same everywhere it may be far below what the path is uncertain by on a
+    flank: a film is no better a thermometer than the plate's own, until both channels are fitted as one. unsure: a
+    standard deviation of the path (K), or of a measured one what it is off by; None: nothing."""
     used, residual = channel.record.output_used, channel.output - fit.shown
     noise = noise_of(residual, channel.output, used, channel.fitted, least_dec, coloured=coloured)
-    return noise.with_floor(path_K * steepness(channel, fit))
+    if unsure is None or noise.colour is not None:
+        return noise
+    if not isinstance(unsure, PathError):
+        return noise.with_floor(unsure * steepness(channel, fit))
+    return _beside_the_path(channel, residual, seen_path(channel, fit, unsure), least_dec)
 
 
-def steepness(channel: ResistanceChannel, fit: ResistanceFit) -> Array:
-    """By how much what is shown changes with the plate's temperature about each row, decades / K, (rows,)."""
-    around = np.ones(STEEPNESS_ROWS)
-    moved = np.abs(np.gradient(channel.path.at(channel.record.time_s)))
-    shown = np.abs(np.gradient(fit.shown))
-    per = np.convolve(shown, around, "same") / np.maximum(np.convolve(moved, around, "same"), LEAST_MOVED_K)
-    return np.asarray(per, dtype=np.float64)
+def _beside_the_path(channel: ResistanceChannel, residual: Array, seen: SeenPathError, least_dec: float) -> NoiseModel:
+    """Of an ohmmeter alone, from rows in which the path's error does not show, and that error: as the thermometer's
+    readings have it by their own scatter and a part that is independent from row to row, or as the film shows it where
+    it is the better thermometer, whichever is likelier."""
+    used, rows, output = channel.record.output_used, channel.rows, channel.output
+    most = seen.per_K * seen.path.noise_K
+    found = noise_where_little_lies(most[rows][1:-1] ** 2, residual[rows])
+    quiet, own = used & (most < found), NoiseModel.white(max(found, least_dec))
+    if np.sum(quiet & channel.fitted) >= FEWEST_SHOWN:
+        own = noise_of(residual, output, quiet, quiet & channel.fitted, least_dec)
+    shows = channel.fitted & (most > own.at(output))
+    if np.sum(shows) < FEWEST_SHOWN:
+        return _with_path(own, seen, output, used)
+    in_K = noise_of(residual / np.where(shows, seen.per_K, np.inf), output, shows, shows, LEAST_K, stepped=False)
+    models = [
+        _with_path(own, each, output, used)
+        for each in (
+            seen.rougher(_rough_K(own, seen, channel, residual, shows)),
+            seen.rougher(in_K.level, in_K.correlation, in_K.shared, walks=False),
+        )
+    ]
+    return max(models, key=lambda model: _log_likelihood(model, residual[rows], rows, output[rows]))
+
+
+def _with_path(own: NoiseModel, seen: SeenPathError, output: Array, used: Mask) -> NoiseModel:
+    """used: rows with a reading, (rows,)."""
+    return replace(own, path=seen, wanders=by_reading(output[used], seen.deviation[used]))
+
+
+def _log_likelihood(model: NoiseModel, residual: Array, rows: Rows, readings: Array) -> float:
+    """Of a residual in some rows, (rows,)."""
+    whitening = model.on(rows, readings)
+    assert isinstance(whitening, WhiteningOfTurns)
+    return whitening.log_likelihood(residual)
+
+
+def _rough_K(own: NoiseModel, seen: SeenPathError, channel: ResistanceChannel, residual: Array, shows: Mask) -> float:
+    """So much that what is left over the noise changes between rows as independent numbers do, where the path's error
+    shows."""
+    rows = channel.rows
+
+    def too_rough(rough_K: float) -> float:
+        whitening = replace(own, path=seen.rougher(rough_K)).on(rows, channel.output[rows])
+        return quick_noise(whitening.over(residual[rows])[shows[rows]]) - 1.0
+
+    if too_rough(0.0) <= 0.0:
+        return 0.0
+    most_K = seen.path.noise_K
+    return most_K if too_rough(most_K) >= 0.0 else float(brentq(too_rough, 0.0, most_K, rtol=ROUGH_TO))

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.noise_model import NoiseModel, root_mean_square
+from sim.diagnosis.data.noise_model import NoiseModel, by_reading, root_mean_square
 from sim.diagnosis.data.record import Mask, Rows
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
@@ -35,7 +35,6 @@ BEGIN: Final = 0.3  # of what is left that is the ohmmeter's, to begin with
 Bounds = list[tuple[float, float]]
 END: Final[Any] = {"xatol": 0.01, "fatol": 0.1, "maxiter": 400}  # a hundredth of each; a tenth of log-likelihood
 SOME: Final = 1e-12  # of a noise, where nothing is left at all
-GROUPS: Final = 30  # of readings alike, for another record's
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +69,7 @@ def domain_noise(channel: ResistanceChannel, fit: ResistanceFit, least_dec: floa
     value, log, own = max(((*left.likeliest(shape, least_dec), shape) for shape in shapes), key=lambda one: one[0])
     size, step_dec, reach_K = (float(v) for v in np.exp(log))
     wandering = left.wandering(step_dec, reach_K)
-    groups = np.array_split(np.argsort(left.readings), min(GROUPS, left.readings.size))
-    deviation = wandering.deviation[left.rows]
-    wanders = (
-        np.array([float(np.mean(left.readings[g])) for g in groups]),
-        np.array([root_mean_square(deviation[g]) for g in groups]),
-    )
+    wanders = by_reading(left.readings, wandering.deviation[left.rows])
     deviations = size * own.deviations
     noise = replace(own, deviations=deviations, level=size * own.level, wandering=wandering, wanders=wanders)
     return DomainNoise(step_dec, reach_K, noise, value - left.alone(own))

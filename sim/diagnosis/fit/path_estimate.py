@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.temperature_smoother import temperature_path
+from compensator.identification.temperature_smoother import TemperaturePath, temperature_path
+from sim.diagnosis.data.path_error import PathError
 from sim.diagnosis.data.record import Record
 from sim.model.plate_path import PlatePath
 
@@ -74,9 +75,21 @@ def _smooth(values: Array, width: float, correlation: float) -> tuple[Array, flo
 
 def measured_path(record: Record) -> PlatePath:
     """The path behind the thermometer's readings, where the record has no current."""
-    temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
-    path = temperature_path(record.time_s, temperature).temperature_degC
-    return straight_path(record.time_s, np.asarray(path, dtype=np.float64))
+    return straight_path(record.time_s, np.asarray(_behind(record).temperature_degC, dtype=np.float64))
+
+
+def measured_path_error(record: Record) -> PathError | None:
+    """What that path is off by; None where the readings are taken as they are."""
+    found = _behind(record)
+    if found.density is None:
+        return None
+    read = record.temperature_used.copy()
+    read[found.outliers] = False
+    return PathError.of(record.time_s, read, found.density, found.noise_K, found.turning[1:-1])
+
+
+def _behind(record: Record) -> TemperaturePath:
+    return temperature_path(record.time_s, np.where(record.temperature_used, record.temperature_degC, np.nan))
 
 
 def straight_path(time_s: Array, degC: Array) -> PlatePath:

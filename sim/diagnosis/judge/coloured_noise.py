@@ -80,7 +80,7 @@ def _passes_in_resistance(chain: Chain, names: frozenset[str]) -> bool:
     """The same of the ohmmeter's."""
     channel, fit = chain.film_channel(names), chain.fits(names)[1]
     assert fit is not None
-    noise = ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, chain.path_K, coloured=True)
+    noise = ohmmeter_noise(channel, fit, LEAST_NOISE_DEC, chain.unsure, coloured=True)
     if noise.colour is None:
         return False
     rows, output = channel.rows, channel.output

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from sim.diagnosis.data.noise_model import root_mean_square
-from sim.diagnosis.fit.channel_noise import steepness
+from sim.diagnosis.fit.seen_path import steepness
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.adequacies import resistance_residual
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from sim.diagnosis.judge.smoother_path import LEAST_BEYOND
 from sim.diagnosis.judge.verdict import Verdict, is_prandtl_ishlinskii
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.stepwise import ABSORBS
+from sim.diagnosis.search.stepwise import ABSORBS, TIMING
 
 CLOSE = 8.0  # log-likelihood: a set that is this close is as good
 CLOSE_BESIDE_RELAYS = 2.0 * ABSORBS  # of two effects each may owe as much to what relays lack: a lag of 0.5 s in the
@@ -46,7 +47,21 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
                 if best.score < named.score - FAR:
                     continue
                 chain.followed(rest | {other}, best)
-            if chain.score(rest | {other}) > whole - (CLOSE_BESIDE_RELAYS if beside_relays else CLOSE):
+            alike = _delay_on_a_measured_path(chain, name, other)
+            if alike and beside_relays:  # begun without either, the film may be another one
+                named = search.fit(chain.split(names)[1])
+                bare = search.starts(named.parameters, [e for e in named.effects if e.name != name], other)[0]
+                search.ended(search.beside(named, next(e for e in bare.effects if e.name == other), name))
+            close = LEAST_BEYOND if alike else CLOSE_BESIDE_RELAYS if beside_relays else CLOSE
+            if chain.score(rest | {other}) > whole - close:
                 found.append(other)
         out[name] = found
     return out
+
+
+def _delay_on_a_measured_path(chain: Chain, name: str, other: str) -> bool:
+    """Whether both delay a film on a path that was measured. They are told apart by the corners of that path, which its
+    noise rounds or sharpens as a lag does: there a set is as good that is as close as what a lag has to bring beyond a
+    smoother path."""
+    noise = chain.facts.noise if chain.facts is not None else None
+    return noise is not None and noise.path is not None and TIMING.issuperset((name, other))

@@ -15,11 +15,12 @@ from compensator.thermal.plate import PlateModel
 from sim.diagnosis.data.between_rows import MOST
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.data.path_error import PathError
 from sim.diagnosis.data.record import Mask, Record
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import SparseLoop
 from sim.diagnosis.fit.channel_noise import thermometer_noise
-from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, moved_path
+from sim.diagnosis.fit.path_estimate import corrected_path, measured_path, measured_path_error, moved_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.fit.smoother_path import smoothed
@@ -185,11 +186,12 @@ class Chain:
         return [e for n, e in (*first.items(), *last.items()) if n not in self.assumed]
 
     @property
-    def path_K(self) -> float:
+    def unsure(self) -> PathError | float | None:
         """How well the thermometer tells the path that drives the film: of the few numbers that a plate has, each is
-        known as well as independent readings tell it. 0 where the path is measured, and errs from row to row."""
+        known as well as independent readings tell it (a standard deviation, K). A measured path errs from row to
+        row."""
         if self.first is None:
-            return 0.0
+            return measured_path_error(self.record)
         noise = self.first.channel.noise
         return noise.level * float(np.sqrt((1.0 + noise.as_correlated) / (1.0 - noise.as_correlated)))
 

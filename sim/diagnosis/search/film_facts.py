@@ -10,6 +10,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.multistart import quartiles_of_change
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.noise_model import NoiseModel
+from sim.diagnosis.data.path_error import PathError
 from sim.diagnosis.data.record import Record, Rows
 from sim.diagnosis.data.residual_outliers import outlying_rows
 from sim.diagnosis.data.sparse_loop import SparseLoop, one_loop, sparse_loop
@@ -54,9 +55,11 @@ class FilmFacts:
     domains: DomainNoise | None = None
 
 
-def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True, path_K: float = 0.0) -> FilmFacts:
+def film_facts(
+    record: Record, path: PlatePath, curve: bool, relays: bool = True, unsure: PathError | float | None = None
+) -> FilmFacts:
     """A global search for the film's envelopes on thinned rows, for each memory it may have begun with. relays: whether
-    it may be of another kind; path_K: as `Chain.path_K`."""
+    it may be of another kind; unsure: as `Chain.unsure`."""
     assert record.output is not None
     fitted, output = ~record.held_out, np.nan_to_num(record.output)
     used = record.output_used & fitted
@@ -76,15 +79,17 @@ def film_facts(record: Record, path: PlatePath, curve: bool, relays: bool = True
         if start == fit.parameters.start:
             break
         fit = channel.descend(replace(fit.parameters, start=start))
-    return _weighed(channel, fit, relays, path_K)
+    return _weighed(channel, fit, relays, unsure)
 
 
-def _weighed(channel: ResistanceChannel, fit: ResistanceFit, relays: bool, path_K: float) -> FilmFacts:
+def _weighed(
+    channel: ResistanceChannel, fit: ResistanceFit, relays: bool, unsure: PathError | float | None
+) -> FilmFacts:
     """What the fit shows: the noise, outliers, and whether a single loop's branches are shifted copies."""
     record, output, used, p = channel.record, channel.output, channel.fitted, fit.parameters
     other = shifted_branches(channel, p, LEAST_NOISE_DEC) if relays and one_loop(record) else None
     shown = fit if other is None else other
-    noise = ohmmeter_noise(channel, shown, LEAST_NOISE_DEC, path_K)
+    noise = ohmmeter_noise(channel, shown, LEAST_NOISE_DEC, unsure)
     quiet = float(np.quantile(noise.at(output[used]), QUIET))  # on a flank the film itself looks like noise
     outliers = outlying_rows(output, shown.shown, record.output_used, least_noise(noise, output))
     prior = PriorWidths() if other is None else other.parameters.prior

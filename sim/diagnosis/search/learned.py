@@ -30,7 +30,7 @@ NEAR_STEPS = 10  # of a fit that only the weights of its rows have changed for
 
 def with_film(chain: Chain, upstream: frozenset[str]) -> Chain:
     """With the film's facts, of the path behind these effects of the first links; nothing of the film found yet."""
-    facts = film_facts(chain.record, chain.path(upstream), chain.curve, chain.relays, chain.path_K)
+    facts = film_facts(chain.record, chain.path(upstream), chain.curve, chain.relays, chain.unsure)
     record = chain.record.without(facts.outliers[:0], facts.outliers)
     return replace(chain, record=record, as_read=chain.as_read or chain.record, facts=facts, found=Found())
 
@@ -67,7 +67,7 @@ def last_renoised(chain: Chain, names: frozenset[str]) -> tuple[Chain, bool]:
     if b is None or facts is None or before.output is None:
         return chain, False
     whole, channel = chain.as_read or before, chain.last(upstream).channel
-    noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.path_K, "ohmmeter" in chain.coloured)
+    noise = ohmmeter_noise(channel, b, LEAST_NOISE_DEC, chain.unsure, "ohmmeter" in chain.coloured)
     record, outliers = _less_outliers(before, whole, b, noise)
     start, used = remembered(channel, b.parameters), before.output_used
     same = noise.alike(facts.noise, before.output[used], SAME_NOISE) and start == facts.start

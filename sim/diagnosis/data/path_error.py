@@ -1,0 +1,266 @@
+"""What a path that was read off a noisy thermometer is wrong by, and what a film that follows it shows of that.
+
+Behind the readings the temperature's rate walks at random (`compensator.identification.temperature_smoother`). Given
+all of them, what the path is off by, T, and its rate are again a Markov chain from row to row,
+
+    x(k+1) = keep(k+1) x(k) + w(k+1),   <w w'> = added(k+1),   x = (T, dT/dt)
+
+with the readings that are still to come taken into both: with C the information that rows from k+1 on have of x(k+1),
+
+    keep = (1 + Q C)^-1 F,   added = (1 + Q C)^-1 Q
+
+of F, Q of the walk alone (H. E. Rauch, F. Tung, C. T. Striebel, AIAA J. 3 (1965) 1445, read forwards). A film shows s T
+besides its ohmmeter's noise, s its own slope there, and a Kalman filter makes that independent numbers, as in
+`sim.diagnosis.data.wandering`. And it remembers where the path turned, by as much as that is off, until a larger
+reversal wipes it out (D. Mayergoyz, Mathematical Models of Hysteresis (Springer 1991), ch. 1): each turn adds a column
+to what is shown, known beforehand to a standard deviation of 1. An ohmmeter that is a hundred times as good as the
+thermometer then tells of a lag no more than the path does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.wandering import Rows
+
+
+@dataclass(frozen=True, eq=False)
+class PathError:
+    """keep, added: as above, (rows, 2, 2), K and K/s; in the first row keep is 0. turns: the rows at which the path
+    turned; noise_K: of the readings, beyond which it is off by nothing."""
+
+    keep: Array
+    added: Array
+    turns: Rows
+    noise_K: float
+
+    @classmethod
+    def of(cls, time_s: Array, read: NDArray[np.bool_], density: Array, noise_K: float, turns: Rows) -> PathError:
+        """read: rows with a reading that counts, (rows,); density: of the rate's walk over the noise's variance, 1/s^3,
+        (rows - 1,); noise_K: of the readings."""
+        keep, added = np.zeros((time_s.size, 2, 2)), np.zeros((time_s.size, 2, 2))
+        _given_all(np.diff(time_s), read, density * noise_K**2, 1.0 / noise_K**2, keep, added)
+        return cls(keep, added, turns, noise_K)
+
+    @property
+    def deviation_K(self) -> Array:
+        """Of the path, (rows,)."""
+        out = np.empty(self.keep.shape[0])
+        _deviations(self.keep, self.added, out)
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPathError:
+    """A path's error as the film shows it; per_K: by how much what is shown changes with the path, decades / K,
+    (rows,); of_turns: what it shows of each turn that is off by a standard deviation, decades, (rows, turns). rough_K:
+    what the path is off by besides, of which neighbouring rows share a part (correlation, shared: as `NoiseModel` has
+    them); walks: whether it is off as the readings' own scatter says at all, too."""
+
+    path: PathError
+    per_K: Array
+    of_turns: Array
+    rough_K: float = 0.0
+    correlation: float = 0.0
+    shared: float = 1.0
+    walks: bool = True
+
+    @property
+    def deviation(self) -> Array:
+        """Of what is shown, decades, (rows,)."""
+        return np.asarray(np.sqrt(self.local**2 + np.sum(self.of_turns**2, axis=1)), dtype=np.float64)
+
+    @property
+    def local(self) -> Array:
+        """The same without what is remembered of turns."""
+        walk_K = self.path.deviation_K if self.walks else 0.0
+        return np.asarray(self.per_K * np.hypot(walk_K, self.rough_K), dtype=np.float64)
+
+    def rougher(
+        self, rough_K: float, correlation: float = 0.0, shared: float = 1.0, walks: bool = True
+    ) -> SeenPathError:
+        """With another such part, by which turns are off as well."""
+        of_turns = self.of_turns
+        if of_turns.shape[1]:
+            own_K = self.path.deviation_K[self.path.turns]
+            of_turns = of_turns * np.hypot(own_K if walks else 0.0, rough_K) / own_K
+        return replace(self, of_turns=of_turns, rough_K=rough_K, correlation=correlation, shared=shared, walks=walks)
+
+    def alike(self, other: SeenPathError, share: float) -> bool:
+        """Whether another says about the same: to this share of it, over the record."""
+        one, two = self.deviation, other.deviation
+        return float(np.linalg.norm(one - two)) < share * float(np.linalg.norm(two))
+
+    def whitening(self, rows: Rows, noise: Array, correlation: float = 0.0, shared: float = 1.0) -> WhiteningOfTurns:
+        """Of readings of some rows. noise: their standard deviation, (rows,); correlation, shared: of that noise, as
+        `NoiseModel` has them."""
+        added = self.path.added if self.walks else np.zeros_like(self.path.added)
+        own = (correlation, shared if correlation > 0.0 else 0.0)
+        rough = (self.correlation, self.shared if self.correlation > 0.0 else 0.0, self.rough_K)
+        local = PathWhitening(self.path.keep, added, self.per_K, rows, noise, own, rough)
+        return WhiteningOfTurns.of(local, self.of_turns[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteningOfTurns:
+    """What is local made independent first, and then what turns add: with their columns B = U diag(size) V' there, of a
+    covariance 1 + B B', left is (1 + B B')^(-1/2) of it, which takes 1 - taken of each column of U."""
+
+    local: PathWhitening
+    along: Array
+    taken: Array
+
+    @classmethod
+    def of(cls, local: PathWhitening, of_turns: Array) -> WhiteningOfTurns:
+        """of_turns: in the rows, (rows, turns)."""
+        along, size, _ = np.linalg.svd(local.over(of_turns), full_matrices=False)
+        return cls(local, along, 1.0 - 1.0 / np.sqrt(1.0 + size**2))
+
+    def over(self, values: Array) -> Array:
+        """(rows,) or (rows, columns)."""
+        return self._less_turns(self.local.over(values))
+
+    def log_likelihood(self, residual: Array) -> float:
+        """Of a residual in the rows, (rows,), without the constant that is the same for any path and noise."""
+        z, deviation = self.local.both(residual)
+        left = self._less_turns(z)
+        return -0.5 * float(left @ left) - math.fsum(np.log(deviation)) + math.fsum(np.log1p(-self.taken))
+
+    def _less_turns(self, z: Array) -> Array:
+        return np.asarray(z - (self.along * self.taken) @ (self.along.T @ z), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class PathWhitening:
+    """Innovations over their deviation in some rows. keep, added, per_K: of all rows; noise: of these, decades; own:
+    correlation of that noise from each row of the record to the next, and the share of it that hangs together; rough:
+    the same of what the path is off by besides, and how much that is, K."""
+
+    keep: Array
+    added: Array
+    per_K: Array
+    rows: Rows
+    noise: Array
+    own: tuple[float, float]
+    rough: tuple[float, float, float]
+
+    def over(self, values: Array) -> Array:
+        """(rows,) or (rows, columns)."""
+        return self.both(values)[0]
+
+    def both(self, values: Array) -> tuple[Array, Array]:
+        """The same, and the innovations' deviations, decades, (rows,)."""
+        table = np.ascontiguousarray(values.reshape(values.shape[0], -1), dtype=np.float64)
+        out, deviation = np.empty(table.shape), np.empty(table.shape[0])
+        model = (self.keep, self.added, self.per_K)
+        _innovations(table, model, self.rows, self.noise, self.own, self.rough, out, deviation)
+        return out.reshape(values.shape), deviation
+
+
+@njit(cache=True)
+def _given_all(
+    steps: Array, read: NDArray[np.bool_], density: Array, information: float, keep: Array, added: Array
+) -> None:
+    """information: of one reading, 1/K^2; density: K^2/s^3."""
+    ctt = ctr = crr = 0.0
+    for k in range(read.size - 1, 0, -1):
+        if read[k]:
+            ctt += information
+        dt = steps[k - 1]
+        qtt, qtr, qrr = density[k - 1] * dt**3 / 3.0, density[k - 1] * dt**2 / 2.0, density[k - 1] * dt
+        # M = (1 + Q C)^-1
+        att, atr = 1.0 + qtt * ctt + qtr * ctr, qtt * ctr + qtr * crr
+        art, arr = qtr * ctt + qrr * ctr, 1.0 + qtr * ctr + qrr * crr
+        determinant = att * arr - atr * art
+        mtt, mtr, mrt, mrr = arr / determinant, -atr / determinant, -art / determinant, att / determinant
+        keep[k, 0, 0], keep[k, 0, 1] = mtt, mtt * dt + mtr
+        keep[k, 1, 0], keep[k, 1, 1] = mrt, mrt * dt + mrr
+        added[k, 0, 0], added[k, 1, 1] = mtt * qtt + mtr * qtr, mrt * qtr + mrr * qrr
+        added[k, 0, 1] = mtt * qtr + mtr * qrr
+        added[k, 1, 0] = added[k, 0, 1]
+        # of x(k-1): F' (C M) F
+        gtt, gtr, grr = ctt * mtt + ctr * mrt, ctt * mtr + ctr * mrr, ctr * mtr + crr * mrr
+        ctt, ctr, crr = gtt, gtt * dt + gtr, gtt * dt * dt + 2.0 * gtr * dt + grr
+    if read[0]:
+        ctt += information
+    determinant = ctt * crr - ctr * ctr
+    added[0, 0, 0], added[0, 1, 1] = crr / determinant, ctt / determinant
+    added[0, 0, 1] = added[0, 1, 0] = -ctr / determinant
+
+
+@njit(cache=True)
+def _deviations(keep: Array, added: Array, out: Array) -> None:
+    ptt = ptr = prr = 0.0
+    for k in range(out.size):
+        ptt, ptr, prr = _on(keep[k], added[k], ptt, ptr, prr)
+        out[k] = math.sqrt(ptt)
+
+
+@njit(cache=True)
+def _on(keep: Array, added: Array, ptt: float, ptr: float, prr: float) -> tuple[float, float, float]:
+    """The covariance in the next row."""
+    a, b, c, d = keep[0, 0], keep[0, 1], keep[1, 0], keep[1, 1]
+    tt = a * a * ptt + 2.0 * a * b * ptr + b * b * prr + added[0, 0]
+    tr = a * c * ptt + (a * d + b * c) * ptr + b * d * prr + added[0, 1]
+    rr = c * c * ptt + 2.0 * c * d * ptr + d * d * prr + added[1, 1]
+    return tt, tr, rr
+
+
+@njit(cache=True)
+def _innovations(
+    values: Array,
+    model: tuple[Array, Array, Array],
+    rows: Rows,
+    noise: Array,
+    own: tuple[float, float],
+    rough: tuple[float, float, float],
+    out: Array,
+    deviation: Array,
+) -> None:
+    """The state: the path's error and its rate, and what hangs together of the noise and of the rough part, each over
+    its deviation."""
+    keep, added, per_K = model
+    columns = values.shape[1]
+    x, p, on = np.zeros((4, columns)), np.zeros((4, 4)), np.zeros((4, 4))
+    shows, gain = np.zeros(4), np.zeros(4)
+    p[2, 2] = p[3, 3] = 1.0
+    on[2, 2], on[3, 3] = own[0], rough[0]
+    following = 0
+    for k in range(rows[-1] + 1 if rows.size else 0):
+        on[:2, :2] = keep[k]
+        p = on @ p @ on.T
+        p[:2, :2] += added[k]
+        p[2, 2] += 1.0 - own[0] ** 2
+        p[3, 3] += 1.0 - rough[0] ** 2
+        for j in range(columns):
+            t, rate = x[0, j], x[1, j]
+            x[0, j] = keep[k, 0, 0] * t + keep[k, 0, 1] * rate
+            x[1, j] = keep[k, 1, 0] * t + keep[k, 1, 1] * rate
+            x[2, j] *= own[0]
+            x[3, j] *= rough[0]
+        if rows[following] != k:
+            continue
+        shows[0], shows[2] = per_K[k], noise[following] * math.sqrt(own[1])
+        besides = rough[2] * per_K[k]
+        shows[3] = besides * math.sqrt(rough[1])
+        variance = noise[following] ** 2 * (1.0 - own[1]) + besides**2 * (1.0 - rough[1])
+        for i in range(4):
+            gain[i] = p[i, 0] * shows[0] + p[i, 2] * shows[2] + p[i, 3] * shows[3]
+            variance += shows[i] * gain[i]
+        root = math.sqrt(variance)
+        for j in range(columns):
+            new = values[following, j] - shows[0] * x[0, j] - shows[2] * x[2, j] - shows[3] * x[3, j]
+            out[following, j] = new / root
+            for i in range(4):
+                x[i, j] += gain[i] / variance * new
+        for i in range(4):
+            for j in range(4):
+                p[i, j] -= gain[i] * gain[j] / variance
+        deviation[following] = root
+        following += 1
