@@ -60,16 +60,13 @@ class PathError:
 class SeenPathError:
     """A path's error as the film shows it; per_K: by how much what is shown changes with the path, decades / K,
     (rows,); of_turns: what it shows of each turn that is off by a standard deviation, decades, (rows, turns). rough_K:
-    what the path is off by besides, of which neighbouring rows share a part (correlation, shared: as `NoiseModel` has
-    them); walks: whether it is off as the readings' own scatter says at all, too."""
+    what the path is off by besides, of which neighbouring rows share a part (correlation)."""
 
     path: PathError
     per_K: Array
     of_turns: Array
     rough_K: float = 0.0
     correlation: float = 0.0
-    shared: float = 1.0
-    walks: bool = True
 
     @property
     def deviation(self) -> Array:
@@ -79,18 +76,13 @@ class SeenPathError:
     @property
     def local(self) -> Array:
         """The same without what is remembered of turns."""
-        walk_K = self.path.deviation_K if self.walks else 0.0
-        return np.asarray(self.per_K * np.hypot(walk_K, self.rough_K), dtype=np.float64)
+        return np.asarray(self.per_K * np.hypot(self.path.deviation_K, self.rough_K), dtype=np.float64)
 
-    def rougher(
-        self, rough_K: float, correlation: float = 0.0, shared: float = 1.0, walks: bool = True
-    ) -> SeenPathError:
-        """With another such part, by which turns are off as well."""
-        of_turns = self.of_turns
-        if of_turns.shape[1]:
-            own_K = self.path.deviation_K[self.path.turns]
-            of_turns = of_turns * np.hypot(own_K if walks else 0.0, rough_K) / own_K
-        return replace(self, of_turns=of_turns, rough_K=rough_K, correlation=correlation, shared=shared, walks=walks)
+    def rougher(self, rough_K: float, correlation: float) -> SeenPathError:
+        """With a part of this size, all of which hangs together from row to row, by which turns are off as well."""
+        own_K = self.path.deviation_K[self.path.turns]
+        of_turns = self.of_turns * (np.hypot(own_K, rough_K) / own_K)
+        return replace(self, of_turns=of_turns, rough_K=rough_K, correlation=correlation)
 
     def alike(self, other: SeenPathError, share: float) -> bool:
         """Whether another says about the same: to this share of it, over the record."""
@@ -100,10 +92,9 @@ class SeenPathError:
     def whitening(self, rows: Rows, noise: Array, correlation: float = 0.0, shared: float = 1.0) -> WhiteningOfTurns:
         """Of readings of some rows. noise: their standard deviation, (rows,); correlation, shared: of that noise, as
         `NoiseModel` has them."""
-        added = self.path.added if self.walks else np.zeros_like(self.path.added)
         own = (correlation, shared if correlation > 0.0 else 0.0)
-        rough = (self.correlation, self.shared if self.correlation > 0.0 else 0.0, self.rough_K)
-        local = PathWhitening(self.path.keep, added, self.per_K, rows, noise, own, rough)
+        rough = (self.correlation, self.rough_K)
+        local = PathWhitening(self.path.keep, self.path.added, self.per_K, rows, noise, own, rough)
         return WhiteningOfTurns.of(local, self.of_turns[rows])
 
 
@@ -140,7 +131,7 @@ class WhiteningOfTurns:
 class PathWhitening:
     """Innovations over their deviation in some rows. keep, added, per_K: of all rows; noise: of these, decades; own:
     correlation of that noise from each row of the record to the next, and the share of it that hangs together; rough:
-    the same of what the path is off by besides, and how much that is, K."""
+    correlation of what the path is off by besides, and how much that is, K."""
 
     keep: Array
     added: Array
@@ -148,7 +139,7 @@ class PathWhitening:
     rows: Rows
     noise: Array
     own: tuple[float, float]
-    rough: tuple[float, float, float]
+    rough: tuple[float, float]
 
     def over(self, values: Array) -> Array:
         """(rows,) or (rows, columns)."""
@@ -219,7 +210,7 @@ def _innovations(
     rows: Rows,
     noise: Array,
     own: tuple[float, float],
-    rough: tuple[float, float, float],
+    rough: tuple[float, float],
     out: Array,
     deviation: Array,
 ) -> None:
@@ -247,9 +238,8 @@ def _innovations(
         if rows[following] != k:
             continue
         shows[0], shows[2] = per_K[k], noise[following] * math.sqrt(own[1])
-        besides = rough[2] * per_K[k]
-        shows[3] = besides * math.sqrt(rough[1])
-        variance = noise[following] ** 2 * (1.0 - own[1]) + besides**2 * (1.0 - rough[1])
+        shows[3] = rough[1] * per_K[k]
+        variance = noise[following] ** 2 * (1.0 - own[1])
         for i in range(4):
             gain[i] = p[i, 0] * shows[0] + p[i, 2] * shows[2] + p[i, 3] * shows[3]
             variance += shows[i] * gain[i]

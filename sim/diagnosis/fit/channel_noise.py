@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import minimize
 
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
@@ -25,7 +25,9 @@ from sim.diagnosis.fit.temperature_channel import TemperatureChannel, Temperatur
 DITHERED = 2.0  # steps of quantization over the noise, below which the noise spreads rounding evenly over the rows
 FEWEST_SHOWN: Final = 50  # rows in which a path's error shows, or does not: the median of as many is known to a tenth
 LEAST_K: Final = 1e-6  # of a path's error: less than any shows
-ROUGH_TO: Final = 0.02  # of itself: as well as a noise is known
+MOST_ROUGH: Final = 2.0  # of the readings' noise, which a smoother takes for less than it is where rows share it
+MOST_TOGETHER: Final = 0.92  # correlation from row to row: what hangs together over more than ten rows is a misfit
+ROUGH_TO: Final[Any] = {"xatol": 0.02, "fatol": 0.1, "maxiter": 200}  # as well as a noise is known
 NO_MISFIT = 1.1  # of what changes from row to row, what is left at all where the fit leaves nothing but noise
 
 
@@ -81,10 +83,13 @@ def ohmmeter_noise(
 
 
 def _beside_the_path(channel: ResistanceChannel, residual: Array, seen: SeenPathError, least_dec: float) -> NoiseModel:
-    """Of an ohmmeter alone, from rows in which the path's error does not show, and that error: as the thermometer's
-    readings have it by their own scatter and a part that is independent from row to row, or as the film shows it where
-    it is the better thermometer, whichever is likelier."""
+    """Of an ohmmeter alone, from rows in which the path's error does not show, and that error: as the readings' own
+    scatter has it, with a rough part besides where the film, the better thermometer, shows one."""
     used, rows, output = channel.record.output_used, channel.rows, channel.output
+
+    def likelihood(model: NoiseModel) -> float:
+        return _log_likelihood(model, residual[rows], rows, output[rows])
+
     most = seen.per_K * seen.path.noise_K
     found = noise_where_little_lies(most[rows][1:-1] ** 2, residual[rows])
     quiet, own = used & (most < found), NoiseModel.white(max(found, least_dec))
@@ -93,15 +98,8 @@ def _beside_the_path(channel: ResistanceChannel, residual: Array, seen: SeenPath
     shows = channel.fitted & (most > own.at(output))
     if np.sum(shows) < FEWEST_SHOWN:
         return _with_path(own, seen, output, used)
-    in_K = noise_of(residual / np.where(shows, seen.per_K, np.inf), output, shows, shows, LEAST_K, stepped=False)
-    models = [
-        _with_path(own, each, output, used)
-        for each in (
-            seen.rougher(_rough_K(own, seen, channel, residual, shows)),
-            seen.rougher(in_K.level, in_K.correlation, in_K.shared, walks=False),
-        )
-    ]
-    return max(models, key=lambda model: _log_likelihood(model, residual[rows], rows, output[rows]))
+    rougher = seen.rougher(*_rough(own, seen, residual[rows], rows, output[rows]))
+    return max((_with_path(own, each, output, used) for each in (seen, rougher)), key=likelihood)
 
 
 def _with_path(own: NoiseModel, seen: SeenPathError, output: Array, used: Mask) -> NoiseModel:
@@ -116,16 +114,14 @@ def _log_likelihood(model: NoiseModel, residual: Array, rows: Rows, readings: Ar
     return whitening.log_likelihood(residual)
 
 
-def _rough_K(own: NoiseModel, seen: SeenPathError, channel: ResistanceChannel, residual: Array, shows: Mask) -> float:
-    """So much that what is left over the noise changes between rows as independent numbers do, where the path's error
-    shows."""
-    rows = channel.rows
+def _rough(own: NoiseModel, seen: SeenPathError, residual: Array, rows: Rows, readings: Array) -> tuple[float, float]:
+    """How much a path is off by besides, K, and the correlation of that from row to row: the likeliest of a residual in
+    some rows, (rows,)."""
 
-    def too_rough(rough_K: float) -> float:
-        whitening = replace(own, path=seen.rougher(rough_K)).on(rows, channel.output[rows])
-        return quick_noise(whitening.over(residual[rows])[shows[rows]]) - 1.0
+    def minus(x: Array) -> float:
+        return -_log_likelihood(replace(own, path=seen.rougher(math.exp(x[0]), x[1])), residual, rows, readings)
 
-    if too_rough(0.0) <= 0.0:
-        return 0.0
-    most_K = seen.path.noise_K
-    return most_K if too_rough(most_K) >= 0.0 else float(brentq(too_rough, 0.0, most_K, rtol=ROUGH_TO))
+    most = math.log(MOST_ROUGH * seen.path.noise_K)
+    bounds = [(math.log(LEAST_K), most), (0.0, MOST_TOGETHER)]
+    found = minimize(minus, np.array([most - 1.0, 0.5]), method="Nelder-Mead", bounds=bounds, options=ROUGH_TO)
+    return math.exp(float(found.x[0])), float(found.x[1])

@@ -37,8 +37,10 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
             gains = {n: chain.first.score_test(first, n) for n in others}
         own = gains[name] if beside_relays else min(gains[name], judged.evidence[name])
         order = sorted((n for n in others if n != name), key=lambda n: -gains[n])[:LOOKED_AT]
-        for other in order:
-            if gains[other] < HOPE * own:
+        delays = [n for n in others if n != name and _delay_on_a_measured_path(chain, name, n)]
+        for other in dict.fromkeys([*order, *delays]):
+            alike = other in delays
+            if gains[other] < HOPE * own and not alike:
                 continue
             if is_last and not beside_relays:  # a few steps say nothing of where relays settle
                 named = search.fit(chain.split(names)[1])
@@ -47,7 +49,6 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
                 if best.score < named.score - FAR:
                     continue
                 chain.followed(rest | {other}, best)
-            alike = _delay_on_a_measured_path(chain, name, other)
             if alike and beside_relays:  # begun without either, the film may be another one
                 named = search.fit(chain.split(names)[1])
                 bare = search.starts(named.parameters, [e for e in named.effects if e.name != name], other)[0]
