@@ -43,7 +43,7 @@ class Searched:
         none = frozenset[str]()
         self._scores = {none: 0.0, none | {"meter_lag"}: EVIDENCE, none | {"film_lag"}: EVIDENCE - apart}
         self._film = SimpleNamespace(parameters=SimpleNamespace(has_relays=has_relays))
-        self.budget = SimpleNamespace(in_time=self._all)
+        self.budget, self.facts = SimpleNamespace(in_time=self._all), None
 
     def _all(self, names: Iterable[str], share: float) -> Iterator[str]:
         return iter(names)

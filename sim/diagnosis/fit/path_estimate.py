@@ -20,6 +20,7 @@ from sim.model.plate_path import PlatePath
 
 WIDTHS_ROWS = (2.0, 5.0, 15.0, 50.0, 150.0, 500.0)  # standard deviation of the kernel
 MOST_KEPT = 0.9  # of the value itself: a kernel as short as the noise hangs together tells nothing
+MOST_TURNS = 60  # whose errors are followed, each by two simulations
 WORTH = 12.0  # log-likelihood that a correction has to bring
 
 
@@ -85,7 +86,14 @@ def measured_path_error(record: Record) -> PathError | None:
         return None
     read = record.temperature_used.copy()
     read[found.outliers] = False
-    return PathError.of(record.time_s, read, found.density, found.noise_K, found.turning[1:-1])
+    return PathError.of(record.time_s, read, found.density, found.noise_K, _largest_turns(found))
+
+
+def _largest_turns(path: TemperaturePath) -> NDArray[np.int64]:
+    """The rows of those turns whose smaller swing is largest: a film remembers them longest."""
+    swing_K = np.abs(np.diff(path.temperature_degC[path.turning]))
+    smaller_K = np.minimum(swing_K[:-1], swing_K[1:])
+    return np.sort(path.turning[1:-1][np.argsort(-smaller_K, kind="stable")[:MOST_TURNS]])
 
 
 def _behind(record: Record) -> TemperaturePath:

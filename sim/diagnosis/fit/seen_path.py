@@ -14,6 +14,7 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 
 STEEPNESS_ROWS: Final = 15  # about a row
 LEAST_MOVED_K: Final = 0.01  # over them: a plate that stands tells no slope
+NOTHING: Final = 1e-4  # of a deviation
 AT_THE_TURN: Final = 2.0  # standard deviations from where the path turned: rows that may be where it did
 
 
@@ -27,11 +28,12 @@ def _of_turns(channel: ResistanceChannel, fit: ResistanceFit, error: PathError) 
     turned as much earlier."""
     time, degC, off_K = channel.record.time_s, channel.path.at(channel.record.time_s), error.deviation_K
     columns = np.zeros((time.size, error.turns.size))
-    between = np.concatenate(([0], error.turns, [time.size - 1]))
     for k, turn in enumerate(error.turns):
-        near = np.zeros(time.size)
-        about = slice(between[k] + 1, between[k + 2])
-        near[about] = np.exp(-0.5 * ((degC[about] - degC[turn]) / (AT_THE_TURN * off_K[turn])) ** 2)
+        near = np.exp(-0.5 * ((degC - degC[turn]) / (AT_THE_TURN * off_K[turn])) ** 2)
+        away = np.flatnonzero(near < NOTHING)
+        before, after = away[away < turn], away[away > turn]  # the path may come by there again
+        near[: before[-1] + 1 if before.size else 0] = 0.0
+        near[after[0] if after.size else time.size :] = 0.0
         both = [
             channel.on(straight_path(time, degC + side * off_K[turn] * near)).predict_from(fit.parameters, fit)[0]
             for side in (1.0, -1.0)
