@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -19,6 +20,9 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from compensator.hysteresis.functions import Array
 
 LEAST_OF_STEP, SIZES_TRIED = 0.01, 12  # of a noise before the rounding
+QUIET: Final = 1.0  # of the noise: what adds a sixth to its second differences at most
+FEWEST, TURNS = 0.1, 3  # share of the rows that is needed for it; until what is quiet does not change
+MAD: Final = 1.4826
 FAR = 8.0  # standard deviations beyond a step's edge: there the tail's differences have no digits left
 
 
@@ -97,4 +101,19 @@ def lattice_noise(reading: Array, mu: Array, step: float, most: float) -> float:
 def quick_noise(residual: Array) -> float:
     """Standard deviation of what changes from reading to reading, from second differences; robust."""
     second = residual[2:] - 2.0 * residual[1:-1] + residual[:-2]
-    return 1.4826 * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)
+    return MAD * float(np.median(np.abs(second - np.median(second)))) / math.sqrt(6.0)
+
+
+def noise_where_little_lies(lies: Array, residual: Array) -> float:
+    """The same from rows in which next to nothing else lies. lies: the variance of that about each row but the ends,
+    (rows - 2,); residual: (rows,)."""
+    second = np.abs(np.diff(residual, 2))
+    if not second.size:
+        return 0.0
+    found = MAD * float(np.median(second)) / math.sqrt(6.0)
+    for _ in range(TURNS):
+        quiet = lies < (QUIET * found) ** 2
+        if np.sum(quiet) < FEWEST * second.size:
+            break
+        found = MAD * float(np.median(second[quiet])) / math.sqrt(6.0)
+    return found

@@ -12,9 +12,9 @@ with the readings that are still to come taken into both: with C the information
 of F, Q of the walk alone (H. E. Rauch, F. Tung, C. T. Striebel, AIAA J. 3 (1965) 1445, read forwards). A film shows s T
 besides its ohmmeter's noise, s its own slope there, and a Kalman filter makes that independent numbers, as in
 `sim.diagnosis.data.wandering`. And it remembers where the path turned, by as much as that is off, until a larger
-reversal wipes it out (D. Mayergoyz, Mathematical Models of Hysteresis (Springer 1991), ch. 1): each turn adds a column
-to what is shown, known beforehand to a standard deviation of 1. An ohmmeter that is a hundred times as good as the
-thermometer then tells of a lag no more than the path does.
+reversal wipes it out (I. D. Mayergoyz, Mathematical Models of Hysteresis (Springer 1991), ch. 1): each turn adds a
+column to what is shown, known beforehand to a standard deviation of 1. An ohmmeter that is a hundred times as good as
+the thermometer then tells of a lag no more than the path does.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sim.diagnosis.data.wandering import Rows
 @dataclass(frozen=True, eq=False)
 class PathError:
     """keep, added: as above, (rows, 2, 2), K and K/s; in the first row keep is 0. turns: the rows at which the path
-    turned; noise_K: of the readings, beyond which it is off by nothing."""
+    turned; noise_K: standard deviation of the readings' noise."""
 
     keep: Array
     added: Array
@@ -71,12 +71,8 @@ class SeenPathError:
     @property
     def deviation(self) -> Array:
         """Of what is shown, decades, (rows,)."""
-        return np.asarray(np.sqrt(self.local**2 + np.sum(self.of_turns**2, axis=1)), dtype=np.float64)
-
-    @property
-    def local(self) -> Array:
-        """The same without what is remembered of turns."""
-        return np.asarray(self.per_K * np.hypot(self.path.deviation_K, self.rough_K), dtype=np.float64)
+        local = self.per_K * np.hypot(self.path.deviation_K, self.rough_K)
+        return np.asarray(np.sqrt(local**2 + np.sum(self.of_turns**2, axis=1)), dtype=np.float64)
 
     def rougher(self, rough_K: float, correlation: float) -> SeenPathError:
         """With a part of this size, all of which hangs together from row to row, by which turns are off as well."""
@@ -93,8 +89,7 @@ class SeenPathError:
         """Of readings of some rows. noise: their standard deviation, (rows,); correlation, shared: of that noise, as
         `NoiseModel` has them."""
         own = (correlation, shared if correlation > 0.0 else 0.0)
-        rough = (self.correlation, self.rough_K)
-        local = PathWhitening(self.path.keep, self.path.added, self.per_K, rows, noise, own, rough)
+        local = PathWhitening.of(self, rows, noise, own)
         return WhiteningOfTurns.of(local, self.of_turns[rows])
 
 
@@ -115,43 +110,46 @@ class WhiteningOfTurns:
 
     def over(self, values: Array) -> Array:
         """(rows,) or (rows, columns)."""
-        return self._less_turns(self.local.over(values))
+        z = self.local.over(values)
+        return np.asarray(z - (self.along * self.taken) @ (self.along.T @ z), dtype=np.float64)
 
     def log_likelihood(self, residual: Array) -> float:
         """Of a residual in the rows, (rows,), without the constant that is the same for any path and noise."""
-        z, deviation = self.local.both(residual)
-        left = self._less_turns(z)
-        return -0.5 * float(left @ left) - math.fsum(np.log(deviation)) + math.fsum(np.log1p(-self.taken))
-
-    def _less_turns(self, z: Array) -> Array:
-        return np.asarray(z - (self.along * self.taken) @ (self.along.T @ z), dtype=np.float64)
+        left = self.over(residual)
+        return -0.5 * float(left @ left) - math.fsum(np.log(self.local.deviation)) + math.fsum(np.log1p(-self.taken))
 
 
 @dataclass(frozen=True, eq=False)
 class PathWhitening:
-    """Innovations over their deviation in some rows. keep, added, per_K: of all rows; noise: of these, decades; own:
-    correlation of that noise from each row of the record to the next, and the share of it that hangs together; rough:
-    correlation of what the path is off by besides, and how much that is, K."""
+    """Innovations over their deviation (decades) in some rows. Of the four parts of the state, the path's error and its
+    rate, and what hangs together of the noise and of the rough part, each over its deviation: shows, what a reading has
+    of each, and gains, what each learns of an innovation, (rows, 4). keep: of the first two, in all rows; fades: which
+    share of the other two is left in the next row."""
 
     keep: Array
-    added: Array
-    per_K: Array
+    fades: tuple[float, float]
     rows: Rows
-    noise: Array
-    own: tuple[float, float]
-    rough: tuple[float, float]
+    shows: Array
+    gains: Array
+    deviation: Array
+
+    @classmethod
+    def of(cls, seen: SeenPathError, rows: Rows, noise: Array, own: tuple[float, float]) -> PathWhitening:
+        """noise: the ohmmeter's standard deviation in the rows, decades; own: correlation of that noise from each row
+        of the record to the next, and the share of it that hangs together."""
+        shows = np.zeros((rows.size, 4))
+        shows[:, 0] = seen.per_K[rows]
+        shows[:, 2], shows[:, 3] = noise * math.sqrt(own[1]), seen.rough_K * seen.per_K[rows]
+        gains, deviation, fades = np.empty(shows.shape), np.empty(rows.size), (own[0], seen.correlation)
+        _gains(seen.path.keep, seen.path.added, fades, rows, shows, noise**2 * (1.0 - own[1]), gains, deviation)
+        return cls(seen.path.keep, fades, rows, shows, gains, deviation)
 
     def over(self, values: Array) -> Array:
         """(rows,) or (rows, columns)."""
-        return self.both(values)[0]
-
-    def both(self, values: Array) -> tuple[Array, Array]:
-        """The same, and the innovations' deviations, decades, (rows,)."""
         table = np.ascontiguousarray(values.reshape(values.shape[0], -1), dtype=np.float64)
-        out, deviation = np.empty(table.shape), np.empty(table.shape[0])
-        model = (self.keep, self.added, self.per_K)
-        _innovations(table, model, self.rows, self.noise, self.own, self.rough, out, deviation)
-        return out.reshape(values.shape), deviation
+        out = np.empty(table.shape)
+        _innovations(table, self.keep, self.fades, self.rows, self.shows, self.gains, self.deviation, out)
+        return out.reshape(values.shape)
 
 
 @njit(cache=True)
@@ -204,53 +202,63 @@ def _on(keep: Array, added: Array, ptt: float, ptr: float, prr: float) -> tuple[
 
 
 @njit(cache=True)
-def _innovations(
-    values: Array,
-    model: tuple[Array, Array, Array],
+def _gains(
+    keep: Array,
+    added: Array,
+    fades: tuple[float, float],
     rows: Rows,
-    noise: Array,
-    own: tuple[float, float],
-    rough: tuple[float, float],
-    out: Array,
+    shows: Array,
+    white: Array,
+    gains: Array,
     deviation: Array,
 ) -> None:
-    """The state: the path's error and its rate, and what hangs together of the noise and of the rough part, each over
-    its deviation."""
-    keep, added, per_K = model
-    columns = values.shape[1]
-    x, p, on = np.zeros((4, columns)), np.zeros((4, 4)), np.zeros((4, 4))
-    shows, gain = np.zeros(4), np.zeros(4)
+    """white: variance of what each reading has besides, (rows,)."""
+    p, on = np.zeros((4, 4)), np.zeros((4, 4))
     p[2, 2] = p[3, 3] = 1.0
-    on[2, 2], on[3, 3] = own[0], rough[0]
+    on[2, 2], on[3, 3] = fades
     following = 0
     for k in range(rows[-1] + 1 if rows.size else 0):
         on[:2, :2] = keep[k]
         p = on @ p @ on.T
         p[:2, :2] += added[k]
-        p[2, 2] += 1.0 - own[0] ** 2
-        p[3, 3] += 1.0 - rough[0] ** 2
+        p[2, 2] += 1.0 - fades[0] ** 2
+        p[3, 3] += 1.0 - fades[1] ** 2
+        if rows[following] != k:
+            continue
+        gain = p @ shows[following]
+        variance = white[following] + shows[following] @ gain
+        p -= np.outer(gain, gain) / variance
+        gains[following], deviation[following] = gain / variance, math.sqrt(variance)
+        following += 1
+
+
+@njit(cache=True)
+def _innovations(
+    values: Array,
+    keep: Array,
+    fades: tuple[float, float],
+    rows: Rows,
+    shows: Array,
+    gains: Array,
+    deviation: Array,
+    out: Array,
+) -> None:
+    columns = values.shape[1]
+    x = np.zeros((4, columns))
+    following = 0
+    for k in range(rows[-1] + 1 if rows.size else 0):
         for j in range(columns):
             t, rate = x[0, j], x[1, j]
             x[0, j] = keep[k, 0, 0] * t + keep[k, 0, 1] * rate
             x[1, j] = keep[k, 1, 0] * t + keep[k, 1, 1] * rate
-            x[2, j] *= own[0]
-            x[3, j] *= rough[0]
+            x[2, j] *= fades[0]
+            x[3, j] *= fades[1]
         if rows[following] != k:
             continue
-        shows[0], shows[2] = per_K[k], noise[following] * math.sqrt(own[1])
-        shows[3] = rough[1] * per_K[k]
-        variance = noise[following] ** 2 * (1.0 - own[1])
-        for i in range(4):
-            gain[i] = p[i, 0] * shows[0] + p[i, 2] * shows[2] + p[i, 3] * shows[3]
-            variance += shows[i] * gain[i]
-        root = math.sqrt(variance)
+        s, g = shows[following], gains[following]
         for j in range(columns):
-            new = values[following, j] - shows[0] * x[0, j] - shows[2] * x[2, j] - shows[3] * x[3, j]
-            out[following, j] = new / root
+            new = values[following, j] - s[0] * x[0, j] - s[2] * x[2, j] - s[3] * x[3, j]
+            out[following, j] = new / deviation[following]
             for i in range(4):
-                x[i, j] += gain[i] / variance * new
-        for i in range(4):
-            for j in range(4):
-                p[i, j] -= gain[i] * gain[j] / variance
-        deviation[following] = root
+                x[i, j] += g[i] * new
         following += 1

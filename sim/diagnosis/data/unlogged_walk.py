@@ -12,18 +12,12 @@ sink makes of it besides is left out: it is less.
 
 from __future__ import annotations
 
-import math
-from typing import Final
-
 import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.between_rows import off_the_line
+from sim.diagnosis.data.likelihood import noise_where_little_lies
 from sim.diagnosis.data.wandering import Rows, Wandering
-
-QUIET: Final = 1.0  # of the noise: a wandering that adds a sixth to its second differences at most
-FEWEST, TURNS = 0.1, 3  # share of the rows that is needed for it; until what is quiet does not change
-MAD: Final = 1.4826
 
 
 def unlogged_walk(time_s: Array, current_A: Array, early: float, begins: Rows, per_A: Array, rate: float) -> Wandering:
@@ -42,18 +36,3 @@ def noise_beside(walk: Wandering, residual: Array, rows: Rows) -> float:
     there is little."""
     _, added = walk.between(rows)
     return noise_where_little_lies(added[1:-1] + added[2:], residual)
-
-
-def noise_where_little_lies(lies: Array, residual: Array) -> float:
-    """The same of any residual, (rows,), and what lies in it besides about each row but the ends, a variance,
-    (rows - 2,)."""
-    second = np.abs(np.diff(residual, 2))
-    if not second.size:
-        return 0.0
-    found = MAD * float(np.median(second)) / math.sqrt(6.0)
-    for _ in range(TURNS):
-        quiet = lies < (QUIET * found) ** 2
-        if np.sum(quiet) < FEWEST * second.size:
-            break
-        found = MAD * float(np.median(second[quiet])) / math.sqrt(6.0)
-    return found

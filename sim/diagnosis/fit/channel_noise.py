@@ -10,12 +10,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from compensator.hysteresis.functions import KELVIN, Array
-from sim.diagnosis.data.likelihood import lattice_noise, quick_noise
+from sim.diagnosis.data.likelihood import lattice_noise, noise_where_little_lies, quick_noise
 from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.data.noise_model import NoiseModel, by_reading, root_mean_square
 from sim.diagnosis.data.path_error import PathError, SeenPathError, WhiteningOfTurns
 from sim.diagnosis.data.record import Mask, Rows
-from sim.diagnosis.data.unlogged_walk import noise_beside, noise_where_little_lies, unlogged_walk
+from sim.diagnosis.data.unlogged_walk import noise_beside, unlogged_walk
 from sim.diagnosis.data.wandering import Wandering
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit

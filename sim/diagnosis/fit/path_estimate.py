@@ -97,6 +97,7 @@ def _largest_turns(path: TemperaturePath) -> NDArray[np.int64]:
 
 
 def _behind(record: Record) -> TemperaturePath:
+    """The smoother's path behind the readings that count."""
     return temperature_path(record.time_s, np.where(record.temperature_used, record.temperature_degC, np.nan))
 
 

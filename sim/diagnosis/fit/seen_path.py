@@ -19,7 +19,7 @@ AT_THE_TURN: Final = 2.0  # standard deviations from where the path turned: rows
 
 
 def seen_path(channel: ResistanceChannel, fit: ResistanceFit, error: PathError) -> SeenPathError:
-    """As the fit has it."""
+    """What a film that is as the fit has it shows of the error."""
     return SeenPathError(error, steepness(channel, fit), _of_turns(channel, fit, error))
 
 
