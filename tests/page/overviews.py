@@ -96,9 +96,11 @@ def silent() -> Iterator[str]:
                 while True:
                     kept.append(listener.accept()[0])
 
-        threading.Thread(target=take, daemon=True).start()
+        taking = threading.Thread(target=take, daemon=True)
+        taking.start()
         yield f"http://127.0.0.1:{listener.getsockname()[1]}"
         with contextlib.suppress(OSError):
-            listener.shutdown(socket.SHUT_RDWR)
+            listener.shutdown(socket.SHUT_RDWR)  # ends `accept`, which closing alone does not
+        taking.join(LONGEST_S)  # or a connection that it takes last is closed by nobody
     for one in kept:
         one.close()
