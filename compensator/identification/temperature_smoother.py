@@ -6,7 +6,8 @@ is found in two steps, both without phase:
 1. A smoother for a temperature whose rate walks at random,
        T' = rate,  rate' = white noise of density q,  reading = T + noise of standard deviation sigma,
    with q and sigma by maximum likelihood from the readings themselves; where the rate breaks (a corner of a profile)
-   q is raised at that step, so that corners stay sharp. Forward Kalman filter, backward Rauch-Tung-Striebel pass.
+   q is raised, so that corners stay sharp: by how much, and for how long (a plate of some mass rounds them), says the
+   likelihood, too. Forward Kalman filter, backward Rauch-Tung-Striebel pass.
 2. Reversals smaller than `REVERSAL` sigma are no reversals: between the turning points that are left the path is the
    monotone (isotonic) least-squares fit of the smoothed readings.
 
@@ -20,6 +21,7 @@ under Order Restrictions (Wiley 1972), ch. 1 (pool adjacent violators).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -40,7 +42,9 @@ NEGLIGIBLE: Final = 1e-5  # noise over span: below it readings are taken as they
 BREAK: Final = 6.0  # in usual changes of the rate per step: a corner of the profile
 GATE: Final = 6.0  # in predicted standard deviations: readings further off are outliers
 STRAY: Final = 1.5  # in sigma: the smoothed path may not be further off the readings than this, in the mean square
-CORNER: Final = 3.0  # in ranges of the rate: how much it may change where it breaks
+CORNER: Final = 3.0  # in ranges of the rate: how much it may change in a step where breaks are looked for
+CHANGES: Final = (2.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # the same over a whole corner, once all are found
+ROUNDED: Final = (10.0, 20.0, 40.0, 80.0, 160.0)  # in usual steps: how long a corner may last
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +153,64 @@ def _cost(logs: float, innovations: Array) -> float:
     return logs + innovations.size * math.log(square) + 5.0 * float(np.sum(np.log1p(innovations**2 / (4.0 * square))))
 
 
-def _density(steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array) -> float:
-    """q / sigma^2 (1/s^3) of the highest likelihood: by a grid in its logarithm, then finer."""
+def _cost_of_corners(logs: float, innovations: Array) -> float:
+    """The same of normal innovations: once the corners are found, a large one says that the rate changes by more."""
+    square = (1.4826 * float(np.median(np.abs(innovations)))) ** 2 + 1e-300
+    return logs + innovations.size * math.log(square) + float(np.sum(innovations**2)) / square
+
+
+COARSELY: Final = (np.arange(-22.0, 9.0, 2.0),)  # of ln q, about one change of the rate by sigma / step in a step
+CLOSELY: Final = (*COARSELY, np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5]))
+
+
+def _density(
+    steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array, grids: Sequence[Array] = CLOSELY
+) -> float:
+    """q / sigma^2 (1/s^3) of the highest likelihood beside what is added at corners, by grids in its logarithm, each
+    about the best of the one before."""
     work = np.empty((readings.size, 8))
     best = -3.0 * math.log(float(np.median(steps)))
-    for offsets in (np.arange(-22.0, 9.0, 2.0), np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5])):
+    for offsets in grids:
         tried = best + offsets
         costs = [_cost(_smooth(steps, readings, used, extra + math.exp(x), False, work), work[used, 5]) for x in tried]
         best = float(tried[int(np.argmin(costs))])
     return math.exp(best)
+
+
+def _corners(steps: Array, readings: Array, used: NDArray[np.bool_], breaks: NDArray[np.bool_], change: float) -> Array:
+    """The density to add at the corners, of the highest likelihood; 0 elsewhere. change: of the rate, over the noise's
+    standard deviation, 1/s: a range of it."""
+    work = np.empty((readings.size, 8))
+    spread = [_spread(steps, breaks, width * float(np.median(steps))) for width in (0.0, *ROUNDED)]
+
+    def cost(which: tuple[int, int]) -> float:
+        width, size = which
+        extra = (CHANGES[size] * change) ** 2 * spread[width]
+        density = _density(steps, readings, used, extra, COARSELY)
+        return _cost_of_corners(_smooth(steps, readings, used, density + extra, False, work), work[used, 5])
+
+    known = {(0, size): cost((0, size)) for size in range(len(CHANGES))}
+    best = min(known, key=known.__getitem__)
+    for width in range(1, len(spread)):
+        for size in range(max(best[1] - 1, 0), min(best[1] + 2, len(CHANGES))):
+            known[width, size] = cost((width, size))
+        best = min(known, key=known.__getitem__)
+    return np.asarray((CHANGES[best[1]] * change) ** 2 * spread[best[0]], dtype=np.float64)
+
+
+def _spread(steps: Array, breaks: NDArray[np.bool_], lasts_s: float) -> Array:
+    """In which steps the rate changes at corners that last at least so long, about the middle of the breaks that make
+    them: the density of a change whose mean square over a corner is 1, (steps,), 1/s."""
+    edges = np.concatenate((np.zeros(1), np.cumsum(steps)))
+    first = np.flatnonzero(breaks & ~np.append(False, breaks[:-1]))
+    last = np.flatnonzero(breaks & ~np.append(breaks[1:], False))
+    out = np.zeros(steps.size)
+    for a, b in zip(edges[first], edges[last + 1], strict=True):
+        middle, half = 0.5 * (a + b), 0.5 * max(lasts_s, b - a)
+        begin, end = np.searchsorted(edges, (middle - half, middle + half + 1e-9 * edges[-1]))
+        begin, end = max(int(begin), 0), min(max(int(end) - 1, int(begin) + 1), steps.size)
+        out[begin:end] = np.maximum(out[begin:end], 1.0 / (edges[end] - edges[begin]))
+    return out
 
 
 def temperature_path(
@@ -197,6 +250,11 @@ def temperature_path(
         if np.array_equal(breaks, extra > 0.0):
             break
         extra = np.where(breaks, (CORNER * np.ptp(work[:, 1])) ** 2 / (variance * steps), 0.0)
+    if np.any(extra) and math.sqrt(variance) >= NEGLIGIBLE * span:
+        extra = _corners(steps, readings, used, extra > 0.0, float(np.ptp(work[:, 1])) / math.sqrt(variance))
+        density = _density(steps, readings, used, extra)
+        _smooth(steps, readings, used, density + extra, False, work)
+        variance = float(1.4826 * np.median(np.abs(work[used, 5]))) ** 2
     sigma = math.sqrt(variance) if noise_K is None else noise_K
     outliers = np.flatnonzero(finite & ~used)
     coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span
@@ -209,6 +267,11 @@ def temperature_path(
         density *= 10.0
     smooth = np.ascontiguousarray(work[:, 0])
     turning = turning_points(smooth, REVERSAL * sigma)
+    return TemperaturePath(_monotone(smooth, turning), turning, sigma, outliers, density + extra)
+
+
+def _monotone(smooth: Array, turning: NDArray[np.int64]) -> Array:
+    """The path between its turning points: the monotone least-squares fit."""
     path = np.empty_like(smooth)
     for first, last in pairwise(turning):
         rises = bool(smooth[last] >= smooth[first])
@@ -217,7 +280,7 @@ def temperature_path(
         if first > 0:
             run = np.maximum(run, path[first]) if rises else np.minimum(run, path[first])
         path[start : last + 1] = run
-    return TemperaturePath(path, turning, sigma, outliers, density + extra)
+    return path
 
 
 def _trusted(innovations: Array) -> NDArray[np.bool_]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.temperature_smoother import temperature_path, turning_points
@@ -64,3 +67,27 @@ def test_a_steep_flank_is_no_outlier() -> None:
     assert lone_outliers(y, every).size == 0
     y[40] += 0.05
     assert lone_outliers(y, every).tolist() == [40]
+
+
+@pytest.mark.parametrize("rounded_s", [0.0, 15.0])
+@pytest.mark.parametrize("held_s", [0.0, 60.0])
+def test_a_corner_that_a_plate_rounds_is_followed_as_well_as_a_sharp_one(rounded_s: float, held_s: float) -> None:
+    """Reversals at 0.07 K/s, behind a plate of 15 s or of none, rows 2 s apart: about them the path is off by 0.45 to
+    0.6 of the readings' noise. Where all corners were taken for sharp ones, by 0.65 to 0.8, the noise by up to 16 %."""
+    fine_s, noise_K, turns = 0.2, 0.012, (24.0, 82.0, 55.0, 75.0, 60.0, 69.0, 63.0, 78.0, 50.0, 66.0, 58.0, 72.0, 40.0)
+    legs = [np.linspace(a, b, round(abs(b - a) / (0.07 * fine_s))) for a, b in pairwise(turns)]
+    held = [np.full(round(held_s / fine_s), leg[-1]) for leg in legs]
+    v = np.concatenate([part for both in zip(legs, held, strict=True) for part in both])
+    if rounded_s:
+        keeps = np.exp(-fine_s / rounded_s)
+        v = turns[0] + lfilter([1.0 - keeps], [1.0, -keeps], v - turns[0])
+    v = v[:: round(2.0 / fine_s)]
+    bends = np.convolve(np.abs(np.diff(v, 2, prepend=v[0], append=v[-1])) > 8e-4, np.ones(5), "same") > 0.0
+    off, noise = [], []
+    for seed in range(6):
+        read = v + noise_K * np.random.default_rng(seed).normal(size=v.size)
+        found = temperature_path(2.0 * np.arange(v.size), read)
+        off.append((found.temperature_degC - v)[bends])
+        noise.append(found.noise_K)
+    assert np.sqrt(np.mean(np.square(off))) < 0.63 * noise_K
+    assert np.mean(noise) == pytest.approx(noise_K, rel=0.09)
