@@ -49,13 +49,15 @@ class HeldOutRows:
 
     def residuals(self, names: frozenset[str], chain: Chain | None = None) -> dict[str, Array]:
         """Of the fit with these effects in every row, K and decades, as if no reading were rounded; nan without a
-        reading or where it was told. chain: another than its own."""
+        reading or where it was told; of the channels that were read in rows that judge. chain: another than its
+        own."""
         chain = self.chain if chain is None else chain
-        if not self.others:
-            return residuals(chain, names)
-        found = [(other.record.rows, residuals_on(chain, names, *other)) for other in self.others]
-        channels = dict.fromkeys(channel for _, left in found for channel in left)
-        whole = {c: np.concatenate([left.get(c, np.full(rows, np.nan)) for rows, left in found]) for c in channels}
+        if self.others:
+            found = [(other.record.rows, residuals_on(chain, names, *other)) for other in self.others]
+            channels = dict.fromkeys(channel for _, left in found for channel in left)
+            whole = {c: np.concatenate([left.get(c, np.full(rows, np.nan)) for rows, left in found]) for c in channels}
+        else:
+            whole = residuals(chain, names)
         return {c: left for c, left in whole.items() if np.any(np.isfinite(left[self.rows]))}
 
     def left(self, names: frozenset[str]) -> dict[str, Array]:
