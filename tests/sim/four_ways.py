@@ -124,7 +124,7 @@ def by_the_fit(effects: tuple[Switched, ...], time: Array, current: Array, spaci
     q = film.extended(FilmParameters.of_the_class(SHAPE, FilmStart("cooled", FIRST_DEGC)), last)
     filters = sum(e.effect.link == "ohmmeter" or e.name == "creep" for e in last)
     c = np.concatenate((coefficients, WEIGHTS, np.zeros(filters)))
-    b = ResistanceFit(q, np.empty(0), np.empty(0), 0.0, c, np.empty((0, 0)), 0.0)
+    b = ResistanceFit(q, np.empty(0), np.empty(0), 0.0, c, np.empty((0, 0)), 0.0, 0.0)
     fitted = FittedChain(a, b, film, spacing)
     again = fitted.plate(record, _own()).shown_degC
     np.testing.assert_allclose(again, degC, atol=1e-9)

@@ -273,6 +273,7 @@ class ResistanceChannel(FilmEquations):
             point.coefficients,
             jacobian.copy(),
             0.5 * float(residual @ residual),
+            point.cost,
         )
 
     def _about_itself(self, p: FilmParameters, point: Point) -> Point:

@@ -57,7 +57,8 @@ class FilmParameters:
 @dataclass(frozen=True, eq=False)
 class ResistanceFit:
     """parameters; shown: -log10 of the resistance shown, (rows,); film_output: of the film itself, (rows,); score: the
-    marginal log-likelihood of the fitted rows (effects' and envelopes' parameters at their best); coefficients."""
+    marginal log-likelihood of the fitted rows (effects' and envelopes' parameters at their best); coefficients; cost:
+    half of what is left, squared, and of the coefficients over their prior's widths."""
 
     parameters: FilmParameters
     shown: Array
@@ -66,6 +67,7 @@ class ResistanceFit:
     coefficients: Array
     jacobian: Array
     minus_log: float
+    cost: float
     plain: FilmParameters | None = None
 
     @property

@@ -19,9 +19,10 @@ from sim.diagnosis.judge.verdict import Verdict, judge, least_evidence
 from sim.diagnosis.search.both_ends import select_anew
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.delays import TIMING
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains
-from sim.diagnosis.search.stepwise import TIMING, Progress
+from sim.diagnosis.search.stepwise import Progress
 from sim.diagnosis.validate.deviations import of_one_pass
 
 WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
@@ -77,7 +78,7 @@ def _as_of_one_pass(chain: Chain, judged: Verdict) -> Verdict:
 
 def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:
     """With the best of those effects that delay what is read of the film in the place of one. Each is followed to its
-    end, relays and all, which the search's own swap (`stepwise`) leaves out: beside steps it chose the wrong lag."""
+    end, relays and all, which the search's own swap (`delays`) leaves out: beside steps it chose the wrong lag."""
     for name in sorted((names & TIMING) - chain.assumed):
         others = [names - {name} | {other} for other in sorted(TIMING - names) if other in chain.effects]
         names = max([names, *chain.budget.in_time(others)], key=chain.score)

@@ -19,6 +19,7 @@ from sim.diagnosis.judge.plate_kind import NO_KIND, of_no_kind
 from sim.diagnosis.judge.smoother_path import LEAST_BEYOND, beyond_a_smoother_path
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.delays import TIMING, of_delays
 from sim.diagnosis.search.meaning import BEYOND, LEAST_BESIDE, SMALL, most_of_what_is_met, without_meaning
 from sim.diagnosis.search.stepwise import ABSORBS, CHOICE
 from sim.diagnosis.search.views import View
@@ -113,8 +114,21 @@ def judge(chain: Chain, names: frozenset[str], before: Verdict | None = None, wh
             order = tuple(sorted(evidence, key=lambda n: -evidence[n]))
             return Verdict(order, evidence, temperature, resistance, refused, names)
         weakest = min(failing, key=lambda n: failing[n][0])
-        refused[weakest] = failing[weakest][1]
-        names = names - {weakest}
+        fewer = _without_one(chain, names, weakest)
+        refused.update(dict.fromkeys(names - fewer, failing[weakest][1]))
+        names = fewer
+
+
+def _without_one(chain: Chain, names: frozenset[str], weakest: str) -> frozenset[str]:
+    """Without the weakest effect; of several that delay what is read of the film, without the one that the others need
+    least: each was found beside all of them."""
+    fewer = [names - {weakest}]
+    if weakest in TIMING and not chain.budget.over(JUDGING):
+        fewer += [names - {name} for name in sorted((names & TIMING) - chain.assumed - {weakest})]
+    if len(fewer) == 1:
+        return fewer[0]
+    fits = [fit for fit in (chain.fits(each)[1] for each in fewer) if fit is not None]
+    return fewer[int(np.argmin(of_delays(fits)))]
 
 
 def _worth(

@@ -5,7 +5,8 @@ from __future__ import annotations
 from sim.diagnosis.judge.smoother_path import LEAST_BEYOND
 from sim.diagnosis.judge.verdict import Verdict, is_prandtl_ishlinskii
 from sim.diagnosis.search.chain import Chain
-from sim.diagnosis.search.stepwise import ABSORBS, TIMING
+from sim.diagnosis.search.delays import TIMING
+from sim.diagnosis.search.stepwise import ABSORBS
 
 CLOSE = 8.0  # log-likelihood: a set that is this close is as good
 CLOSE_BESIDE_RELAYS = 2.0 * ABSORBS  # of two effects each may owe as much to what relays lack: a lag of 0.5 s in the

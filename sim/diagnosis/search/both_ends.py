@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
+from sim.diagnosis.search.delays import TIMING
 from sim.diagnosis.search.film_mixing import mixed_at_last
 from sim.diagnosis.search.joint_fit import widened
 from sim.diagnosis.search.learned import first_renoised, last_renoised, with_film
@@ -14,7 +15,6 @@ from sim.diagnosis.search.stepwise import (
     ENTRY,
     FAR_FROM_NOISE,
     MOST_EFFECTS,
-    TIMING,
     TRIED,
     Progress,
     select_first_links,

@@ -65,7 +65,8 @@ class KnownShape:
 class ResistanceSearch:
     """Fits of the last links. assumed: the effects that the user knows are there; budget: of time, for the search. What
     was found so far: fits, the best by the names of their effects; shapes, the envelopes last searched for globally;
-    views, of the fits last tested, one with relays and the same without, which are the last pair in bare."""
+    views, of the fits last tested, one with relays and the same without, which are the last pair in bare; restarted,
+    the effects whose fit was begun again (`restarts`)."""
 
     channel: ResistanceChannel
     effects: dict[str, Effect]
@@ -74,6 +75,7 @@ class ResistanceSearch:
     budget: Budget = field(default_factory=Budget)
     fits: dict[frozenset[str], ResistanceFit] = field(default_factory=dict)
     shapes: deque[KnownShape] = field(default_factory=lambda: deque(maxlen=1))
+    restarted: set[frozenset[str]] = field(default_factory=set)
     views: deque[View] = field(default_factory=lambda: deque(maxlen=2), init=False)
     bare: deque[tuple[ResistanceFit, ResistanceFit]] = field(default_factory=lambda: deque(maxlen=1), init=False)
 

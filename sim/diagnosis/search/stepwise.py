@@ -8,8 +8,10 @@ import numpy as np
 
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.budget import SEARCHING
+from sim.diagnosis.search.delays import TIMING, best_timed
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
+from sim.diagnosis.search.restarts import restarted
 from sim.diagnosis.search.temperature_search import TemperatureSearch
 from sim.effects.effect import Reading
 
@@ -22,13 +24,10 @@ TRIED = 4  # candidates followed to the end in a round
 ROUGH = 1.5  # mean square residual over noise from which every candidate is tried
 RELAYED = 1.1  # mean square residual over noise that relays leave, at which the film is one of another kind
 WIDENED = 2  # candidates that get relays
-PATH = 30.0  # log-likelihood that fits with relays differ by for how they were come by, twice what is left on their way
-MUCH_LEFT = 5.0  # mean square residual over noise beside a lag from which the lag may be another
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
 LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
-TIMING = frozenset({"film_lag", "meter_lag", "timestamp_skew"})  # effects that delay what is read of the film
 Progress = Callable[[str], None]
 
 
@@ -109,11 +108,12 @@ def select_last_links(
     """The effects that the ohmmeter's channel alone asks for, beside those assumed. names: where the search begins;
     steps: how many times one is added, or two at once."""
     names |= search.assumed
+    begun_with = names
     for _ in range(steps):
         if len(names - search.assumed) >= MOST_EFFECTS or search.budget.over(SEARCHING):
             break
         say(f"temperature to resistance{': besides ' if names else ''}{', '.join(sorted(names))}")
-        fit = search.ended(search.fit(names))
+        fit = restarted(search, search.ended(search.fit(names)))
         found, rows = _one_more(search, fit), search.channel.rows.size
         if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
             found = search.ended(found)
@@ -132,9 +132,10 @@ def select_last_links(
             found = _at_another_size(search, found, names)
         if search.channel.record.first_rows.size > 1:
             found = search.through_gaps(found)
-        names = frozenset(e.name for e in found.effects)
+        names = frozenset(e.name for e in restarted(search, search.ended(found)).effects)
         names = _improved_last(search, names)
-    return names
+    delayed = bool(begun_with & TIMING) and search.fit(names).parameters.has_relays
+    return best_timed(search, names) if delayed else names  # they were compared beside another noise
 
 
 def _at_another_size(search: ResistanceSearch, found: ResistanceFit, before: frozenset[str]) -> ResistanceFit:
@@ -190,31 +191,8 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     return max(sound, key=lambda e: e.score) if sound else None
 
 
-def _best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
-    """With another lag or skew in the place of one that fits worse, the film as it is there, relays and all: what alike
-    effects were fitted to may differ by more than they do."""
-    for name in sorted((names & TIMING) - search.assumed):
-        best = search.ended(search.fit(names))
-        others = sorted((TIMING & search.effects.keys()) - names)
-        if not others:
-            return names
-        anew = search.channel.mean_square(best) > MUCH_LEFT
-        found = [search.instead(best, name, other, anew) for other in search.budget.in_time(others)]
-        better = max((f for f in found if has_meaning(search, f)), key=lambda f: f.score, default=best)
-        if better.score > best.score + 1.0:
-            better = search.finish(better)
-        elif best.parameters.has_relays:
-            starts = [next(e for e in f.effects if e.name == other) for f, other in zip(found, others, strict=False)]
-            near = [search.beside(best, start, name) for start in search.budget.in_time(starts)]
-            near = [search.ended(f) for f in near if f.score > best.score - PATH and has_meaning(search, f)]
-            better = max(near, key=lambda f: f.score, default=best)
-        if better.score > best.score + 1.0:
-            names = frozenset(e.name for e in better.effects)
-    return names
-
-
 def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
-    names = _best_timed(search, names)
+    names = best_timed(search, names)
     for _ in range(3):  # as above; each costs much more
         best = search.fit(names)
         too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
@@ -227,7 +205,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
                 return _improved_last(search, names - {name})
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
                 continue  # nothing else can do as much and leave nothing (0.5 a row is the noise's own)
-            other = _one_more(search, fit, frozenset({name}))
+            other = _one_more(search, fit, TIMING if name in TIMING else frozenset({name}))
             if other is not None and other.score > (changed or best).score + 1.0:
                 changed = other
         if changed is None:
