@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rig.analysis.diagnosed import diagnosed, model_of
 from rig.core.faults import fault
@@ -20,6 +20,9 @@ from sim.diagnosis.result import Diagnosis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+Base = Literal["extended_generalized_pi", "generalized_pi"]
+Plate = Literal["peltier", "heater"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +63,9 @@ def diagnose(
     record: Any,
     *further: Any,
     holdout: Iterable[Any] = (),
-    base: Literal["extended_generalized_pi", "generalized_pi"] | None = None,
+    base: Base | None = None,
     output: str = FALLING_RESISTANCE,
-    plate: Literal["peltier", "heater"] | None = None,
+    plate: Plate | None = None,
     assume: Mapping[str, Mapping[str, float]] | None = None,
     budget_s: float | None = None,
     false_alarm: float | None = None,
@@ -80,6 +83,9 @@ def diagnose(
     add_effect_files(Path(path) for path in effect_files)
     if budget_s is not None and not budget_s > 0.0:
         raise fault("diagnose", f"budget_s {budget_s:g}", "expected a number of seconds > 0")
+    for name, value, choices in (("base", base, get_args(Base)), ("plate", plate, get_args(Plate))):
+        if value is not None and value not in choices:
+            raise fault("diagnose", f"{name} {value!r}", f"expected one of {', '.join(choices)}")
     known = assumed([{"name": name, **values} for name, values in (assume or {}).items()], "assume")
     others = [as_record(one) for one in holdout]
     one, *more = [as_record(source) for source in (record, *further)]

@@ -41,6 +41,7 @@ SCALES = (0.1, 1.0, 0.1, 1.0)  # log a and K: what an envelope moves by in a ste
 CURVE_SCALES = (0.3, 3.0)  # the same of D's first parameter, which is a logarithm, and of the others, which are K
 DESCENT = 10  # evaluations: the search begins at the diagnosis' own film
 BY_CHANCE = 3.0  # deviations by which an error over so many rows may be larger though the model is as good
+FEWEST_JUDGED = 10  # rows, of which an error is known to a fifth
 TURNS = 2  # of a problem that is linear only about a solution
 
 
@@ -127,9 +128,12 @@ def _shared_out(refit: FilmRefit) -> tuple[Integers, Integers]:
     """Rows to fit and rows to judge by."""
     record, fitted = refit.channel.record, refit.channel.fitted
     held = record.output_used & ~fitted
-    if np.sum(held) < 10:  # too few to judge by: others are held out here
+    if np.sum(held) < FEWEST_JUDGED:  # others are held out here
         held = record.output_used & held_out_rows(record.rows, record.first_rows)
-        fitted = fitted & ~held
+    if np.sum(held) < FEWEST_JUDGED:  # the film was read in few places
+        read = np.flatnonzero(record.output_used)
+        held[read[held_out_rows(read.size)]] = True
+    fitted = fitted & ~held
     return _thinned(np.flatnonzero(fitted), MOST_ROWS), np.flatnonzero(held)
 
 

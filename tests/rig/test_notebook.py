@@ -87,6 +87,8 @@ def test_a_record_of_each_kind(record: rig.Record, tmp_path: Path) -> None:
         (lambda: rig.simulate(effects=["nothing"]), "--effect: 'nothing' is no effect"),
         (lambda: rig.invert(rig.Model(None, None), [1e4]), "model: film: missing"),
         (lambda: rig.write_model("m.toml", 3), "model: expected a Model"),
+        (lambda: rig.diagnose({}, base="pi"), "base 'pi': expected one of extended_generalized_pi, generalized_pi"),
+        (lambda: rig.diagnose({}, plate="oven"), "plate 'oven': expected one of peltier, heater"),
     ],
 )
 def test_faults_are_lines(call: Callable[[], object], line: str) -> None:

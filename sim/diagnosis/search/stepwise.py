@@ -113,7 +113,8 @@ def select_last_links(
         if len(names - search.assumed) >= MOST_EFFECTS or search.budget.over(SEARCHING):
             break
         say(f"temperature to resistance{': besides ' if names else ''}{', '.join(sorted(names))}")
-        fit = restarted(search, search.ended(search.fit(names)))
+        fit = search.ended(search.fit(names))
+        fit = restarted(search, fit) if steps > 1 else fit  # one step is for the noise, beside which all begins anew
         found, rows = _one_more(search, fit), search.channel.rows.size
         if found is not None and found.parameters.has_relays:  # of two fits of another film, the better one
             found = search.ended(found)
@@ -132,7 +133,9 @@ def select_last_links(
             found = _at_another_size(search, found, names)
         if search.channel.record.first_rows.size > 1:
             found = search.through_gaps(found)
-        names = frozenset(e.name for e in restarted(search, search.ended(found)).effects)
+        if steps > 1:
+            found = restarted(search, search.ended(found))
+        names = frozenset(e.name for e in found.effects)
         names = _improved_last(search, names)
     delayed = bool(begun_with & TIMING) and search.fit(names).parameters.has_relays
     return best_timed(search, names) if delayed else names  # they were compared beside another noise
