@@ -16,18 +16,20 @@ from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import ResistanceSearch
 from sim.diagnosis.search.restarts import restarted
-from sim.effects.effect import Switched
+from sim.effects.effect import Switched, switched
 
 TIMING: Final = frozenset({"film_lag", "meter_lag", "timestamp_skew"})
 MUCH_LEFT: Final = 5.0  # mean square residual over noise beside a lag from which the lag may be another
 PATH: Final = 30.0  # cost that fits with relays differ by for how they were come by, twice what is left on their way
 ROUNDS: Final = 2  # of beginning each from the others: in a third next to none gains
+FOR_ONE_MORE: Final = 20.0  # cost that a second delay has to bring, as any effect beside a film of another kind
 GAINS: Final = 1.0  # of log-likelihood or cost, by which a fit is better than another
 
 
 def best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
     """The effects with another delay in the place of one that fits worse, the film as it is there, relays and all: what
     alike effects were fitted to may differ by more than they do."""
+    names = _one_for_several(search, names)
     for name in sorted((names & TIMING) - search.assumed):
         best = search.ended(search.fit(names))
         others = sorted((TIMING & search.effects.keys()) - names)
@@ -43,6 +45,22 @@ def best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str
             best = _least_cost(search, best, {name: _delay(search.fit(names), name), **begin})
         names = frozenset(e.name for e in best.effects)
     return names
+
+
+def _one_for_several(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
+    """The effects with one delay in the place of several, where that costs little more beside a film of another kind: a
+    lag of the film is nearly a skew and a lag of the ohmmeter, of half its size each."""
+    several, fit = (names & TIMING) - search.assumed, search.fit(names)
+    if len(several) < 2 or not fit.parameters.has_relays:
+        return names
+    whole = sum(abs(float(_delay(fit, name).par[0])) for name in several)
+    others = search.budget.in_time(sorted((TIMING & search.effects.keys()) - search.assumed))
+    begun = [search.beside(fit, switched(search.effects[name], [whole]), *several) for name in others]
+    sound = [one for one in begun if has_meaning(search, one)]
+    best = min(sound, key=lambda one: one.cost, default=fit)
+    if best.cost < fit.cost + PATH:
+        best = restarted(search, search.ended(best))
+    return frozenset(e.name for e in best.effects) if best.cost < fit.cost + FOR_ONE_MORE else names
 
 
 def of_delays(fits: Sequence[ResistanceFit]) -> list[float]:

@@ -202,10 +202,10 @@ class ResistanceSearch:
         """A plain fit with relays, kept."""
         return self.keep(self._wide(fit))
 
-    def beside(self, fit: ResistanceFit, start: Switched, place_of: str = "") -> ResistanceFit:
-        """One more effect, or one in the place of another, with the film as the fit has it, relays and all, or without
+    def beside(self, fit: ResistanceFit, start: Switched, *place_of: str) -> ResistanceFit:
+        """One more effect, or one in the place of others, with the film as the fit has it, relays and all, or without
         them if that is as good; kept."""
-        others = [e for e in fit.effects if e.name not in (start.name, place_of)]
+        others = [e for e in fit.effects if e.name not in (start.name, *place_of)]
         wider = self.channel.descend(self.channel.extended(fit.parameters, [*others, start]), RELAY_STEPS)
         best = replace(wider, plain=wider.parameters.with_relays(0.0))
         if isinstance(start.effect.form, Reading):  # whose work relays can do
