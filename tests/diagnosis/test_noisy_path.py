@@ -52,21 +52,33 @@ def lagged(values: Array, tau_s: float) -> Array:
     return np.asarray(values[0] + lfilter([now, before], [1.0, -keeps], values - values[0]))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("seed", "lag_s"), [(3, 4.0), (6, 1.5)])
-def test_a_lag_that_is_there_is_named(seed: int, lag_s: float) -> None:
-    """A smoother path does next to nothing of what it does."""
-    rng, degC = np.random.default_rng(seed), course(seed)
+def record(rng: np.random.Generator, degC: Array, log_ohm: Array) -> dict[str, Array]:
+    """What thermometer and ohmmeter show, a row each ROW_S."""
     rows = np.arange(0, degC.size, round(ROW_S / FINE_S))
-    found = diagnose(
-        {
-            "time_s": rows * FINE_S,
-            "temperature_degC": degC[rows] + NOISE_K * rng.standard_normal(rows.size),
-            "resistance_ohm": 10.0 ** (film(lagged(degC, lag_s))[rows] + NOISE_DEC * rng.standard_normal(rows.size)),
-        }
-    )
+    return {
+        "time_s": rows * FINE_S,
+        "temperature_degC": degC[rows] + NOISE_K * rng.standard_normal(rows.size),
+        "resistance_ohm": 10.0 ** (log_ohm[rows] + NOISE_DEC * rng.standard_normal(rows.size)),
+    }
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("seed", "lag_s"), [(3, 4.0), (6, 1.5), (8, 1.5)])
+def test_a_lag_that_is_there_is_named(seed: int, lag_s: float) -> None:
+    """A smoother path does next to nothing of what it does, and a lag of the ohmmeter is another one."""
+    rng, degC = np.random.default_rng(seed), course(seed)
+    found = diagnose(record(rng, degC, film(lagged(degC, lag_s))))
     assert [f.name for f in found.findings] == ["film_lag"]
     assert found.findings[0].parameters["tau_s"][0] == pytest.approx(lag_s, rel=0.06)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [6, 7])
+def test_a_lag_of_the_ohmmeter_is_its_own(seed: int) -> None:
+    rng, degC = np.random.default_rng(seed), course(seed)
+    found = diagnose(record(rng, degC, lagged(film(degC), 1.5)))
+    assert [f.name for f in found.findings] == ["meter_lag"]
+    assert found.findings[0].parameters["tau_s"][0] == pytest.approx(1.5, rel=0.06)
 
 
 def test_a_smoother_path_is_as_smooth_as_a_lag_and_has_no_delay() -> None:
