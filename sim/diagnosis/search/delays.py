@@ -20,7 +20,7 @@ from sim.effects.effect import Switched, switched
 
 TIMING: Final = frozenset({"film_lag", "meter_lag", "timestamp_skew"})
 MUCH_LEFT: Final = 5.0  # mean square residual over noise beside a lag from which the lag may be another
-PATH: Final = 30.0  # cost that fits with relays differ by for how they were come by, twice what is left on their way
+PATH: Final = 100.0  # cost that fits with relays differ by for how they were come by
 ROUNDS: Final = 2  # of beginning each from the others: in a third next to none gains
 FOR_ONE_MORE: Final = 20.0  # cost that a second delay has to bring, as any effect beside a film of another kind
 GAINS: Final = 1.0  # of log-likelihood or cost, by which a fit is better than another

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 LOOKED_AT: Final = 60  # envelopes whose cost is computed in a round, each a hundredth of a descent
 BEGUN: Final = 3  # descents from the best of them
+WITHIN: Final = 50.0  # log-likelihood below the fit's own, from which one begins: where there is one minimum, none is
 STEPS: Final = 12  # of each
 ROUNDS: Final = 3  # at most: the first two bring nearly all
 GAINS: Final = 5.0  # log-likelihood, from which another round follows
@@ -46,8 +47,9 @@ def restarted(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
         if search.budget.over(SEARCHING):
             break
         looked_at = list(islice(_near(search.channel, fit, random), LOOKED_AT))
-        likely = sorted(looked_at, key=lambda found: -found[0])[:BEGUN]
-        best = max((search.channel.descend(begin, STEPS) for _, begin in likely), key=lambda f: f.score)
+        likely = sorted((one for one in looked_at if one[0] > fit.score - WITHIN), key=lambda one: -one[0])[:BEGUN]
+        ends = [search.channel.descend(begin, STEPS) for _, begin in likely]
+        best = max(ends, key=lambda f: f.score, default=fit)
         if not best.score > fit.score + GAINS:
             break
         fit = search.ended(replace(best, plain=fit.plain))
