@@ -45,6 +45,8 @@ STRAY: Final = 1.5  # in sigma: the smoothed path may not be further off the rea
 CORNER: Final = 3.0  # in ranges of the rate: how much it may change in a step where breaks are looked for
 CHANGES: Final = (2.0, 1.0, 0.5, 0.25, 0.12, 0.06, 0.03)  # the same over a whole corner, once all are found
 ROUNDED: Final = (10.0, 20.0, 40.0, 80.0, 160.0)  # in usual steps: how long a corner may last
+COARSELY: Final = (np.arange(-22.0, 9.0, 2.0),)  # of ln q, about one change of the rate by sigma / step in a step
+CLOSELY: Final = (*COARSELY, np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +161,6 @@ def _cost_of_corners(logs: float, innovations: Array) -> float:
     return logs + innovations.size * math.log(square) + float(np.sum(innovations**2)) / square
 
 
-COARSELY: Final = (np.arange(-22.0, 9.0, 2.0),)  # of ln q, about one change of the rate by sigma / step in a step
-CLOSELY: Final = (*COARSELY, np.array([-1.0, 0.0, 1.0]), np.array([-0.5, 0.0, 0.5]))
-
-
 def _density(
     steps: Array, readings: Array, used: NDArray[np.bool_], extra: Array, grids: Sequence[Array] = CLOSELY
 ) -> float:
@@ -204,11 +202,11 @@ def _spread(steps: Array, breaks: NDArray[np.bool_], lasts_s: float) -> Array:
     edges = np.concatenate((np.zeros(1), np.cumsum(steps)))
     first = np.flatnonzero(breaks & ~np.append(False, breaks[:-1]))
     last = np.flatnonzero(breaks & ~np.append(breaks[1:], False))
-    out = np.zeros(steps.size)
+    out, rounding = np.zeros(steps.size), 1e-9 * edges[-1]
     for a, b in zip(edges[first], edges[last + 1], strict=True):
-        middle, half = 0.5 * (a + b), 0.5 * max(lasts_s, b - a)
-        begin, end = np.searchsorted(edges, (middle - half, middle + half + 1e-9 * edges[-1]))
-        begin, end = max(int(begin), 0), min(max(int(end) - 1, int(begin) + 1), steps.size)
+        middle, half = 0.5 * (a + b), 0.5 * max(lasts_s, b - a) + rounding
+        begin = int(np.searchsorted(edges, middle - half))
+        end = max(int(np.searchsorted(edges, middle + half)) - 1, begin + 1)  # the last edge inside
         out[begin:end] = np.maximum(out[begin:end], 1.0 / (edges[end] - edges[begin]))
     return out
 

@@ -1,7 +1,7 @@
 """Which of the effects that delay what is read of a film it is: a lag of the film, one of the ohmmeter, a skew.
 
 They show nearly the same, and a fit with relays ends somewhere else for how it was come by: each is begun from the
-others' fits until none gains. Then it is the penalized cost that decides, not the marginal likelihood: the film and its
+others' fits, twice round. Then it is the penalized cost that decides, not the marginal likelihood: the film and its
 prior are the same, but a lag behind the film flattens the relays' columns, and their coefficients leave less room,
 whatever was read. That was worth 30 to 60 of log-likelihood to the ohmmeter's lag where the film's was there, 1.5 s at
 rows 2 s apart.
