@@ -148,16 +148,21 @@ def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
     return found[:count]
 
 
+def _variance(innovations: Array) -> float:
+    """Of those that are normal, whatever a few large ones are."""
+    return float(1.4826 * np.median(np.abs(innovations))) ** 2
+
+
 def _cost(logs: float, innovations: Array) -> float:
     """-2 log L up to constants, of innovations that follow Student's t with four degrees of freedom: a few large
     ones, at the corners of a profile, must not pass for noise or for a restless rate."""
-    square = (1.4826 * float(np.median(np.abs(innovations)))) ** 2 + 1e-300
+    square = _variance(innovations) + 1e-300
     return logs + innovations.size * math.log(square) + 5.0 * float(np.sum(np.log1p(innovations**2 / (4.0 * square))))
 
 
 def _cost_of_corners(logs: float, innovations: Array) -> float:
     """The same of normal innovations: once the corners are found, a large one says that the rate changes by more."""
-    square = (1.4826 * float(np.median(np.abs(innovations)))) ** 2 + 1e-300
+    square = _variance(innovations) + 1e-300
     return logs + innovations.size * math.log(square) + float(np.sum(innovations**2)) / square
 
 
@@ -239,7 +244,7 @@ def temperature_path(
     for _ in range(4):
         density = _density(steps, readings, used, extra)
         _smooth(steps, readings, used, density + extra, False, work)
-        variance = float(1.4826 * np.median(np.abs(work[used, 5]))) ** 2
+        variance = _variance(work[used, 5])
         if math.sqrt(variance) < NEGLIGIBLE * span:
             break
         used = trusted & _trusted(work[:, 5] / math.sqrt(variance))
@@ -252,7 +257,7 @@ def temperature_path(
         extra = _corners(steps, readings, used, extra > 0.0, float(np.ptp(work[:, 1])) / math.sqrt(variance))
         density = _density(steps, readings, used, extra)
         _smooth(steps, readings, used, density + extra, False, work)
-        variance = float(1.4826 * np.median(np.abs(work[used, 5]))) ** 2
+        variance = _variance(work[used, 5])
     sigma = math.sqrt(variance) if noise_K is None else noise_K
     outliers = np.flatnonzero(finite & ~used)
     coarse = noise_K is None and span > WIDE_K and sigma > COARSE * span

@@ -9,9 +9,7 @@ which a film's lag of 1.5 s was taken for the ohmmeter's, with the exact tempera
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -46,8 +44,8 @@ def restarted(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
     for _ in range(ROUNDS):
         if search.budget.over(SEARCHING):
             break
-        looked_at = list(islice(_near(search.channel, fit, random), LOOKED_AT))
-        likely = sorted((one for one in looked_at if one[0] > fit.score - WITHIN), key=lambda one: -one[0])[:BEGUN]
+        near = _near(search.channel, fit, random)
+        likely = sorted((one for one in near if one[0] > fit.score - WITHIN), key=lambda one: -one[0])[:BEGUN]
         ends = [search.channel.descend(begin, STEPS) for _, begin in likely]
         best = max(ends, key=lambda f: f.score, default=fit)
         if not best.score > fit.score + GAINS:
@@ -58,13 +56,14 @@ def restarted(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
 
 def _near(
     channel: ResistanceChannel, fit: ResistanceFit, random: np.random.Generator
-) -> Iterator[tuple[float, FilmParameters]]:
+) -> list[tuple[float, FilmParameters]]:
     """Log-likelihoods with other envelopes, all else as the fit has it."""
-    p = fit.parameters
+    p, found = fit.parameters, []
     low, high, _ = channel.bounds(p)
     width = np.array([[1.0, math.exp(-p.x[k])] for k in range(0, ENVELOPES, 2)]).ravel()
-    while True:
+    for _ in range(LOOKED_AT):
         x = p.x.copy()
         x[:ENVELOPES] += APART * width * random.standard_normal(ENVELOPES)
         begin = replace(p, x=np.clip(x, low, high))
-        yield channel.point(begin, begin.x, fit.coefficients).evidence, begin
+        found.append((channel.point(begin, begin.x, fit.coefficients).evidence, begin))
+    return found
