@@ -110,18 +110,18 @@ class SmoothCurve:
     def columns(self, temperature: Array) -> Array:
         """Shape (samples, count): without the constant."""
         out = np.empty((temperature.size, self.count))
-        _cubic_columns(self.knots, self.cubics, temperature, out)
+        cubic_columns(self.knots, self.cubics, temperature, out)
         return out
 
     def values(self, temperature: Array, coefficients: Array) -> Array:
         """The columns times coefficients, shape (samples,)."""
         out = np.empty((temperature.size, 1))
-        _cubic_columns(self.knots, (self.cubics @ coefficients)[:, :, None], temperature, out)
+        cubic_columns(self.knots, (self.cubics @ coefficients)[:, :, None], temperature, out)
         return out[:, 0]
 
 
 @njit(cache=True)
-def _cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -> None:
+def cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -> None:
     """Cubics between evenly spaced knots, into out (samples, columns); constant beyond the ends, no number of none."""
     low, high, last = knots[0], knots[-1], knots.size - 2
     width = (high - low) / (last + 1)

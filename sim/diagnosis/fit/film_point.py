@@ -72,9 +72,12 @@ class LinearProblem:
     ) -> LinearProblem:
         """With its products."""
         own, wanted = noise.over(np.take(at_rows, fitted, axis=0)), output[fitted] - offset[fitted]
-        across, target = own.T @ relays.fitted, noise.over(wanted)
-        gram = np.block([[own.T @ own, across], [across.T, relays.gram]])
-        right = np.concatenate((own.T @ target, relays.fitted.T @ target))
+        both, count = np.column_stack((own, noise.over(wanted))), own.shape[1]
+        of_own, across = both.T @ both, both.T @ relays.fitted  # the relays' many columns are read once
+        gram = np.empty((count + relays.count, count + relays.count))
+        gram[:count, :count], gram[count:, count:] = of_own[:-1, :-1], relays.gram
+        gram[:count, count:], gram[count:, :count] = across[:-1], across[:-1].T
+        right = np.concatenate((of_own[:-1, -1], across[-1]))
         return cls(at_rows, offset, own, film, relays, gram, right, wanted, fitted, noise, range_of)
 
     def shifted(self, offset: Array, output: Array, range_of: Array | None) -> LinearProblem:

@@ -15,12 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_model import Whitens
 from sim.diagnosis.data.record import Rows
 from sim.effects.effect import Switched
-from sim.model.film_columns import play_outputs
+from sim.model.film_columns import cubic_columns, play_outputs
 from sim.model.film_nodes import FilmNodes
 from sim.model.links import Effects, Links, columns_followed
 
@@ -32,6 +33,8 @@ CORRELATED = (0.6, 0.3)  # over centres (-1 to 1) and half-widths (1 at WIDEST):
 FALLS_OFF = 0.6  # standard deviation of the amplitude over the centres
 STEEP = 0.9  # of a relay's step, times the distance of the centres
 ROWS_AT_ONCE = 256  # times 576 relays in single precision stay in a processor's own cache
+SATURATED = 8.0  # steps beyond which a relay has switched, to 2e-7
+TABULATED = 0.1  # of a step, from knot to knot of a cubic: an error of 1e-6
 FARTHEST_DEGC = 1e9  # a trial's plate may be without an end, single precision is not: all relays have switched there
 
 
@@ -53,7 +56,11 @@ MINOR_LOOPS = Extent(  # they tell of widths themselves; a fit costs the square 
 )
 ONE_LOOP = Extent(  # its branches may meet at its ends only. With 24 centres a flank hangs on where the grid stands;
     # with half as many columns as readings what is wide is left out, and flanks hang on rounding
-    grid=36, widest=0.5, only_what_switches=True, fewest=400, most=400
+    grid=36,
+    widest=0.5,
+    only_what_switches=True,
+    fewest=400,
+    most=400,
 )
 
 
@@ -102,27 +109,36 @@ class RelayPlane:
         return int(self.mix.shape[1])
 
     def columns(self, nodes: FilmNodes) -> Array:
-        """What each column is at the rows' readings, (rows, columns)."""
-        return self._steps_times(nodes, self.mix)
-
-    def signal(self, nodes: FilmNodes, coefficients: Array) -> Array:
-        """The columns times coefficients, (rows,)."""
-        return self._steps_times(nodes, (self.mix @ coefficients)[:, None])[:, 0]
-
-    def _steps_times(self, nodes: FilmNodes, weights: Array) -> Array:
-        """The relays' outputs times weights: single precision is 1e-6 of a step."""
+        """What each column is at the rows' readings, (rows, columns): single precision is 1e-6 of a step."""
         half_width, place = np.unique(self.half_width_K, return_inverse=True)
         plays = np.clip(play_outputs(nodes, half_width), -FARTHEST_DEGC, FARTHEST_DEGC)
         slope = self.slope_per_K.astype(np.float32)
         middle = (self.slope_per_K * self.centre_degC).astype(np.float32)
-        weights_32 = weights.astype(np.float32)
-        out = np.empty((nodes.taken.size, weights.shape[1]))
+        mix = self.mix.astype(np.float32)
+        out = np.empty((nodes.taken.size, self.count))
         for first in range(0, nodes.taken.size, ROWS_AT_ONCE):
             rows = slice(first, first + ROWS_AT_ONCE)
             steps = plays[rows].astype(np.float32)[:, place]
             steps *= slope
             steps -= middle
-            out[rows] = np.tanh(steps, out=steps) @ weights_32
+            out[rows] = np.tanh(steps, out=steps) @ mix
+        return out
+
+    def signal(self, nodes: FilmNodes, coefficients: Array) -> Array:
+        """The columns times coefficients, (rows,): all relays of one half-width are one function of their play. It is
+        tabulated, within 1e-6 of a step."""
+        half_width, of_width = np.unique(self.half_width_K, return_inverse=True)
+        centre, first, of_centre = np.unique(self.centre_degC, return_index=True, return_inverse=True)
+        slope, weights = self.slope_per_K[first], np.zeros((centre.size, half_width.size))
+        weights[of_centre, of_width] = self.mix @ coefficients
+        ends = SATURATED / np.min(slope)
+        knots = np.arange(centre[0] - ends, centre[-1] + ends, TABULATED / np.max(slope))
+        steps = np.tanh(slope * (knots[:, None] - centre))
+        cubics = CubicHermiteSpline(knots, steps @ weights, (slope * (1.0 - steps * steps)) @ weights).c
+        plays, added, out = play_outputs(nodes, half_width), np.empty((nodes.taken.size, 1)), np.zeros(nodes.taken.size)
+        for k in range(half_width.size):
+            cubic_columns(knots, np.ascontiguousarray(cubics[:, :, k].T)[:, :, None], plays[:, k], added)
+            out += added[:, 0]
         return out
 
 

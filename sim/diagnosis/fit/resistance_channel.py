@@ -131,8 +131,12 @@ class ResistanceChannel(FilmEquations):
                 other = problem.shifted(offset, y, range_of).solved(x, found.prior)
                 found = min(found, other, key=lambda point: point.cost)
             if p.is_mixed:
+                straight = found.cost
                 found = self._nearer(p, links, nodes, signals, found, coefficients if guessed else None)
-            elif first is None and self._bent(p, links, nodes, signals, found) < AS_LINEAR:
+                bent = abs(found.cost - straight)
+            else:
+                bent = self._bent(p, links, nodes, signals, found) if first is None else math.inf
+            if first is None and bent < AS_LINEAR:
                 break
             coefficients, guessed = found.coefficients, True
             same = max(SAME_COST, SAME_SHARE * (found.cost - 0.5 * rows.size))

@@ -30,9 +30,10 @@ FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is m
 
 def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
     """A fit with relays, or a better one with another mixing, while little is left; where much is, and no effect is
-    there yet, one with a mixing that leaves next to nothing: a film that percolates, and no effect, does that."""
-    left = search.channel.mean_square(fit)
-    if fit.parameters.is_mixed or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
+    there yet, one with a mixing that leaves next to nothing: a film that percolates, and no effect, does that. Beside
+    two effects at the terminals none is tried, as they bend the output both ways."""
+    left, bent = search.channel.mean_square(fit), sum(at_the_terminals(e.effect) for e in fit.effects)
+    if fit.parameters.is_mixed or bent > 1 or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
         return fit
     return _otherwise(search, fit, NEARLY_NOTHING if left > MUCH_LEFT else np.inf) or fit
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.fit.film_basis import ENVELOPES
-from sim.diagnosis.fit.film_memory import begun, remembered
+from sim.diagnosis.fit.film_memory import begun
 from sim.diagnosis.fit.film_start import starting_shape, thinned_path
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
@@ -172,12 +172,6 @@ class ResistanceSearch:
             return fit
         other = self.channel.descend(replace(p, start=start), WHOLE_STEPS)
         return other if other.score > fit.score else fit
-
-    def through_gaps(self, fit: ResistanceFit) -> ResistanceFit:
-        """The fit, or a better one with another memory of what the film went through while rows are missing; kept."""
-        p = fit.plain or fit.parameters
-        start = remembered(self.channel, p)
-        return fit if start == p.start else self.keep(self.whole(replace(p, start=start)))
 
     def _reshaped(self, fit: ResistanceFit) -> ResistanceFit:
         """The fit, or a better one from envelopes searched for globally at the film's temperatures with its effects, in

@@ -22,10 +22,10 @@ from sim.diagnosis.search.budget import SEARCHING
 if TYPE_CHECKING:
     from sim.diagnosis.search.resistance_search import ResistanceSearch
 
-LOOKED_AT: Final = 60  # envelopes whose cost is computed in a round, each a hundredth of a descent
+LOOKED_AT: Final = 30  # envelopes whose cost is computed in a round, each some hundredths of a descent
 BEGUN: Final = 3  # descents from the best of them
-WITHIN: Final = 50.0  # log-likelihood below the fit's own, from which one begins: where there is one minimum, none is
-STEPS: Final = 12  # of each
+WITHIN: Final = 15.0  # log-likelihood below the fit's own, from which one begins: from 18 on none gained over 5
+STEPS: Final = (4, 8)  # of each, and of the best one from there on: which it is shows early
 ROUNDS: Final = 3  # at most: the first two bring nearly all
 GAINS: Final = 5.0  # log-likelihood, from which another round follows
 APART: Final = 0.14  # how far they are spread: steepness (its logarithm), centre (over the flank's width)
@@ -46,8 +46,9 @@ def restarted(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
             break
         near = _near(search.channel, fit, random)
         likely = sorted((one for one in near if one[0] > fit.score - WITHIN), key=lambda one: -one[0])[:BEGUN]
-        ends = [search.channel.descend(begin, STEPS) for _, begin in likely]
+        ends = [search.channel.descend(begin, STEPS[0]) for _, begin in likely]
         best = max(ends, key=lambda f: f.score, default=fit)
+        best = search.channel.descend(best.parameters, STEPS[1]) if ends else fit
         if not best.score > fit.score + GAINS:
             break
         fit = search.ended(replace(best, plain=fit.plain))

@@ -8,7 +8,8 @@ import numpy as np
 
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.budget import SEARCHING
-from sim.diagnosis.search.delays import TIMING, best_timed
+from sim.diagnosis.search.delays import TIMING, best_timed, likely_timed
+from sim.diagnosis.search.gap_memory import has_gaps, plain_through_gaps, through_gaps
 from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.resistance_search import FINER, RELAYS_FROM, ResistanceSearch
 from sim.diagnosis.search.restarts import restarted
@@ -29,6 +30,7 @@ LITTLE_CHANGED = 0.7
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
 LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
 Progress = Callable[[str], None]
+Timed = Callable[[ResistanceSearch, frozenset[str]], frozenset[str]]
 
 
 def _hopeless(before: float, after: float, rows: int) -> bool:
@@ -131,12 +133,12 @@ def select_last_links(
             break
         if search.channel.mean_square(found) > FAR_FROM_NOISE:  # in envelopes that were bent to do without it
             found = _at_another_size(search, found, names)
-        if search.channel.record.first_rows.size > 1:
-            found = search.through_gaps(found)
+        if has_gaps(search):
+            found = through_gaps(search, found)
         if steps > 1:
             found = restarted(search, search.ended(found))
         names = frozenset(e.name for e in found.effects)
-        names = _improved_last(search, names)
+        names = _improved_last(search, names, best_timed if steps > 1 else likely_timed)
     delayed = bool(begun_with & TIMING) and search.fit(names).parameters.has_relays
     return best_timed(search, names) if delayed else names  # they were compared beside another noise
 
@@ -166,6 +168,8 @@ def _one_more(
     quick = sorted((q for q in quick if np.isfinite(q.score)), key=lambda q: -q.score)
     ends = [search.plain(q.parameters) for q in budget.in_time(quick[:TRIED])]
     ends = [e for e in ends if np.isfinite(e.score) and has_meaning(search, e)]
+    if has_gaps(search):
+        ends = [plain_through_gaps(search, end) for end in ends]
     ends = sorted(ends, key=lambda e: -e.score)
     if not ends:
         return None
@@ -194,8 +198,9 @@ def _one_more_beside(search: ResistanceSearch, fit: ResistanceFit, others: list[
     return max(sound, key=lambda e: e.score) if sound else None
 
 
-def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
-    names = best_timed(search, names)
+def _improved_last(search: ResistanceSearch, names: frozenset[str], timed: Timed) -> frozenset[str]:
+    """Swaps and removals until none is better, delays first. timed: which of them it is."""
+    names = timed(search, names)
     for _ in range(3):  # as above; each costs much more
         best = search.fit(names)
         too_much_left = ROUGH if best.parameters.has_relays else FAR_FROM_NOISE
@@ -205,7 +210,7 @@ def _improved_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset
         for name in search.budget.in_time(sorted(names - search.assumed)):
             fit = search.without(best, name)
             if best.score - fit.score < entry_of(best):
-                return _improved_last(search, names - {name})
+                return _improved_last(search, names - {name}, timed)
             if best.score - fit.score > 0.5 * abs(fit.score) and best.minus_log < 0.55 * search.channel.rows.size:
                 continue  # nothing else can do as much and leave nothing (0.5 a row is the noise's own)
             other = _one_more(search, fit, TIMING if name in TIMING else frozenset({name}))
