@@ -266,7 +266,10 @@ class ResistanceChannel(FilmEquations):
             elif before - loss(point) < settled:
                 break
         point = self._about_itself(p, point)
-        p, point = self._settled(p, point, SETTLE if settle else 0)
+        p, last = self._settled(p, point, SETTLE if settle else 0)
+        if last is not point and p.is_mixed:  # it is linear about the solution of other widths: 30 off in the evidence
+            last = self._about_itself(p, last)
+        point = last
         effects, _ = self.split(p, point.x)
         residual = self._over_noise(point.shown)
         return ResistanceFit(
