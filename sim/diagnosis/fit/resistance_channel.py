@@ -46,6 +46,7 @@ SHARES_OF_WAY = (0.5, 0.25, 0.1, 0.03)  # to a solution that is worse than the g
 AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution, below which no other round follows
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
+TURN = 2  # steps after which the room's own slopes are computed anew: half the work of a step, and they change slowly
 SETTLE, EACH = 3, 3  # turns of the widths before and after a descent; steps of it after which they follow
 DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
@@ -240,14 +241,15 @@ class ResistanceChannel(FilmEquations):
         point = self.point(p, x)
         p, point = self._settled(p, point, SETTLE if settle else 0)
         damping = DAMPING.first
-        jacobian = np.zeros((self.record.rows, x.size))
+        jacobian, room = np.zeros((self.record.rows, x.size)), np.zeros(x.size)
         nonlinear = p.nonlinear if p.has_relays else []
 
         def loss(at: Point) -> float:
             return -at.evidence if nonlinear else at.cost
 
         for iteration in range(steps):
-            room = self._slopes(p, point, (low, high, h), nonlinear, jacobian)
+            slopes = self._slopes(p, point, (low, high, h), [] if iteration % TURN else nonlinear, jacobian)
+            room = room if iteration % TURN else slopes
             j = self.over(jacobian[self.rows])
             residual = self._over_noise(point.shown)
             cross = point.along(j)
@@ -267,9 +269,8 @@ class ResistanceChannel(FilmEquations):
                 break
         point = self._about_itself(p, point)
         p, last = self._settled(p, point, SETTLE if settle else 0)
-        if last is not point and p.is_mixed:  # it is linear about the solution of other widths: 30 off in the evidence
-            last = self._about_itself(p, last)
-        point = last
+        # linear about the solution of other widths, the evidence of a mixing was 30 off
+        point = self._about_itself(p, last) if last is not point and p.is_mixed else last
         effects, _ = self.split(p, point.x)
         residual = self._over_noise(point.shown)
         return ResistanceFit(
