@@ -263,7 +263,7 @@ class ResistanceSearch:
             wider = self.channel.descend(fit.parameters.with_relays(fit.parameters.prior.first_relay_dec), RELAY_STEPS)
             if self.channel.rows.size < FEW_READINGS:
                 wider = self._followed(wider)
-            if wider.score > fit.score:
+            if wider.score > fit.score + SETTLED:  # less is the descent's gain, not theirs
                 wider = replace(wider, plain=fit.parameters)
                 return wider if self.budget.over(SEARCHING) else mixed(self, wider)
         return fit
