@@ -32,7 +32,7 @@ def test_with_minor_loops_they_are_as_wide_as_a_loop_may_be() -> None:
 
 @pytest.mark.parametrize("extent", [MINOR_LOOPS, ONE_LOOP])
 def test_the_signal_is_the_columns_times_their_coefficients(extent: Extent) -> None:
-    """Also where a plate has run away, or no temperature is known."""
+    """Also where a trial's plate has run away, to either side."""
     rng, rows = np.random.default_rng(1), np.arange(400)
     film_degC = 60.0 + 34.0 * np.sin(rows / 9.0) * np.linspace(1.0, 0.1, rows.size)
     film_degC[[200, 300]] = 1e30, -np.inf
