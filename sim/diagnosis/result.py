@@ -13,7 +13,7 @@ from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.report.plate_numbers import PlateNumbers
 from sim.diagnosis.report.upper_limits import UpperLimit
-from sim.diagnosis.report.warnings import Warning
+from sim.diagnosis.report.warnings import Caution
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
@@ -72,7 +72,7 @@ class Diagnosis:
     channels: dict[str, Channel | None]
     unexplained: dict[str, str | None]
     film: dict[str, Any] | None
-    warnings: list[Warning]
+    warnings: list[Caution]
     next_experiment: list[str]
     record: Record
     chain: Chain

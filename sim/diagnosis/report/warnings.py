@@ -23,7 +23,7 @@ LARGE = 0.8  # of the largest current
 
 
 @dataclass(frozen=True)
-class Warning:
+class Caution:
     """code, and from when to when (s, in the record's own time from its first row; None: all of it)."""
 
     code: str
@@ -38,7 +38,7 @@ class Warning:
 
 def warnings_of(
     chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]], limits: list[UpperLimit]
-) -> list[Warning]:
+) -> list[Caution]:
     """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it; limits: of the others."""
     record, found = chain.record, []
     found += saturated_sink(chain)
@@ -47,42 +47,42 @@ def warnings_of(
     if gaps:
         longest = float(np.max(np.diff(record.time_s)[own - 1]))
         found.append(
-            Warning(
+            Caution(
                 "gaps",
                 f"{gaps} gap{'s' * (gaps > 1)} in the rows, the longest of {longest:.3g} s{_begun_anew(gaps, anew)}",
             )
         )
     if record.uneven:
-        found.append(Warning("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
+        found.append(Caution("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
     for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
-        found.append(Warning("outliers", f"{name}: {count} readings were left out as outliers"))
+        found.append(Caution("outliers", f"{name}: {count} readings were left out as outliers"))
     found += odd_columns(record)
     if record.current_A is None:
-        found.append(Warning("no_current", "no current_A: plate, driver and thermometer were not judged"))
+        found.append(Caution("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
-        found.append(Warning("no_resistance", f"no {record.quantity.column}: film and its meter were not judged"))
+        found.append(Caution("no_resistance", f"no {record.quantity.column}: film and its meter were not judged"))
     elif not record.quantity.is_resistance:
         text = "series resistance, leakage, ranges and self-heating were not judged: they are a resistance's"
-        found.append(Warning("no_resistance", f"{record.quantity.column}: {text}"))
+        found.append(Caution("no_resistance", f"{record.quantity.column}: {text}"))
     elif record.test_current_A is None:
-        found.append(Warning("no_test_current", "no meter_current_A: self-heating was not judged"))
+        found.append(Caution("no_test_current", "no meter_current_A: self-heating was not judged"))
     if not film_not_described(chain, names):
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     found += as_late_as_each_other(chain, names)
     return found + coloured_noise(chain) + film_in_steps(chain) + film_is_not_described(chain, names)
 
 
-def odd_columns(record: Record) -> list[Warning]:
+def odd_columns(record: Record) -> list[Caution]:
     """Of readings that cannot be what was measured: bad rows, a unit that changes; and of a meter slower than rows."""
     degC = np.where(np.isfinite(record.temperature_degC), record.temperature_degC, np.nan)
     lines = odd_readings(Column("temperature_degC", record.time_s, degC, "degC"))
     if record.output is not None and record.quantity.is_resistance:
         lines += odd_readings(of_output(record.time_s, record.output, record.quantity.name), degC)
-    found = [Warning("odd_readings", line) for line in lines]
+    found = [Caution("odd_readings", line) for line in lines]
     if repeated := sum(out.rule == REPEATED for out in record.left_out):
         text = f"{repeated} rows repeat the meter's reading before, which counts once, where it comes first: the meter "
         text += "is slower than the rows, and averages over some of them, which looks like a lag; ask it less often"
-        found.append(Warning("repeated_readings", f"{record.quantity.column}: {text}"))
+        found.append(Caution("repeated_readings", f"{record.quantity.column}: {text}"))
     return found
 
 
@@ -94,7 +94,7 @@ def _begun_anew(gaps: int, anew: int) -> str:
     return f": after {after} the temperature is begun anew"
 
 
-def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Warning:
+def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Caution:
     """Of an effect that the film's own shape hides at a usual size: what the record allows of it is one number, here
     and among the limits."""
     known = next((limit for limit in limits if (limit.name, limit.parameter) == (name, parameter)), None)
@@ -102,10 +102,10 @@ def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Warning:
     if known is not None and known.limit is not None:
         size = f"{parameter} {'above' if known.from_below else 'below'} {known.limit:.2g}"
         text = f"{name}: would not have shown with {size}: the film's own shape absorbs it"
-    return Warning("absorbed_by_the_film", text)
+    return Caution("absorbed_by_the_film", text)
 
 
-def as_late_as_each_other(chain: Chain, names: frozenset[str]) -> list[Warning]:
+def as_late_as_each_other(chain: Chain, names: frozenset[str]) -> list[Caution]:
     """Of a thermometer and a film that are as late as each other behind the plate, as one lag before it makes them."""
     tau_s = {e.name: float(e.par[0]) for fit in chain.fits(names) if fit is not None for e in fit.effects}
     thermometer = tau_s.get("sensor_lag")
@@ -115,11 +115,11 @@ def as_late_as_each_other(chain: Chain, names: frozenset[str]) -> list[Warning]:
                 f"sensor_lag and {name} are alike ({thermometer:.2g} and {tau_s[name]:.2g} s): one lag of the current, "
                 "before the plate, looks so in both; see how the driver follows its command first"
             )
-            return [Warning("lags_alike", text)]
+            return [Caution("lags_alike", text)]
     return []
 
 
-def coloured_noise(chain: Chain) -> list[Warning]:
+def coloured_noise(chain: Chain) -> list[Caution]:
     """Of instruments whose noise has a spectrum of its own."""
     of = {}
     if chain.first is not None and chain.first.channel.noise.colour is not None:
@@ -133,10 +133,10 @@ def coloured_noise(chain: Chain) -> list[Warning]:
         f"noise has a spectrum of its own, as behind a filter or with 1/f noise: {sizes}. What rows next to each other "
         "show of it tells how much of it is slow; what is slow and no larger than that would not have shown"
     )
-    return [Warning("coloured_noise", text)]
+    return [Caution("coloured_noise", text)]
 
 
-def film_in_steps(chain: Chain) -> list[Warning]:
+def film_in_steps(chain: Chain) -> list[Caution]:
     """Of a film whose domains switch visibly."""
     facts = chain.facts
     if facts is None or facts.domains is None or facts.noise.wandering is None:
@@ -148,10 +148,10 @@ def film_in_steps(chain: Chain) -> list[Warning]:
         f"lacks there, {lacks} (RMS), counts as its own beside the ohmmeter's noise: a prediction is off by that much, "
         "and the size of a lag may be off by up to three times what its interval says"
     )
-    return [Warning("film_in_steps", text)]
+    return [Caution("film_in_steps", text)]
 
 
-def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
+def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Caution]:
     """Of readings of the film of which more is left than their noise."""
     if not film_not_described(chain, names):
         return []
@@ -161,16 +161,16 @@ def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Warning]:
     )
     if chain.split(names)[1]:
         text += ", and what is named there may be off by more than its interval"
-    return [Warning("film_not_described", text)]
+    return [Caution("film_not_described", text)]
 
 
-def out_of_time(doing: str, seconds: float) -> Warning:
+def out_of_time(doing: str, seconds: float) -> Caution:
     """Of a diagnosis that its time cut short."""
     text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
-    return Warning("out_of_time", text)
+    return Caution("out_of_time", text)
 
 
-def unlogged_currents(record: Record) -> list[Warning]:
+def unlogged_currents(record: Record) -> list[Caution]:
     """Of a record whose current changed between its rows."""
     if record.early == 0.0:
         return []
@@ -179,10 +179,10 @@ def unlogged_currents(record: Record) -> list[Warning]:
         "before its row, on average. The current changed between the rows, and is in none: its mean there was taken, "
         "and a prediction from it is off by more than the noise"
     )
-    return [Warning("current_between_rows", text)]
+    return [Caution("current_between_rows", text)]
 
 
-def left_open(carried: CarriedOver) -> list[Warning]:
+def left_open(carried: CarriedOver) -> list[Caution]:
     """Of held-out rows of which the fitted rows tell too little."""
     left, of = carried.not_counted
     if not left:
@@ -191,10 +191,10 @@ def left_open(carried: CarriedOver) -> list[Warning]:
         f"{left} of {of} held-out rows go where the fitted rows tell less of the film than a reading does: they count "
         "for no verdict, and the error in held-out rows is mostly theirs. More loops there would tell"
     )
-    return [Warning("film_left_open", text)]
+    return [Caution("film_left_open", text)]
 
 
-def decided_elsewhere(halves: Halves | None) -> list[Warning]:
+def decided_elsewhere(halves: Halves | None) -> list[Caution]:
     """Where halves of other records disagree about a name, so that not all of their rows judge."""
     if halves is None or not halves.decided or (halves.first_judges and halves.second_judges):
         return []
@@ -212,10 +212,10 @@ def decided_elsewhere(halves: Halves | None) -> list[Warning]:
                 f"{fold['judging']} rows of the other records, by themselves, speak against {needed}, which all of "
                 "them together need: it is said, and errors are of those that speak against it"
             )
-    return [Warning("held_out_rows_decided", text)]
+    return [Caution("held_out_rows_decided", text)]
 
 
-def saturated_sink(chain: Chain) -> list[Warning]:
+def saturated_sink(chain: Chain) -> list[Caution]:
     """Stretches in which the plate warms for long while the current cools at nearly its largest."""
     record = chain.record
     if record.current_A is None or np.min(record.current_A) >= 0.0:
@@ -239,7 +239,7 @@ def saturated_sink(chain: Chain) -> list[Warning]:
         rise = slope * (t[-1] - t[half])
         if rise > max(0.3, 2.0 * record.step_K):  # less is the end of the plate's own transient
             found.append(
-                Warning(
+                Caution(
                     "heat_sink_saturated",
                     f"the current cools with {LARGE:.0%} of its largest or more, and the plate warms by {rise:.2g} K: "
                     "the heat sink is saturated; more current cools less",
@@ -250,10 +250,10 @@ def saturated_sink(chain: Chain) -> list[Warning]:
     return found
 
 
-def decided_by_records(names: frozenset[str]) -> list[Warning]:
+def decided_by_records(names: frozenset[str]) -> list[Caution]:
     """names: those that further records of the film decided."""
     if not names:
         return []
     text = f"{', '.join(sorted(names))}: decided by the records that told the film before: "
     text += "the film of all records tells rows that no fit has seen only with it"
-    return [Warning("decided_by_film_records", text)]
+    return [Caution("decided_by_film_records", text)]
