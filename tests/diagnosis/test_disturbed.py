@@ -16,3 +16,8 @@ def test_a_lag_is_found_behind_what_a_film_went_through_in_a_gap() -> None:
     assert found.verdict == "explained"
     assert [f.name for f in found.findings] == ["film_lag"]
     assert found.findings[0].parameters["tau_s"][0] == pytest.approx(truth.hidden["film_lag"]["tau_s"], rel=0.01)
+
+
+def test_a_row_that_is_missing_soon_after_a_gap_does_not_hide_it() -> None:
+    """57 s are missing, and one row 3 s later: where the film went in the gap is looked for all the same."""
+    assert diagnose(case("disturbed", 99703).columns).verdict == "clean"

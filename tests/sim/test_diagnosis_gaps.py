@@ -167,6 +167,15 @@ def test_a_stretch_without_a_reading_is_none() -> None:
     assert record.commanded_in_sight(EFFECTS.values()).first_rows.tolist() == [0, 804]
 
 
+def test_a_long_gap_stays_one_where_another_row_is_missing_soon_after() -> None:
+    """Nothing counts between the two: begun anew at the second, the film would have gone through the first as a made-up
+    plate did, and nobody would look for where it went."""
+    time = np.delete(0.5 * np.arange(2000), [*range(800, 830), 834])
+    record = a_record(time, np.random.default_rng(3).uniform(-1.0, 1.0, time.size))
+    assert record.first_rows.tolist() == [0, 800, 804]
+    assert record.commanded_in_sight(EFFECTS.values()).first_rows.tolist() == [0, 800]
+
+
 def test_what_may_have_been_read_in_a_long_gap_is_not_fitted() -> None:
     record = with_a_gap(60)
     used = record.read_while_it_ran([EFFECTS["timestamp_skew"]]).output_used

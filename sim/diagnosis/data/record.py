@@ -19,7 +19,7 @@ from sim.diagnosis.data.between_rows import acted_before
 from sim.diagnosis.data.likelihood import quick_noise
 from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
-from sim.diagnosis.data.segments import first_rows, gaps
+from sim.diagnosis.data.segments import first_rows, gaps, with_readings
 from sim.effects.effect import Effect
 from sim.model.inputs import NOTHING, Inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
@@ -174,10 +174,8 @@ class Record:
             latest = float(np.quantile(since, MOST_AFTER_GAPS))
         seen = since >= latest
         used = self.temperature_used & seen
-        some = np.logical_or.reduceat(used, self.first_rows)
-        some[0] = True  # what no reading tells of is no stretch of its own
         fewer = self._using(used, self.output_used & seen, "a command of the gap before may still act")
-        return replace(fewer, first_rows=self.first_rows[some])
+        return replace(fewer, first_rows=with_readings(self.first_rows, used, time, latest))
 
     @property
     def interval_s(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import SHORT, gap_threshold
+from compensator.identification.gaps import SHORT, gap_threshold, long_gaps
 from sim.diagnosis.data.likelihood import quick_noise
 
 KNOWN = 0.7  # of the thermometer's noise: what a gap may change the plate's temperature by and still be passed
@@ -62,6 +62,21 @@ def first_rows(
     longest = np.where((off == 0.0) & (current_A[begin] == current_A[end]), HELD, SHORT)
     short = (missing <= longest * float(np.median(np.diff(time_s)))) & (begin < after) & (after <= end)
     return np.concatenate(([0], after[~(short & (change < KNOWN * quick_noise(temperature_degC)))]))
+
+
+def with_readings(begins: Rows, used: NDArray[np.bool_], time_s: Array, within_s: float) -> Rows:
+    """Of the rows at which stretches begin, those after which a reading counts before the next one does. A stretch that
+    is over before any counts goes on through a short gap, if that comes within so long: else the long gap before it
+    would be taken for the short one. used: rows with a reading that counts, (rows,)."""
+    long, kept, told = long_gaps(time_s, begins[1:]), [int(begins[0])], True
+    for first, tells in zip(begins[1:].tolist(), np.logical_or.reduceat(used, begins)[1:].tolist(), strict=True):
+        goes_on = not told and first not in long and time_s[first] - time_s[kept[-1]] <= within_s
+        if not told and not goes_on:
+            kept.pop()
+        if not goes_on:
+            kept.append(first)
+        told = tells
+    return np.array(kept if told else kept[:-1], dtype=np.int64)
 
 
 def off_after_missing_rows(residual: Array, time_s: Array, begins: Rows) -> Rows:
