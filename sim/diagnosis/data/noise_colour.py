@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 from scipy.optimize import nnls
 
 from compensator.hysteresis.functions import Array
@@ -55,12 +56,12 @@ class NoiseColour:
         """Of consecutive rows, (rows, columns), over the deviation of what is made of them."""
         rows = values.shape[0]
         taps = self.taps[: min(rows, TAPS)]
-        size = 1 << int(rows + taps.size).bit_length()
-        response = np.fft.rfft(taps, size)[:, None]
+        size = fft.next_fast_len(rows + taps.size - 1, real=True)
+        response = fft.rfft(taps, size)[:, None]
         out = np.empty(values.shape)
         for first in range(0, values.shape[1], AT_ONCE):
             some = slice(first, first + AT_ONCE)
-            out[:, some] = np.fft.irfft(np.fft.rfft(values[:, some], size, axis=0) * response, size, axis=0)[:rows]
+            out[:, some] = fft.irfft(fft.rfft(values[:, some], size, axis=0) * response, size, axis=0)[:rows]
         return out / self.spread[np.minimum(np.arange(rows), TAPS - 1)][:, None]
 
 
