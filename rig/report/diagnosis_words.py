@@ -121,7 +121,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     rest = f"something is left that no effect of the catalogue explains ({'; '.join(left)})"
     if all(text is None or text.startswith(ONLY_UNSEEN) for text in diagnosis.unexplained.values()):
         rest = f"{'; '.join(left)}, though nothing is left in the fitted rows: what was fitted {SHORTFALL}"
-    nothing = "nothing is left beyond the noise"
+    nothing = f"nothing is left beyond the noise{_own_steps(diagnosis)}"
     if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):
         nothing += " in the fitted rows; held-out rows are off by more, as said below"
     if diagnosis.verdict == "clean":
@@ -135,6 +135,13 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
+
+
+def _own_steps(diagnosis: Diagnosis) -> str:
+    """What counts as the film's own beside the noise, where it switches in steps."""
+    film = diagnosis.film or {}
+    own = [f"{number(v)} {k.removeprefix('own_')}" for k, v in film.get("domains", {}).items() if k.startswith("own_")]
+    return f" and what counts as the film's own steps ({own[0]} RMS)" if own else ""
 
 
 def _unseen(diagnosis: Diagnosis) -> str:

@@ -42,6 +42,7 @@ CERTAIN = 100.0  # log-likelihood of an effect beside a little that is left, or 
 LITTLE_LEFT = 0.2  # of the noise's variance
 UNSEEN = 2.0  # RMSE over noise on unseen rows from which something is left
 UNDERSTOOD = 1.3  # mean square residual over noise there, below which a bend of another film's reading is said
+AGAINST = "held-out rows speak against it: log-likelihood"
 MAY_DO_AS_MUCH = "something else is left with it, which may do what it seems to do"
 SMOOTHS = "a smoother course of the temperature that drives the film does as much, or most of it"
 NOT_JUDGED = (0.0, (0.0, "the time was over before it was judged"))
@@ -141,13 +142,11 @@ def _worth(
     unseen = told.gain if told is not None else None
     least = least_evidence(chain, names, name)
     weak = min(evidence, evidence_by_chance(chain))
-    if evidence + (unseen or 0.0) < least:
-        return evidence, (
-            weak,
-            f"it brings {evidence + (unseen or 0.0):.2g} of log-likelihood, a name needs {least:.2g}",
-        )
+    if (all_rows := evidence + (unseen or 0.0)) < least:
+        brings = f"it brings {all_rows:.2g} of log-likelihood, a name needs {least:.2g}"
+        return evidence, (weak, brings if all_rows >= 0.0 or unseen is None else f"{AGAINST} {unseen:.2g}")
     if told is not None and told.gain < -largest_loss_by_chance(evidence, told.changed):
-        return evidence, (weak, f"held-out rows speak against it: log-likelihood {told.gain:.2g}")
+        return evidence, (weak, f"{AGAINST} {told.gain:.2g}")
     certain = resistance is not None and resistance.clean and evidence >= CERTAIN
     certain = certain and (unseen is None or unseen >= SEEN_BESIDE * evidence)
     if too_small(chain, names, name, certain):

@@ -137,16 +137,17 @@ def coloured_noise(chain: Chain) -> list[Caution]:
 
 
 def film_in_steps(chain: Chain) -> list[Caution]:
-    """Of a film whose domains switch visibly."""
+    """Of a film whose domains switch visibly, or so it seems."""
     facts = chain.facts
     if facts is None or facts.domains is None or facts.noise.wandering is None:
         return []
     own, quantity = root_mean_square(facts.noise.wandering.deviation), chain.record.quantity
     step, lacks = (f"{value * quantity.size:.1g} {quantity.unit}" for value in (facts.domains.step_dec, own))
     text = (
-        f"the film switches in visible steps, of about {step}, at the same temperatures each time. What a smooth film "
-        f"lacks there, {lacks} (RMS), counts as its own beside the ohmmeter's noise: a prediction is off by that much, "
-        "and the size of a lag may be off by up to three times what its interval says"
+        f"the film switches in steps, it seems, of about {step}: what a smooth film lacks, {lacks} (RMS), comes again "
+        "at the same temperatures, and counts as the film's own beside the ohmmeter's noise. A prediction is off by "
+        "that much, and an effect's size may be off by up to three times what its interval says. What an ohmmeter does "
+        "behind a change of range comes again, too, and would pass for such steps"
     )
     return [Caution("film_in_steps", text)]
 
