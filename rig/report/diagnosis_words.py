@@ -139,9 +139,10 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 def _own_steps(diagnosis: Diagnosis) -> str:
     """What counts as the film's own beside the noise, where it switches in steps."""
-    film = diagnosis.film or {}
-    own = [f"{number(v)} {k.removeprefix('own_')}" for k, v in film.get("domains", {}).items() if k.startswith("own_")]
-    return f" and what counts as the film's own steps ({own[0]} RMS)" if own else ""
+    domains, unit = (diagnosis.film or {}).get("domains"), diagnosis.record.quantity.unit
+    if domains is None:
+        return ""
+    return f" and what counts as the film's own steps ({rough(domains[f'own_{unit}'])} {unit} RMS)"
 
 
 def _unseen(diagnosis: Diagnosis) -> str:

@@ -65,16 +65,15 @@ def first_rows(
 
 
 def with_readings(begins: Rows, used: NDArray[np.bool_], time_s: Array, within_s: float) -> Rows:
-    """Of the rows at which stretches begin, those after which a reading counts before the next one does. A stretch that
-    is over before any counts goes on through a short gap, if that comes within so long: else the long gap before it
-    would be taken for the short one. used: rows with a reading that counts, (rows,)."""
+    """Where stretches begin in which a reading counts, and the first one. A stretch that is over before any counts goes
+    on through the gap behind it, if that is short and comes within so many seconds; else the long gap before it would
+    be taken for the short one. begins: where all do; used: rows with a reading that counts, (rows,)."""
     long, kept, told = long_gaps(time_s, begins[1:]), [int(begins[0])], True
     for first, tells in zip(begins[1:].tolist(), np.logical_or.reduceat(used, begins)[1:].tolist(), strict=True):
-        goes_on = not told and first not in long and time_s[first] - time_s[kept[-1]] <= within_s
-        if not told and not goes_on:
-            kept.pop()
-        if not goes_on:
+        if told:
             kept.append(first)
+        elif first in long or time_s[first] - time_s[kept[-1]] > within_s:
+            kept[-1] = first
         told = tells
     return np.array(kept if told else kept[:-1], dtype=np.int64)
 

@@ -75,7 +75,7 @@ def ohmmeter_noise(
     standard deviation of the path (K), or of a measured one what it is off by; None: nothing."""
     used, residual = channel.record.output_used, channel.output - fit.shown
     if fit.parameters.has_relays and channel.basis.plane.count > channel.rows.size:
-        used = used & channel.fitted  # between them such a film is off by what it does not know, on a flank
+        used = used & channel.fitted  # between these a film with a column for each is off by more than noise
     noise = noise_of(residual, channel.output, used, channel.fitted, least_dec, coloured=coloured)
     if unsure is None or noise.colour is not None:
         return noise

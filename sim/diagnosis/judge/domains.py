@@ -26,8 +26,8 @@ from sim.diagnosis.search.stepwise import Progress
 from sim.diagnosis.validate.deviations import of_one_pass
 
 WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
-WORTH_ASKING: Final = 2.0  # deviations from which domains are fitted, and asked then: a noise that was taken for too
-# large for want of them hides some of it (2.5 instead of 9.9)
+WORTH_ASKING: Final = 2.0  # the same as below, of a fit without domains, from which they are fitted: its noise may be
+# too large for want of them, and hide that they come again (2.5 where it is 9.9 once they are fitted)
 DEVIATIONS: Final = 4.0  # of chance, that what is left of one pass and of another are alike: one record in 30,000
 SHARE: Final = 0.3  # their correlation: 0.28 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
 CERTAIN: Final = 10.0  # deviations from which a smaller correlation does: small domains beside much noise

@@ -143,8 +143,9 @@ def _worth(
     least = least_evidence(chain, names, name)
     weak = min(evidence, evidence_by_chance(chain))
     if (all_rows := evidence + (unseen or 0.0)) < least:
-        brings = f"it brings {all_rows:.2g} of log-likelihood, a name needs {least:.2g}"
-        return evidence, (weak, brings if all_rows >= 0.0 or unseen is None else f"{AGAINST} {unseen:.2g}")
+        if told is not None and evidence > 0.0 > all_rows:
+            return evidence, (weak, f"{AGAINST} {told.gain:.2g}")
+        return evidence, (weak, f"it brings {all_rows:.2g} of log-likelihood, a name needs {least:.2g}")
     if told is not None and told.gain < -largest_loss_by_chance(evidence, told.changed):
         return evidence, (weak, f"{AGAINST} {told.gain:.2g}")
     certain = resistance is not None and resistance.clean and evidence >= CERTAIN
