@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-
 from compensator.hysteresis.film import FilmModel
 from compensator.identification.compression import Compression, compress
 from compensator.identification.film import FilmFit, FilmRecord, identify_film_records
@@ -17,7 +15,7 @@ from rig.analysis.film_numbers import FilmNumbers, numbers_of_record
 from rig.analysis.film_sense import rising
 from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE, column_of
-from rig.files.film_records import as_film_records
+from rig.files.film_records import seen_degC, told_by
 from rig.files.model_file import Model
 from rig.files.record_file import Record
 
@@ -97,13 +95,8 @@ def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], 
         plate_model = plate.model
         lag_s = plate_fit(with_plate, asked.plate, lag=True).lag_s if found.numbers else 0.0
         found = replace(found, plate=plate, lag_s=lag_s, drive=with_plate[0].drive, plate_records=tuple(with_plate))
-    return replace(found, model=Model(film_model, plate_model, film_records=as_film_records(found.film_records)))
-
-
-def seen_degC(records: Sequence[Record]) -> tuple[float, float]:
-    """The least and the largest temperature in records, degC."""
-    finite = [r["temperature_degC"][np.isfinite(r["temperature_degC"])] for r in records]
-    return min(float(t.min()) for t in finite), max(float(t.max()) for t in finite)
+    model = Model(film_model, plate_model)
+    return replace(found, model=told_by(model, with_film) if with_film else model)
 
 
 def _nothing_to_fit(records: Sequence[Record], output: str) -> Faults:

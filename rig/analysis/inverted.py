@@ -35,6 +35,11 @@ class Inversion:
     evaluations: NDArray[np.int64]
     output: str
 
+    @property
+    def asked_degC(self) -> Array:
+        """The temperatures of the targets that can be reached, (targets,)."""
+        return self.temperature_degC[self.reachable]
+
     def columns(self) -> dict[str, Any]:
         """By name, as `peltier invert` writes them: temperature_degC, reachable, resistance_ohm, nearest_ohm."""
         name = column_of(self.output)

@@ -31,6 +31,7 @@ from rig.command.record_arguments import (
 from rig.command.say import Voice
 from rig.core.faults import Faults, fault
 from rig.files.record_file import Record
+from rig.many.journal import is_of_many
 
 if TYPE_CHECKING:
     from rig.report.diagnosed_record import Asked
@@ -76,10 +77,14 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    several = len(options.records) > 1 and not options.joint
+    of_many = is_of_many(options.report)
+    if of_many and options.joint:
+        raise fault("--report", str(options.report), "has the table of many records; expected another DIR for --joint")
+    several = not options.joint and (len(options.records) > 1 or of_many)  # one more of them, as well
     if options.out is not None:
         if several:
-            raise fault("--out", str(options.out), "expected a single RECORD; --report DIR writes a model for each")
+            expected = "expected a single RECORD, none of many; --report DIR writes a model for each"
+            raise fault("--out", str(options.out), expected)
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)

@@ -22,6 +22,7 @@ from rig.command.record_arguments import (
 )
 from rig.command.say import Voice
 from rig.core.faults import fault
+from rig.many.journal import is_of_many
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,6 +63,9 @@ def main(options: argparse.Namespace) -> int:
         writable_file(options.out)
     if options.report is not None:
         writable_folder(options.report)
+        if is_of_many(options.report) and not options.each:
+            expected = "has the table of many records; expected --each, or another DIR"
+            raise fault("--report", str(options.report), expected)
     voice = Voice(options.json)
     each = read_each(options.records, options) if options.each else []
     records = [] if options.each else read_records(options.records, options)

@@ -39,6 +39,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    from rig.analysis.beyond_seen import beyond_seen
     from rig.analysis.inverted import inverted, jump_warning, target_name
     from rig.files.model_file import read_model
 
@@ -54,9 +55,10 @@ def main(options: argparse.Namespace) -> int:
     if wanted not in record.columns:
         raise fault(options.target, wanted, f"missing; there are {', '.join(record.columns)}")
     found = inverted(film, record[wanted], options.target, limits_degC, options.initial, model.mixing)
-    warning = jump_warning(film, limits_degC, options.model)
-    if warning is not None:
-        print(warning, file=sys.stderr)
+    warnings = jump_warning(film, limits_degC, options.model), beyond_seen(model, found.asked_degC, options.model)
+    for warning in warnings:
+        if warning is not None:
+            print(warning, file=sys.stderr)
     table: dict[str, Any] = {**record.columns, **record.text_columns, **found.columns()}
     if options.out is not None:
         write_columns(options.out, table)

@@ -94,6 +94,7 @@ def _predicted(
     model: Model, record: Record, folder: Path | None, options: argparse.Namespace, voice: Voice
 ) -> tuple[dict[str, Any], int]:
     """One record beside the model: lines, files, and the JSON; and how many channels were compared."""
+    from rig.analysis.beyond_seen import beyond_seen
     from rig.analysis.predicted import predicted
     from rig.analysis.prediction_error import errors_of, fitted_values, gap_note, left_out, predicted_columns
 
@@ -103,6 +104,9 @@ def _predicted(
         print(note, file=sys.stderr)
     how = {"initial": options.initial, "drive": options.drive, "first_s": options.first}
     found = predicted(model, record, options.model, **how)
+    beyond = beyond_seen(model, record["temperature_degC"], options.model)
+    if beyond is not None:
+        print(beyond, file=sys.stderr)
     gaps = gap_note(found, record)
     if gaps is not None:
         voice.say(gaps)

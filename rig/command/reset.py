@@ -25,5 +25,6 @@ def main(options: argparse.Namespace) -> int:
         print(f"peltier reset: {answer['faults'][0]}", file=sys.stderr)
         return 1
     waiting = checked(answer)["queue"]
-    print(f"reset; {waiting} jobs wait and go on now" if waiting else "reset; no job waits")
+    jobs = "1 job waits and goes" if waiting == 1 else f"{waiting} jobs wait and go"
+    print(f"reset; {jobs} on now" if waiting else "reset; no job waits")
     return 0

@@ -99,14 +99,15 @@ def _told_of_tokens(file: ConfigurationFile) -> list[str]:
 def _web_processes(file: ConfigurationFile, place: Path, desk: Desk, stack: ExitStack) -> list[WebProcess]:
     """The page's process, and the one of STOP's own listener, where there is room for that."""
     table = file.content.serve
-    pages = [WebProcess(place, desk.note)]
+    door = (table.address, table.port)
+    pages = [WebProcess(place, desk.note, door)]
     try:
         listener = stack.enter_context(stop_listener(table.address, table.port, table.stop_port))
     except OSError as error:
         desk.note(f"STOP has no listener of its own (serve.stop_port): {error.strerror or error}")
         return pages
     desk.stop_port = int(listener.getsockname()[1])
-    return [WebProcess(place, desk.note, listener), *pages]
+    return [WebProcess(place, desk.note, door, listener), *pages]
 
 
 def serve(file: ConfigurationFile, notes: list[str], guard: Guard) -> int:

@@ -26,8 +26,11 @@ CALLERS = 128  # that wait to be accepted
 class WebProcess:
     """`python -m rig.web SOCKET`, kept alive from `start` to `stop`; with a listener the one that takes STOP."""
 
-    def __init__(self, place: Path, note: Callable[[str], None], listener: socket.socket | None = None) -> None:
-        self._place, self._note, self._listener = place, note, listener
+    def __init__(
+        self, place: Path, note: Callable[[str], None], door: tuple[str, int], listener: socket.socket | None = None
+    ) -> None:
+        """door: address and port that it opens where it is given no listener."""
+        self._place, self._note, self._door, self._listener = place, note, door, listener
         self._name = "page" if listener is None else "STOP's own listener"
         self._process: subprocess.Popen[bytes] | None = None
         self._ending = threading.Event()
@@ -53,9 +56,20 @@ class WebProcess:
                 status = process.wait()
                 if self._ending.wait(SAME_SIGNAL_S):
                     return
-                self._note(f"the process of the {self._name} ended with status {status} and is begun again")
+                self._note(self._why(status))
             wait_s = FIRST_WAIT_S if time.monotonic() - began > LONG_LIFE_S else min(2.0 * wait_s, LONGEST_WAIT_S)
             self._ending.wait(wait_s)
+
+    def _why(self, status: int) -> str:
+        """Why it may have ended: its address is the one thing that somebody else can take."""
+        address, port = self._door
+        try:
+            if self._listener is None:
+                _listening(address, port).close()
+        except OSError as error:
+            why = f"{address}:{port}: {error.strerror or error} (serve.address, serve.port)"
+            return f"there is no page at {why}: tried again until there is"
+        return f"the process of the {self._name} ended with status {status} and is begun again"
 
     def _begin(self, command: list[str], files: list[int]) -> subprocess.Popen[bytes] | None:
         """A process, for `stop` to end; None where that has come already. Raises OSError."""

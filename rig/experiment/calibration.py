@@ -196,7 +196,8 @@ def identify_calibration(
     error = error[np.isfinite(error)]
     simulated = plate_fit.model.simulate(plate_fit.first_degC[0], time, current)
     error_K = (simulated - plate_degC)[checked]
-    model = Model(film, plate_fit.model, film_records=(str(at_its_end(folder.path / "record.csv")),))
+    records, seen_degC = (str(at_its_end(folder.path / "record.csv")),), (np.min(plate_degC), np.max(plate_degC))
+    model = Model(film, plate_fit.model, film_records=records, film_seen_degC=seen_degC)
     if plate_fit.lag_s > 0.0:
         model = replace(model, effects=({"name": SENSOR_LAG.name, "tau_s": plate_fit.lag_s},))
     rmse = float(np.sqrt(np.mean(error**2)))

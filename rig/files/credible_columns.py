@@ -92,6 +92,8 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
     faults = _told(table, "time_s", np.flatnonzero(~np.isfinite(time)), time, "expected a finite number")
     with np.errstate(over="ignore", invalid="ignore"):
         back = np.flatnonzero(np.diff(time) <= 0.0) + 1
+    if back.size == time.size - 1 > 1:
+        return [f"{table.source}: time_s: falls in every row; expected increasing times: turn the file round"]
     for k in back[:MOST_FAULTS]:
         after = f"{float(time[k])!r} after {float(time[k - 1])!r}"
         again = "; it begins anew, as of another sweep: give each as a file of its own" if time[k] <= time[0] else ""

@@ -5,11 +5,14 @@ A run's folder keeps the model that its law used (model.toml), and a model names
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from rig.core.faults import Faults
-from rig.files.model_file import read_model
+from rig.files.model_file import Model, read_model
 from rig.files.record import Record
 from rig.files.record_file import read_record
 
@@ -18,6 +21,17 @@ def as_film_records(records: Iterable[Record]) -> tuple[str, ...]:
     """Records as a model file names them, by their whole paths; those that are no files are left out."""
     paths = [Path(record.source).absolute() for record in records]
     return tuple(str(path) for path in paths if path.is_file())
+
+
+def seen_degC(records: Sequence[Record]) -> tuple[float, float]:
+    """The least and the largest temperature in records, degC."""
+    finite = [r["temperature_degC"][np.isfinite(r["temperature_degC"])] for r in records]
+    return min(float(t.min()) for t in finite), max(float(t.max()) for t in finite)
+
+
+def told_by(model: Model, records: Sequence[Record]) -> Model:
+    """The model with what to know of the records, at least one, that told its film."""
+    return replace(model, film_records=as_film_records(records), film_seen_degC=seen_degC(records))
 
 
 def film_records_before(source: str, say: Callable[[str], None] = lambda text: None) -> list[Record]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no number any more
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Temperature = Annotated[float, Field(ge=-273.15, le=LARGEST)]
 
 
 class EnvelopeTable(Table):
@@ -143,7 +144,7 @@ class PlateTable(Table):
     resistance_over_capacity_K_per_A2_s: NotNegative = 0.0
     conductance_over_capacity_per_s: NotNegative
     drive_over_capacity_K_per_s: NotNegative = 0.0
-    ambient_degC: Annotated[float, Field(ge=-273.15, le=LARGEST)]
+    ambient_degC: Temperature
     error_K: NotNegative = 0.0
     inputs: dict[Literal["input_2", "sink_degC", "ambient_degC"], Number] = {}
 
@@ -170,6 +171,7 @@ class ModelTable(Table):
 
     drive: Drive | None = None
     film_records: list[str] = []
+    film_seen_degC: tuple[Temperature, Temperature] | None = None
     film: FilmTable | None = None
     plate: PlateTable | None = None
     effects: list[dict[str, float | str]] = []
@@ -179,7 +181,8 @@ class ModelTable(Table):
 class Model:
     """What a model file holds: a film, a plate, or both, and effects beyond the base model. drive: what the film's
     temperature is predicted from, where the file says so. mixing: how the film's phases add up, None: in their
-    logarithms. film_records: whole paths of the records that told the film."""
+    logarithms. film_records: whole paths of the records that told the film; film_seen_degC: the least and the largest
+    temperature in these."""
 
     film: FilmModel | None
     plate: PlateModel | None
@@ -187,6 +190,7 @@ class Model:
     drive: Drive | None = None
     mixing: PhaseMixing | None = None
     film_records: tuple[str, ...] = ()
+    film_seen_degC: tuple[float, float] | None = None
 
     def switched(self) -> tuple[Switched, ...]:
         """The mixing of the film's phases, and the effects with their values. Raises Faults where one is not in the
@@ -219,6 +223,7 @@ def read_model(path: Path, *, needs: tuple[Literal["film", "plate"], ...] = ()) 
         table.drive,
         table.film.mixing.mixing() if table.film and table.film.mixing else None,
         tuple(table.film_records),
+        table.film_seen_degC,
     )
 
 
@@ -277,6 +282,8 @@ def write_model(path: Path, model: Model, comment: str = "") -> None:
         table["drive"] = model.drive
     if model.film is not None and model.film_records:
         table["film_records"] = list(model.film_records)
+    if model.film is not None and model.film_seen_degC is not None:
+        table["film_seen_degC"] = [float(end) for end in model.film_seen_degC]
     if model.film is not None:
         table["film"] = _film(model.film)
     if model.film is not None and model.mixing is not None:

@@ -31,6 +31,11 @@ Row = dict[str, Any]
 Cell = str | float | int | list[str]  # of text lines: one of JSON's lists in the journal, one text in the table
 
 
+def is_of_many(folder: Path | None) -> bool:
+    """Whether a folder has a journal of cases."""
+    return folder is not None and (folder / LINES).is_file()
+
+
 class Journal:
     """name: of the table. identities: what each case is (its number first), by number; values of text and numbers.
     others: lines of an earlier time that are no case of this time, and are left alone."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.inverted import Inversion, inverted
 from rig.core.faults import fault
 from rig.notebook.compiling import says_when_it_compiles
@@ -26,7 +28,8 @@ def invert(
     model: a Model, an identification or a diagnosis, or a model file's path. target: shape (rows,), in ohm, or in the
     unit of the film's output. limits_degC: between which temperatures to look. initial: the film's memory before the
     first row, None: the model's own. A target that cannot be reached leaves the temperature as it is: `reachable` is
-    False there, and `nearest` what could be had. Raises Faults.
+    False there, and `nearest` what could be had. Warns where the film was not measured at such temperatures. Raises
+    Faults.
     """
     known, where = as_model(model)
     if known.film is None:
@@ -39,4 +42,8 @@ def invert(
         raise fault("invert", "target", "expected numbers") from None
     if wanted.ndim != 1:
         raise fault("invert", "target", f"{wanted.ndim} dimensions; expected one")
-    return inverted(known.film, wanted, "target", limits_degC, initial, known.mixing)
+    found = inverted(known.film, wanted, "target", limits_degC, initial, known.mixing)
+    note = beyond_seen(known, found.asked_degC, where)
+    if note is not None:
+        warnings.warn(note, stacklevel=3)
+    return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.predicted import Prediction, predicted
 from rig.analysis.prediction_error import (
     ChannelError,
@@ -96,7 +97,8 @@ def predict(
     require_something_to_predict(known, rows, where)
     found = predicted(known, rows, where, initial=initial, drive=drive, first_s=first_s)
     order = order_warning(known.film, where) if known.film is not None else None
-    warnings = (order, left_out(known, rows), gap_note(found, rows))
+    beyond = beyond_seen(known, rows["temperature_degC"], where)
+    warnings = (order, beyond, left_out(known, rows), gap_note(found, rows))
     return PredictedRecord(
         predicted_columns(found, known),
         tuple(errors_of(found, known, rows)),

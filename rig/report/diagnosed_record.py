@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from rig.analysis.tried import best_tried
 from rig.core.faults import Faults
 from rig.files.effect_tables import add_effect_files, assumed_effects
 from rig.files.film_output import FALLING_RESISTANCE
-from rig.files.film_records import as_film_records, film_records_before
+from rig.files.film_records import film_records_before, told_by
 from rig.files.model_file import Model, write_model
 from rig.files.record_file import Record
 from rig.many.engine import given
@@ -106,8 +106,7 @@ def told(
 
 def _of_records(extended: ExtendedModel, together: Sequence[Record], before: Sequence[Record]) -> Model:
     """The model, with the records that told its film, where they are files."""
-    told_by = [*together, *(before if extended.others else [])]
-    return replace(model_of(extended), film_records=as_film_records(told_by))
+    return told_by(model_of(extended), [*together, *(before if extended.others else [])])
 
 
 @lru_cache

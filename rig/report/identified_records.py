@@ -11,14 +11,16 @@ import numpy as np
 
 from compensator.identification.covariance import NORMAL_95
 from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
-from rig.analysis.identified import AskedFit, Identified, identified, seen_degC
+from rig.analysis.identified import AskedFit, Identified, identified
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
+from rig.files.film_records import seen_degC
 from rig.files.record_file import Record, unit_of
 from rig.files.run_folder import plain_json
 from rig.many.engine import given
 from rig.report.many_records import Task
 from rig.report.told import MODEL, Told, files_in
+from sim.model.inputs import logged_inputs
 
 if TYPE_CHECKING:
     from compensator.identification.compression import Compression
@@ -70,6 +72,7 @@ def in_words(found: Identified, say: Say) -> dict[str, Any]:
     if found.plate is not None:
         told = found.film.identifiability if found.film is not None else ()
         result["plate"] = _tell_plate(found.plate, found.drive, told, say)
+        _tell_other_inputs(found, say)
         _tell_lag(found.lag_s, found.numbers, result, say)
     return result
 
@@ -217,6 +220,13 @@ def _tell_compression(found: Identified, small: Compression, unit: str, say: Say
         f"max_abs_{unit}": small.largest,
         "course": [list(step) for step in small.course],
     }
+
+
+def _tell_other_inputs(found: Identified, say: Say) -> None:
+    """What else heats the plate, as far as the records have it."""
+    inputs = sorted({name for record in found.plate_records for name in logged_inputs(record.columns, [0]).names})
+    if inputs:
+        say(f"plate: {', '.join(inputs)}: in the record, and not in this fit; `peltier diagnose` has it in its own")
 
 
 def _tell_plate(fit: PlateFit, drive: str | None, told: Sequence[str], say: Say) -> dict[str, Any]:

@@ -60,7 +60,7 @@ def _over_what_varied(rows: Sequence[Row], error: str, label: str) -> Any:
         axes.set_ylabel(label)
         axes.set_ylim(bottom=0.0)
     if len(kinds) > 1:
-        panels[0].legend(loc="upper right", fontsize=8)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize=8)
     return figure
 
 

@@ -53,6 +53,8 @@ class Requests:
             from_s = float(request.query_params.get("from", now_s - DAY_S))
             to_s = float(request.query_params.get("to", now_s))
             points = int(request.query_params.get("points", "1000")[:20])
+            if points < 1:
+                raise ValueError(f"{points} points: expected at least one")
             reading.check_stretch(from_s, to_s)
         except ValueError as error:
             return failed(422, f"from, to, points: {error}")

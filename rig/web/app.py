@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.routing import Mount, Route
 
@@ -58,5 +59,5 @@ def application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
         routes=routes,
         middleware=[protection],
         lifespan=lifespan,
-        exception_handlers={Refusal: refused},
+        exception_handlers={Refusal: refused, HTTPException: refused},
     )

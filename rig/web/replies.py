@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
@@ -90,6 +91,9 @@ def client(request: Request) -> str:
 
 
 async def refused(request: Request, error: Exception) -> Response:
-    """What becomes of a Refusal, for starlette."""
+    """What becomes of a Refusal, for starlette, and of an address or a method that there is not."""
+    if isinstance(error, HTTPException):
+        line = f"{request.method} {request.url.path[:LONGEST_NAME]}: {error.detail}"
+        return failed(error.status_code, line, **dict(error.headers or {}))
     assert isinstance(error, Refusal)
     return failed(error.status, *error.lines, **error.headers)

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import Response
@@ -47,5 +48,5 @@ def stop_application(link: BenchLink, settings: dict[str, Any]) -> Starlette:
         routes=[Route("/api/stop", stop, methods=["POST", "OPTIONS"])],
         middleware=[protection],
         lifespan=lifespan,
-        exception_handlers={Refusal: refused},
+        exception_handlers={Refusal: refused, HTTPException: refused},
     )

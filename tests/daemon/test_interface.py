@@ -89,8 +89,14 @@ def test_history_is_thinned_to_the_points_asked_for(bench: RunningBench) -> None
     assert len(thin["time_s"]) <= 3
     column = thin["columns"]["temperature_degC"]
     assert column["low"][-1] <= column["mean"][-1] <= column["high"][-1]
-    for query in ("from=x", "from=5&to=1", "from=nan", "points=1e9", "to=inf"):
+    for query in ("from=x", "from=5&to=1", "from=nan", "points=1e9", "points=0", "points=-1", "to=inf"):
         assert bench.ask("GET", f"/api/history?{query}")[0] == 422
+
+
+def test_an_address_that_there_is_not_is_refused_as_all_is(bench: RunningBench) -> None:
+    assert bench.ask("GET", "/api/nope") == (404, {"faults": ["GET /api/nope: Not Found"]})
+    status, answer = bench.ask("DELETE", "/api/state")
+    assert (status, answer) == (405, {"faults": ["DELETE /api/state: Method Not Allowed"]})
 
 
 def test_stop_and_reset(bench: RunningBench) -> None:

@@ -57,7 +57,7 @@ def test_a_web_process_that_is_being_begun_at_the_end_is_ended(monkeypatch: pyte
         return begun[0]
 
     monkeypatch.setattr(subprocess, "Popen", late)
-    web = WebProcess(Path("bench.sock"), lambda line: None)
+    web = WebProcess(Path("bench.sock"), lambda line: None, ("127.0.0.1", 0))
     web.start()
     asked.wait()
     stop = threading.Thread(target=web.stop)
@@ -72,3 +72,21 @@ def test_a_web_process_that_is_being_begun_at_the_end_is_ended(monkeypatch: pyte
         for process in begun:
             process.kill()
             process.wait()
+
+
+def test_a_page_whose_address_is_taken_says_so(tmp_path: Path) -> None:
+    said: list[str] = []
+    told = threading.Event()
+
+    def note(line: str) -> None:
+        said.append(line)
+        told.set()
+
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        web = WebProcess(tmp_path / "no bench there", note, ("127.0.0.1", port))
+        web.start()
+        assert told.wait(30.0)
+        web.stop()
+    assert said[0].startswith(f"there is no page at 127.0.0.1:{port}: Address already in use")
+    assert "serve.port" in said[0]

@@ -147,3 +147,29 @@ def test_what_is_said_of_all_records_alike_is_said_once(records: list[Path], pel
         f"{records[0]} and 1 more: taken: temperature_degC from 'T_C'",
         f"{odd}: taken: temperature_degC from 'Temp_C'",
     ]
+
+
+def test_one_more_record_does_not_take_the_table_away(
+    records: list[Path], tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A batch's folder stays one when a single record is given to it."""
+    out = tmp_path / "out"
+    status, _, err = peltier("identify", *records, "--each", "--report", out, "--workers", 1)
+    assert status == 0, err
+    page = (out / "report.html").read_text()
+    status, _, err = peltier("identify", records[0], "--report", out)
+    assert status == 2
+    assert "has the table of many records; expected --each, or another DIR" in err
+    for words in ((*records, "--joint"), (records[0], "--out", tmp_path / "model.toml")):
+        status, _, err = peltier("diagnose", *words, "--report", out)
+        assert status == 2, words
+    assert (out / "report.html").read_text() == page
+    taken: list[int] = []
+
+    def each_told(records: list[Record], *rest: object) -> int:
+        taken.append(len(records))
+        return 0
+
+    monkeypatch.setattr("rig.command.each_told.each_told", each_told)
+    assert peltier("diagnose", records[0], "--report", out)[0] == 0
+    assert taken == [1]

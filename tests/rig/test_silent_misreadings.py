@@ -94,6 +94,13 @@ def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
     assert "another sweep" not in refusal(file, f"t (s),T (K),R (Ohm)\n{wrong}")
 
 
+def test_a_file_with_the_newest_row_first_is_told_as_that(file: Path) -> None:
+    rows = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in reversed(range(30)))
+    said = refusal(file, f"t (s),T (K),R (Ohm)\n{rows}")
+    assert "time_s: falls in every row; expected increasing times: turn the file round" in said
+    assert "another sweep" not in said
+
+
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])
 def test_a_current_that_is_written_only_where_it_changes(
     tmp_path: Path, peltier: Callable[..., tuple[int, str, str]], verb: str
