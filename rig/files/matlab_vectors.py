@@ -24,6 +24,7 @@ MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are pack
 DEEPEST = 3  # structs inside each other
 NUMBERS = "biuf"  # numpy's kinds of real numbers
 LONGEST = 400  # characters of a text: no number or date has more, and each row takes as much as the longest
+NO_SENSE = "cannot be read as .mat: its sizes and kinds do not fit its bytes"
 READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
 
 
@@ -37,7 +38,7 @@ def vectors_of(path: Path) -> list[tuple[str, Array]]:
     if child.returncode == 2:
         raise Faults(child.stderr.decode(errors="replace").strip().splitlines()[-1:])
     if child.returncode != 0:
-        raise fault(path, "", "cannot be read as .mat: its sizes and kinds do not fit its bytes")
+        raise fault(path, "", NO_SENSE)
     with np.load(io.BytesIO(child.stdout), allow_pickle=False) as content:
         names = [str(name) for name in content["names"]]
         return [(name, content[f"vector{k}"]) for k, name in enumerate(names)]
@@ -68,6 +69,8 @@ def _content(path: Path, most: int) -> Any:
         raise
     except NotImplementedError:
         raise fault(path, "", "a .mat file of version 7.3; expected save(..., '-v7'), or a CSV file") from None
+    except ArithmeticError:  # scipy has looked a kind up behind the end of its table, and divides by what stood there
+        raise fault(path, "", NO_SENSE) from None
     except Exception as error:  # scipy raises what its parser happened to meet in a broken file
         text = " ".join(str(error).split())[:200]
         raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {text}") from None
