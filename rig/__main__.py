@@ -135,9 +135,9 @@ def _ended(action: Callable[[], int], verb: str) -> int:
             print(line, file=sys.stderr)
         return 2
     except NotConfirmedOff as outcome:
-        print(
-            f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand.", file=sys.stderr
-        )
+        text = f"OUTPUT NOT CONFIRMED OFF: {outcome}. Switch the controller off by hand."
+        for line in (text, *_told_besides(outcome)):
+            print(f"peltier {verb}: {line}", file=sys.stderr)
         return outcome.exit_status
     except (Outcome, RigError) as error:
         print(f"peltier {verb}: {error}{_notes(error)}", file=sys.stderr)
@@ -151,11 +151,15 @@ def _ended(action: Callable[[], int], verb: str) -> int:
 
 
 def _notes(error: BaseException) -> str:
+    """What was added on the error's way up, as the end of a line."""
+    return "".join(f"; {note}" for note in _told_besides(error))
+
+
+def _told_besides(error: BaseException) -> list[str]:
     """What was added on the error's way up: first what became of the output, then where a report is."""
     from rig.core.outcome import OfOutput
 
-    notes = sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not isinstance(note, OfOutput))
-    return "".join(f"; {note}" for note in notes)
+    return sorted(dict.fromkeys(getattr(error, "__notes__", [])), key=lambda note: not isinstance(note, OfOutput))
 
 
 if __name__ == "__main__":

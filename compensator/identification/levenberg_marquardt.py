@@ -50,7 +50,8 @@ class Linearized(Generic[Point]):
 
     normal, gradient: N and g, shapes (parameters, parameters) and (parameters,); scale: s, > 0, shape (parameters,);
     moved: the point after a step of shape (parameters,), kept within whatever bounds there are. floor: of the damped
-    diagonal in units of s, where N itself may be too small to be inverted.
+    diagonal in units of s, where N itself may be too small to be inverted. ends: the least and the largest step, each
+    (parameters,); where one stays at its end, the others go as far as is best beside it.
     """
 
     normal: Array
@@ -58,6 +59,7 @@ class Linearized(Generic[Point]):
     scale: Array
     moved: Callable[[Array], Point]
     floor: float = 0.0
+    ends: tuple[Array, Array] | None = None
 
 
 def held_at_bounds(normal: Array, gradient: Array, x: Array, low: Array, high: Array) -> None:
@@ -110,6 +112,8 @@ def damped_step(
         if about.floor > 0.0:
             damped[np.diag_indices_from(damped)] = np.maximum(np.diag(damped), about.floor)
         step = np.linalg.solve(damped, gradient)
+        if about.ends is not None:
+            step = _within(damped, gradient, step, *(norm * end for end in about.ends))
         if float(gradient @ step - 0.5 * step @ scaled @ step) <= least_gain:
             break
         if failed is None or not np.linalg.norm(step - failed) <= SAME * np.linalg.norm(failed):  # nan is another
@@ -118,3 +122,17 @@ def damped_step(
                 return trial, max(damping.less * level, damping.least)
         level = max(damping.more * level, damping.least_after_failure)
     return at, level
+
+
+def _within(damped: Array, gradient: Array, step: Array, low: Array, high: Array) -> Array:
+    """A step within its ends, all (parameters,): what would go furthest beyond stays at its end, and the others are
+    solved for anew, until none goes beyond. They were computed for the long step of an unknown that the data hardly
+    tell, and gain nothing beside a short one."""
+    held = np.zeros(step.size, dtype=np.bool_)
+    while np.any((beyond := np.where(held, 0.0, np.maximum(step - high, low - step))) > 0.0):
+        held[np.argmax(beyond)] = True
+        free = ~held
+        step = np.where(held, np.clip(step, low, high), step)
+        beside = gradient[free] - damped[np.ix_(free, held)] @ step[held]
+        step[free] = np.linalg.solve(damped[np.ix_(free, free)], beside)
+    return step

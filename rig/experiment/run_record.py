@@ -160,7 +160,10 @@ def _note(error: BaseException, what: str, problem: Exception) -> None:
 def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:
     """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
     first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
-    if report is no_report or isinstance(error, NotConfirmedOff) or len(folder.rows) < FEWEST_ROWS:
+    if report is no_report or len(folder.rows) < FEWEST_ROWS:
+        return
+    if isinstance(error, NotConfirmedOff):
+        error.add_note(f"what was recorded is in {folder.part}, and `peltier report` draws it")
         return
     try:
         report(folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
+from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.predicted import needs_test_current
 from rig.control.law_units import in_law_units, law_units
 from rig.core.faults import Faults, fault
@@ -120,6 +121,9 @@ def check_feasible(file: ConfigurationFile, target: Target, model: Model, say: C
         course = check_target(own, film, model.plate, c, hot, where, units)
         if course.planned:
             say("the target has several temperatures: not always the nearest is taken, so that all of it is reached")
+        beyond = beyond_seen(model, course.temperatures_degC, c.experiment.model or str(file.path))
+        if beyond is not None:
+            say(beyond)
         if model.plate is not None and c.experiment.law != "instrument_pid":
             check_plate(model.plate, [hot], c, f"{file.path}: calibration.temperature_degC", "its hot end")
     else:

@@ -38,6 +38,17 @@ def test_a_resistance(tmp_path: Path, rate: float, faster: bool) -> None:
     assert ("the target is faster than the plate" in said) == faster
 
 
+@pytest.mark.parametrize(("seen_degC", "beyond"), [((40.0, 90.0), False), ((40.0, 62.0), True)])
+def test_temperatures_at_which_nobody_has_measured_the_film(
+    tmp_path: Path, seen_degC: tuple[float, float], beyond: bool
+) -> None:
+    path, said = write_bench(tmp_path, target=RAMPS.format(rate=0.005)), []
+    model = tmp_path / "model.toml"
+    model.write_text(f"film_seen_degC = {list(seen_degC)}\n{model.read_text()}")
+    wanted(read_configuration(path), said.append)
+    assert ("beyond 40.0 to 62.0 degC, where the film was measured" in "\n".join(said)) == beyond
+
+
 def test_faults_of_target_and_model_are_told_at_once(tmp_path: Path) -> None:
     path = write_bench(tmp_path, target='["start 20 kohm", "leap to 5 kohm"]')
     model = tmp_path / "model.toml"

@@ -428,7 +428,9 @@ def test_what_is_not_confirmed_ends_with_11_and_nobody_says_confirmed(
     status, out, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
     assert status == 11
     assert "OUTPUT NOT CONFIRMED OFF" in err
-    assert "Switch the controller off by hand" in err
+    first, *more = err.splitlines()[-2:]
+    assert "Switch the controller off by hand" in first
+    assert more == [f"peltier run: what was recorded is in {tmp_path / 'run.part'}, and `peltier report` draws it"]
     assert "a test trips" in err
     assert "confirmed by the controller" not in out + err
     assert wrapped[0].output_A == 0.0  # its dead man, or the off that it heard

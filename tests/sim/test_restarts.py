@@ -40,6 +40,9 @@ class Bumpy:
         self.points.append(float(x[1]))
         return cast(Any, _Point(self._of(float(x[1]))))
 
+    def following(self, fit: ResistanceFit) -> Any:
+        return lambda move: fit.coefficients
+
     def descend(self, p: FilmParameters, steps: int) -> ResistanceFit:
         return fit_of(p, self._of(float(p.x[1])))
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.levenberg_marquardt import (
@@ -29,7 +29,7 @@ from sim.diagnosis.data.noise_model import NoiseModel, Whitens
 from sim.diagnosis.data.record import Mask, Record, Rows
 from sim.diagnosis.fit.film_basis import ENVELOPES, FilmBasis
 from sim.diagnosis.fit.film_equations import FilmEquations, straight_readings
-from sim.diagnosis.fit.film_point import LinearProblem, Point
+from sim.diagnosis.fit.film_point import LinearProblem, Point, Projected
 from sim.diagnosis.fit.preisach_density import Relays, RelaysOfRecord
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.model.film_nodes import FilmNodes
@@ -47,7 +47,8 @@ AS_LINEAR = 0.01  # by which the ohmmeter's bends change the cost of a solution,
 STEPS, SETTLED = 12, 0.05  # of a descent; log-likelihood that the last one gains: no decision hangs on it
 SAME_EVIDENCE = 0.02  # by which other widths of the priors change it, from which they stay
 TURN = 2  # steps after which the room's own slopes are computed anew: half the work of a step, and they change slowly
-SETTLE, EACH = 3, 3  # turns of the widths before and after a descent; steps of it after which they follow
+LONGEST = 1.0  # step of an unknown: of a logarithm, a kelvin
+SETTLE, EACH = 3, 2 * TURN  # turns of the widths before and after a descent; steps of it after which they follow
 DAMPING = Damping(least=1e-9, least_after_failure=1e-6, trials=6)
 TRUSTED = 4.0  # mean square residual over noise below which the model's resistance heats the film, not the measured one
 
@@ -237,29 +238,28 @@ class ResistanceChannel(FilmEquations):
         film). There it is the marginal likelihood.
         """
         low, high, h = self.bounds(p)
-        x = np.clip(p.x, low, high)
-        point = self.point(p, x)
+        point = self.point(p, np.clip(p.x, low, high))
         p, point = self._settled(p, point, SETTLE if settle else 0)
         damping = DAMPING.first
-        jacobian, room = np.zeros((self.record.rows, x.size)), np.zeros(x.size)
+        jacobian, room = np.zeros((self.record.rows, p.x.size)), np.zeros(p.x.size)
         nonlinear = p.nonlinear if p.has_relays else []
 
         def loss(at: Point) -> float:
             return -at.evidence if nonlinear else at.cost
 
         for iteration in range(steps):
+            if iteration % TURN == 0:
+                point = self._about_itself(p, point)
             slopes = self._slopes(p, point, (low, high, h), [] if iteration % TURN else nonlinear, jacobian)
             room = room if iteration % TURN else slopes
-            j = self.over(jacobian[self.rows])
-            residual = self._over_noise(point.shown)
-            cross = point.along(j)
-            normal = j.T @ j - cross.T @ cho_solve(point.factor, cross, check_finite=False)
-            gradient = j.T @ residual - room
+            about = self._projected(point, jacobian)
+            normal, gradient = about.normal, about.gradient - room
             held_at_bounds(normal, gradient, point.x, low, high)
             scale = np.maximum(np.diag(normal), FLAT * float(np.max(np.diag(normal))) + 1e-30)  # > 0
+            ends = np.maximum(low - point.x, -LONGEST), np.minimum(high - point.x, LONGEST)
+            step = Linearized(normal, gradient, scale, partial(self._moved, p, about), FLAT, ends)
             before, settled = loss(point), tolerance * self._misfit(point)
-            about = Linearized(normal, gradient, scale, partial(self._moved, p, point, low, high), FLAT)
-            point, damping = damped_step(point, loss, about, damping, DAMPING, PROMISED * settled)
+            point, damping = damped_step(point, loss, step, damping, DAMPING, PROMISED * settled)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
                 p = replace(p, film_output=self.film_output(p, point))
             if settle and iteration % EACH == EACH - 1:
@@ -271,18 +271,10 @@ class ResistanceChannel(FilmEquations):
         p, last = self._settled(p, point, SETTLE if settle else 0)
         # linear about the solution of other widths, the evidence of a mixing was 30 off
         point = self._about_itself(p, last) if last is not point and p.is_mixed else last
-        effects, _ = self.split(p, point.x)
-        residual = self._over_noise(point.shown)
-        return ResistanceFit(
-            replace(p, effects=tuple(effects), x=point.x),
-            point.shown,
-            self.film_output(p, point),
-            point.evidence,
-            point.coefficients,
-            jacobian.copy(),
-            0.5 * float(residual @ residual),
-            point.cost,
-        )
+        found = replace(p, effects=tuple(self.split(p, point.x)[0]), x=point.x)
+        minus_log = 0.5 * float(np.sum(self._over_noise(point.shown) ** 2))
+        output, c = self.film_output(p, point), point.coefficients
+        return ResistanceFit(found, point.shown, output, point.evidence, c, jacobian.copy(), minus_log, point.cost)
 
     def _about_itself(self, p: FilmParameters, point: Point) -> Point:
         """The point with all that is linear only about a guess taken about its own solution; itself where all is."""
@@ -294,9 +286,16 @@ class ResistanceChannel(FilmEquations):
         """How many times the noise's own variance is left, at least 1: a gain counts by what is left."""
         return max(1.0, 2.0 * point.cost / self.rows.size)
 
-    def _moved(self, p: FilmParameters, point: Point, low: Array, high: Array, move: Array) -> Point:
-        """The point after a step, within the bounds and no longer than 1 in any unknown."""
-        return self.point(p, np.clip(point.x + np.clip(move, -1.0, 1.0), low, high), point.coefficients)
+    def _moved(self, p: FilmParameters, about: Projected, move: Array) -> Point:
+        """The point after a step."""
+        return self.point(p, about.point.x + move, about.coefficients(move))
+
+    def following(self, fit: ResistanceFit) -> Callable[[Array], Array]:
+        """The coefficients that a fit's become where its x moves by so much."""
+        return self._projected(self.point_of(fit), fit.jacobian).coefficients
+
+    def _projected(self, point: Point, jacobian: Array) -> Projected:
+        return Projected.about(point, self.over(jacobian[self.rows]), self._over_noise(point.shown))
 
     def _slopes(
         self,
@@ -319,7 +318,8 @@ class ResistanceChannel(FilmEquations):
             change = self.predict(p, moved, point, relays if k < ENVELOPES else None) - base
             jacobian[:, k] = change / (moved[k] - point.x[k])
             if k in nonlinear:
-                other = self.point(p, moved, point.coefficients)
+                followed = point.nearest(point.along(self.over(change[self.rows])))
+                other = self.point(p, moved, point.coefficients - followed)
                 room[k] = (other.room - point.room) / (moved[k] - point.x[k])
         return room
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sim.diagnosis.fit.film_basis import SHAPE
+from sim.diagnosis.fit.film_basis import ENVELOPES, SHAPE
 from sim.diagnosis.fit.resistance_fit import FilmParameters, ResistanceFit
 from sim.diagnosis.search.fit_steps import RELAY_STEPS, WHOLE_STEPS
 from sim.diagnosis.search.views import View
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 WORTH: Final = 8.0  # log-likelihood that another mixing of a film's phases has to bring: noise brings it in 1 of 3000
 MUCH_LEFT: Final = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
-BEGUN: Final = (0.0, 1.0)  # percolation: in logarithms, or a medium that percolates
+# exponent and percolation: logarithms, means up to conductances and resistances, media of two and of three dimensions
+BEGUN: Final = ((0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0 / 3.0, 1.0))
 NEARLY_NOTHING: Final = 1.1  # the same, of what a mixing leaves that is all that was missing
 FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is missing
 
@@ -60,7 +61,7 @@ def _otherwise(search: ResistanceSearch, fit: ResistanceFit, most_left: float) -
     square residual over noise that it may leave."""
     if View(search.channel, fit).gain_of_mixing() < WORTH:
         return None
-    begun = [_with(fit.parameters, percolation) for percolation in BEGUN]
+    begun = [_with(fit.parameters, *mixing) for mixing in BEGUN]
     best = max(begun, key=lambda p: search.channel.point(p, p.x).evidence)
     other = search.channel.descend(best, WHOLE_STEPS)
     if other.score < fit.score + WORTH or search.channel.mean_square(other) > most_left:
@@ -70,10 +71,10 @@ def _otherwise(search: ResistanceSearch, fit: ResistanceFit, most_left: float) -
     return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
 
 
-def _with(p: FilmParameters, percolation: float) -> FilmParameters:
+def _with(p: FilmParameters, exponent: float, percolation: float) -> FilmParameters:
     """The same film with its phases mixed so."""
     x = p.x.copy()
-    x[SHAPE - 1] = percolation
+    x[ENVELOPES + 1 : SHAPE] = exponent, percolation
     return replace(p, x=x, mixes=True)
 
 

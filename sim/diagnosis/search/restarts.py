@@ -62,9 +62,10 @@ def _near(
     p, found = fit.parameters, []
     low, high, _ = channel.bounds(p)
     width = np.array([[1.0, math.exp(-p.x[k])] for k in range(0, ENVELOPES, 2)]).ravel()
+    coefficients = channel.following(fit)
     for _ in range(LOOKED_AT):
         x = p.x.copy()
         x[:ENVELOPES] += APART * width * random.standard_normal(ENVELOPES)
         begin = replace(p, x=np.clip(x, low, high))
-        found.append((channel.point(begin, begin.x, fit.coefficients).evidence, begin))
+        found.append((channel.point(begin, begin.x, coefficients(begin.x - p.x)).evidence, begin))
     return found
