@@ -185,7 +185,8 @@ def test_the_guard_dies(runs: KilledRuns) -> None:
         time.sleep(0.01)
     assert not runs.witness.on
     assert holder(runs.port)[0] is None
-    process.communicate()
+    _, err = process.communicate()
+    assert f"the guard process {process.pid} has died" in err
 
 
 def test_a_guard_that_is_suspended_ends_the_run_with_the_output_off(runs: KilledRuns) -> None:
