@@ -248,7 +248,7 @@ class ResistanceChannel(FilmEquations):
             return -at.evidence if nonlinear else at.cost
 
         for iteration in range(steps):
-            if iteration % TURN == 0:
+            if iteration % TURN == 0:  # points beside it, and their room, are linear about their own solution
                 point = self._about_itself(p, point)
             slopes = self._slopes(p, point, (low, high, h), [] if iteration % TURN else nonlinear, jacobian)
             room = room if iteration % TURN else slopes
