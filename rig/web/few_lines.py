@@ -22,10 +22,7 @@ class FewLines(logging.Filter):
         self._lines = self._left_out = 0
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the line is written. What is cut short because the bench ends is no fault; of an address that cannot
-        be had the bench process tells, with the key that says it."""
-        if isinstance(record.msg, OSError):
-            return False
+        """Whether the line is written. What is cut short because the bench ends is no fault."""
         if record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError):
             return False
         now_s = self._now_s()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import sys
 from collections.abc import Callable
@@ -37,6 +38,7 @@ async def serve(
     most = PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS
     application = _application(link, settings, listener is not None)
     server = server_of(application, settings["address"], settings["port"], most)
+    logging.getLogger("uvicorn.error").addFilter(_not_told_by_the_bench)
     telling = asyncio.create_task(tell_where(server, told)) if listener is None else None
     ending = asyncio.create_task(_end_with(link, server, ends))
     await serve_and_close(server, [listener] if listener is not None else None)
@@ -44,6 +46,11 @@ async def serve(
         telling.cancel()
     ending.cancel()
     return 0 if server.started else 1
+
+
+def _not_told_by_the_bench(record: logging.LogRecord) -> bool:
+    """Of an address that cannot be had the bench process tells, with the key that says it."""
+    return not isinstance(record.msg, OSError)
 
 
 def _application(link: BenchLink, settings: dict[str, Any], stop_alone: bool) -> Any:

@@ -14,8 +14,11 @@ from typing import Any
 import pytest
 
 from rig.daemon.web_process import WebProcess
+from rig.overview.configuration import Overview
+from rig.overview.serving import serve
 from rig.web.serving import serve_and_close, server_of
 
+BENCH = {"name": "left", "address": "http://127.0.0.1:8765"}
 MORE_THAN_A_KERNEL_KEEPS = 20_000_000  # bytes; Linux holds some megabytes of an answer between two sockets
 
 
@@ -90,3 +93,12 @@ def test_a_page_whose_address_is_taken_says_so(tmp_path: Path) -> None:
         web.stop()
     assert said[0].startswith(f"there is no page at 127.0.0.1:{port}: Address already in use")
     assert "serve.port" in said[0]
+
+
+def test_an_overview_whose_address_is_taken_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    """No bench process tells it for this one."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(SystemExit):
+            asyncio.run(serve(Overview.model_validate({"overview": {"port": port}, "bench": [BENCH]}), print))
+    assert f"('127.0.0.1', {port}): address already in use" in capsys.readouterr().err

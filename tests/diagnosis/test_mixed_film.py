@@ -65,10 +65,8 @@ def test_another_mixing_is_tried_at_last_where_much_is_left() -> None:
 def test_a_descent_ends_where_no_step_of_an_unknown_gains() -> None:
     """All columns move with a mixing: with a slope of coefficients that were not the best yet it ended 6 below."""
     search = search_of(record_of(METAL_OHM, NOISE_DEC))
-    channel, p = search.channel, search.fit(frozenset()).parameters
-    if not p.is_mixed:
-        p = replace(p, mixes=True)
-    fit = channel.descend(p, 24)
+    channel = search.channel
+    fit = channel.descend(replace(search.fit(frozenset()).parameters, mixes=True), 24)
     low, high, _ = channel.bounds(fit.parameters)
     for k in range(SHAPE):
         for step in (-0.03, -0.01, 0.01, 0.03):
