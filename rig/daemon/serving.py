@@ -17,10 +17,11 @@ from rig.daemon.configured_paths import history_folder
 from rig.daemon.control_socket import ControlSocket
 from rig.daemon.desk import Desk
 from rig.daemon.keeper import Keeper
+from rig.daemon.listening import stop_listener, why_not
 from rig.daemon.nightly import Nightly
 from rig.daemon.places import socket_to_make
 from rig.daemon.systemd import EndTold, Notifier, watchdog_s
-from rig.daemon.web_process import WebProcess, stop_listener
+from rig.daemon.web_process import WebProcess
 from rig.drivers.registry import controller_class
 from rig.files.configuration import ConfigurationFile
 from rig.guard.line import Guard
@@ -104,7 +105,7 @@ def _web_processes(file: ConfigurationFile, place: Path, desk: Desk, stack: Exit
     try:
         listener = stack.enter_context(stop_listener(table.address, table.port, table.stop_port))
     except OSError as error:
-        desk.note(f"STOP has no listener of its own (serve.stop_port): {error.strerror or error}")
+        desk.note(f"STOP has no listener of its own (serve.stop_port): {why_not(error)}")
         return pages
     desk.stop_port = int(listener.getsockname()[1])
     return [WebProcess(place, desk.note, door, listener), *pages]

@@ -15,12 +15,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from rig.daemon.listening import listening, why_not
+
 # until it is begun again, doubled each time: one that cannot live must not take the bench's processor
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 30.0
 SAME_SIGNAL_S = 0.2  # a signal to the whole process group reaches it first: nothing that anybody should be told
 LONG_LIFE_S = 60.0  # one that lived longer has not died of its start
 ENDS_S = 2.0  # it has nothing to put away; then it is killed
-CALLERS = 128  # that wait to be accepted
 
 
 class WebProcess:
@@ -65,9 +66,9 @@ class WebProcess:
         address, port = self._door
         try:
             if self._listener is None:
-                _listening(address, port).close()
+                listening(address, port).close()
         except OSError as error:
-            why = f"{address}:{port}: {error.strerror or error} (serve.address, serve.port)"
+            why = f"{address}:{port}: {why_not(error)} (serve.address, serve.port)"
             return f"there is no page at {why}: tried again until there is"
         return f"the process of the {self._name} ended with status {status} and is begun again"
 
@@ -92,19 +93,3 @@ class WebProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def stop_listener(address: str, port: int, stop_port: int | None) -> socket.socket:
-    """A listening socket for STOP: at the port that is asked for (OSError where that is taken), else at the one after
-    the page's, or at any where that is taken."""
-    if stop_port is not None:
-        return _listening(address, stop_port)
-    try:
-        return _listening(address, port + 1 if 0 < port < 65535 else 0)
-    except OSError:
-        return _listening(address, 0)
-
-
-def _listening(address: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    return socket.create_server((address, port), family=family, backlog=CALLERS)

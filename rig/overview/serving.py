@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from collections.abc import Callable
 
+from rig.daemon.listening import listening, why_not
 from rig.overview.app import application
 from rig.overview.configuration import Overview
 from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of, tell_where
 
 
 async def serve(content: Overview, told: Callable[[str], None]) -> int:
-    """Serve the overview. told: given the page's address when it is there."""
+    """Serve the overview. told: given the page's address when it is there. 1 where its
+    address cannot be had."""
     table = content.overview
-    server = server_of(application(content), table.address, table.port, PAGE_CONNECTIONS)
-    telling = asyncio.create_task(tell_where(server, told))
-    await serve_and_close(server)
+    server = server_of(application(content), PAGE_CONNECTIONS)
+    try:
+        listener = listening(table.address, table.port)
+    except OSError as error:
+        why = f"{table.address}:{table.port}: {why_not(error)} (overview.address, overview.port)"
+        print(f"peltier overview: there is no page at {why}", file=sys.stderr)
+        return 1
+    telling = asyncio.create_task(tell_where(server, listener, told))
+    await serve_and_close(server, listener)
     telling.cancel()
     return 0 if server.started else 1

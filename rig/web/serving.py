@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import socket
 import sys
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from typing import Any
 import uvicorn
 
 from rig.daemon.client import Client, NoDaemon
+from rig.daemon.listening import listening
 from rig.web.bench_link import BenchLink
 from rig.web.connections import bounded
 from rig.web.few_lines import quieten
@@ -37,20 +37,20 @@ async def serve(
     link = BenchLink(place)
     most = PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS
     application = _application(link, settings, listener is not None)
-    server = server_of(application, settings["address"], settings["port"], most)
-    logging.getLogger("uvicorn.error").addFilter(_not_told_by_the_bench)
-    telling = asyncio.create_task(tell_where(server, told)) if listener is None else None
+    server = server_of(application, most)
+    telling = None
+    if listener is None:
+        try:
+            listener = listening(settings["address"], settings["port"])
+        except OSError:  # the bench process tells it, with the key
+            return 1
+        telling = asyncio.create_task(tell_where(server, listener, told))
     ending = asyncio.create_task(_end_with(link, server, ends))
-    await serve_and_close(server, [listener] if listener is not None else None)
+    await serve_and_close(server, listener)
     if telling is not None:
         telling.cancel()
     ending.cancel()
     return 0 if server.started else 1
-
-
-def _not_told_by_the_bench(record: logging.LogRecord) -> bool:
-    """Of an address that cannot be had the bench process tells, with the key that says it."""
-    return not isinstance(record.msg, OSError)
 
 
 def _application(link: BenchLink, settings: dict[str, Any], stop_alone: bool) -> Any:
@@ -64,12 +64,10 @@ def _application(link: BenchLink, settings: dict[str, Any], stop_alone: bool) ->
     return application(link, settings)
 
 
-def server_of(application: Any, address: str, port: int, most: int) -> uvicorn.Server:
+def server_of(application: Any, most: int) -> uvicorn.Server:
     """A server with bounds on all that callers can make it keep. most: connections at a time."""
     config = uvicorn.Config(
         application,
-        host=address,
-        port=port,
         log_level="warning",
         access_log=False,
         server_header=False,
@@ -83,23 +81,21 @@ def server_of(application: Any, address: str, port: int, most: int) -> uvicorn.S
     return uvicorn.Server(config)
 
 
-async def serve_and_close(server: uvicorn.Server, listeners: list[socket.socket] | None = None) -> None:
+async def serve_and_close(server: uvicorn.Server, listener: socket.socket) -> None:
     """Serve until the server is told to end. What a caller still has open after uvicorn's grace, uvicorn leaves to the
     interpreter's end; here it is closed."""
-    await server.serve(listeners)
+    await server.serve([listener])
     for connection in list(server.server_state.connections):
         connection.transport.abort()
     await asyncio.sleep(0)  # each one's end is told in the event loop's next turn
 
 
-async def tell_where(server: uvicorn.Server, told: Callable[[str], None]) -> None:
+async def tell_where(server: uvicorn.Server, listener: socket.socket, told: Callable[[str], None]) -> None:
     """Tell the page's address as soon as it is there."""
+    address, port = listener.getsockname()[:2]
     while not server.started:
         await asyncio.sleep(0.02)
-    for listening in server.servers:
-        for one in listening.sockets:
-            address, port = one.getsockname()[:2]
-            told(f"http://[{address}]:{port}/" if ":" in address else f"http://{address}:{port}/")
+    told(f"http://[{address}]:{port}/" if ":" in address else f"http://{address}:{port}/")
 
 
 async def _end_with(link: BenchLink, server: uvicorn.Server, ends: Callable[[], None]) -> None:

@@ -35,8 +35,8 @@ async def long_answer(scope: Any, receive: Any, send: Any) -> None:
 
 def test_a_caller_that_takes_no_answer_is_closed_at_the_end() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener, socket.socket() as caller:
-        server = server_of(long_answer, "127.0.0.1", 0, 5)
-        thread = threading.Thread(target=lambda: asyncio.run(serve_and_close(server, [listener])))
+        server = server_of(long_answer, 5)
+        thread = threading.Thread(target=lambda: asyncio.run(serve_and_close(server, listener)))
         thread.start()
         caller.connect(listener.getsockname())
         caller.sendall(b"GET / HTTP/1.1\r\nHost: bench\r\n\r\n")
@@ -91,14 +91,16 @@ def test_a_page_whose_address_is_taken_says_so(tmp_path: Path) -> None:
         web.start()
         assert told.wait(30.0)
         web.stop()
-    assert said[0].startswith(f"there is no page at 127.0.0.1:{port}: Address already in use")
-    assert "serve.port" in said[0]
+    assert said[0].startswith(
+        f"there is no page at 127.0.0.1:{port}: Address already in use (serve.address, serve.port)"
+    )
 
 
 def test_an_overview_whose_address_is_taken_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     """No bench process tells it for this one."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(SystemExit):
-            asyncio.run(serve(Overview.model_validate({"overview": {"port": port}, "bench": [BENCH]}), print))
-    assert f"('127.0.0.1', {port}): address already in use" in capsys.readouterr().err
+        content = Overview.model_validate({"overview": {"port": port}, "bench": [BENCH]})
+        assert asyncio.run(serve(content, print)) == 1
+    why = "Address already in use (overview.address, overview.port)"
+    assert capsys.readouterr().err == f"peltier overview: there is no page at 127.0.0.1:{port}: {why}\n"

@@ -11,6 +11,7 @@ import argparse
 import asyncio
 import contextlib
 import json
+import socket
 import threading
 import time
 import tomllib
@@ -308,12 +309,13 @@ class Server:
     """A bench served from a thread."""
 
     def __init__(self, bench: FakeBench, port: int = 0) -> None:
-        settings = uvicorn.Config(
-            bench.application(), "127.0.0.1", port, log_level="warning", ws="none", timeout_graceful_shutdown=1
-        )
+        settings = uvicorn.Config(bench.application(), log_level="warning", ws="none", timeout_graceful_shutdown=1)
+        listener = socket.create_server(("127.0.0.1", port))
         self.bench = bench
         self._server = uvicorn.Server(settings)
-        self._thread = threading.Thread(target=lambda: asyncio.run(serve_and_close(self._server)), daemon=True)
+        self._thread = threading.Thread(
+            target=lambda: asyncio.run(serve_and_close(self._server, listener)), daemon=True
+        )
         self._thread.start()
         deadline_s = time.monotonic() + 10
         while not self._server.started and time.monotonic() < deadline_s:
