@@ -202,7 +202,7 @@ def main() -> int:
             good &= float(np.median(over)) <= asked.median and max(over) <= asked.most
             limit = f" (asked {asked.overshoot_dec:g})" if asked.overshoot_dec is not None else ""
             median = float(np.median(rows.overshoot_dec))
-            print(f"{kind:8s} {len(over)} steps: overshoot median {median:.4f}, largest {most:.4f} decades{limit}")
+            print(f"{kind:8s} {len(over)} steps: overshoot median {median:.4f}, largest {most:.5f} decades{limit}")
             times = f"after {np.median(rows.settled_s):.1f} s (median), {max(rows.settled_s):.1f} s (most)"
             print(
                 f"{'':8s} within {WITHIN_DEC:g} decades {times}; over the fastest plan {np.median(over):.2f} (asked ",

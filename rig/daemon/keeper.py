@@ -28,7 +28,7 @@ from rig.daemon.worker import Worker
 from rig.drivers.controller import TemperatureController
 from rig.drivers.heater_drive import drive_unit
 from rig.files.configuration import ConfigurationFile
-from rig.guard.line import UNGUARDED, Guard
+from rig.guard.line import UNGUARDED, Guard, say_who_died
 from rig.safety.signals import SignalStop
 from rig.safety.switching_off import BY_ITS_DEAD_MAN, MARGIN_S, confirmed_by, looks_off
 
@@ -72,6 +72,7 @@ class Keeper:
                     self._wait_to_try_again()
                     self._see_whether_to_end()
             except Stopped as stopped:
+                say_who_died(self._guard, stopped)
                 if text := self._why_not_off():
                     raise NotConfirmedOff(text) from stopped
                 raise

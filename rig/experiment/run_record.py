@@ -25,7 +25,7 @@ from rig.drivers.heater_drive import drive_unit
 from rig.drivers.meter import LOG_RESISTANCE
 from rig.files.configuration import ConfigurationFile
 from rig.files.run_folder import RunFolder, plain_json
-from rig.guard.line import GuardGone
+from rig.guard.line import say_who_died
 from rig.safety.after_off import NO_VOICE, looked_at
 from rig.safety.interlock import Limits
 from rig.safety.signals import SignalStop
@@ -87,7 +87,7 @@ def recorded(
         if isinstance(error, Tripped):
             loop.tripped = error
         if isinstance(error, Stopped):
-            _say_who_died(bench, error)
+            say_who_died(bench.guard, error)
         ended_s = loop.elapsed_s()
         try:
             if not isinstance(error, NotConfirmedOff):
@@ -150,14 +150,6 @@ def _look_after_off(
         output.confirmed = False
         bench.guard.given_up()
         raise NotConfirmedOff(look.text) from error
-
-
-def _say_who_died(bench: Bench, stopped: Stopped) -> None:
-    """A signal may be the kernel's own, since the guard is dead."""
-    try:
-        bench.guard.alive()
-    except GuardGone as gone:
-        stopped.add_note(str(gone))
 
 
 def _note(error: BaseException, what: str, problem: Exception) -> None:

@@ -30,7 +30,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from rig.core.outcome import Outcome
+from rig.core.outcome import Outcome, Stopped
 from rig.guard.last_breath import LastBreath
 from rig.guard.suspended import SuspendedWatch
 
@@ -45,6 +45,14 @@ WHOLE: Final = int(getattr(select, "PIPE_BUF", 512))  # bytes that a pipe takes 
 
 class GuardGone(Outcome):
     """The guard process has died: without it nothing goes on."""
+
+
+def say_who_died(guard: Guard, stopped: Stopped) -> None:
+    """A signal may be the kernel's own, since the guard is dead: then it says so."""
+    try:
+        guard.alive()
+    except GuardGone as gone:
+        stopped.add_note(str(gone))
 
 
 class Guard(Protocol):

@@ -189,6 +189,20 @@ def test_the_guard_dies(runs: KilledRuns) -> None:
     assert f"the guard process {process.pid} has died" in err
 
 
+def test_the_guard_of_a_daemon_dies(runs: KilledRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    path = tmp_path / "daemon.toml"
+    path.write_text(runs.path.read_text() + "[serve]\nport = 0\n")
+    command = [sys.executable, "-m", "rig", "serve", str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("page ")
+        process.kill()
+        _, err = process.communicate()
+    assert f"the guard process {process.pid} has died" in err
+    assert holder(runs.port)[0] is None
+
+
 def test_a_guard_that_is_suspended_ends_the_run_with_the_output_off(runs: KilledRuns) -> None:
     process = runs.start()
     process.send_signal(signal.SIGSTOP)
