@@ -77,8 +77,9 @@ def behind_the_instruments(made: Callable[[float], Any]) -> Iterator[list[Any]]:
 
 
 @contextlib.contextmanager
-def noted_phase(is_it: Callable[[str], bool], now: Callable[[], float]) -> Iterator[list[float]]:
-    """When the phases began whose name is the one asked for."""
+def noted_phase(is_it: Callable[[str], bool]) -> Iterator[list[float]]:
+    """When the phases began whose name is the one asked for, by the loop's clock: a plant is behind it, for it is moved
+    when somebody asks for it."""
     from rig.control.loop import Loop
 
     begin_s: list[float] = []
@@ -86,7 +87,7 @@ def noted_phase(is_it: Callable[[str], bool], now: Callable[[], float]) -> Itera
 
     def noting(self: Loop, name: str, *rest: Any) -> None:
         if is_it(name):
-            begin_s.append(now())
+            begin_s.append(self.bench.clock.now_s())
         whole(self, name, *rest)
 
     Loop._phase = noting  # type: ignore[method-assign]

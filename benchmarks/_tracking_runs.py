@@ -226,7 +226,7 @@ class Bench:
         path.write_text(configuration(film, run, model))
         with (
             behind_the_instruments(lambda start_s: plant_of(film, run, start_s)) as self.plants,
-            noted_phase(lambda name: name in ("track", "profile"), lambda: self.plants[-1].time_s) as self.begin_s,
+            noted_phase(lambda name: name in ("track", "profile")) as self.begin_s,
             contextlib.redirect_stderr(said),
             contextlib.redirect_stdout(io.StringIO()),
         ):

@@ -88,7 +88,7 @@ class Rig:
         path.write_text(text.replace("[experiment]", "meter_current_A = 1e-4\n[experiment]"))
         err = io.StringIO()
         with self._plants() as plants:
-            note = noted_phase(lambda name: name == "track", lambda: float(plants[-1].time_s))
+            note = noted_phase(lambda name: name == "track")
             with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()), note as begin_s:
                 status = main([verb, str(path), "--out", str(self.folder / out)])
             if status:

@@ -7,8 +7,8 @@ runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s 
 model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings, as
 late as they reach the film: half a period, the readings' age, and the delay. The predictor is a Kalman filter for a
 random walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is about the
-least that a law can leave which corrects this model so; plate and turning points cost nothing in it. Errors are RMS, and
-in brackets the largest: the predictor's own largest, which another predictor might trade for a larger RMS.
+least that a law can leave which corrects this model so; plate and turning points cost nothing in it. Errors are RMS,
+and in brackets the largest: the predictor's own largest, which another predictor might trade for a larger RMS.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def main() -> int:
     parser.add_argument("--film", choices=sorted(FILMS), default="outside")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    print("RMS (largest) error in n = 0.002 decades: the law, and the least that a correction so late leaves of the model")
+    print("RMS (largest) error in n = 0.002 decades: the law, and the least that so late a correction leaves")
     cases = [(options.film, seed) for seed in range(options.first, options.first + options.seeds)]
     ratios = []
     with ProcessPoolExecutor(options.workers) as pool:

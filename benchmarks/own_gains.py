@@ -73,7 +73,7 @@ def tracked(case: tuple[str, int, str, float]) -> dict[str, Any]:
                 if what == TUNED:
                     path.write_text(text + own_gains(path))
                 verb = "calibrate" if what == "calibrate" else "run"
-                with noted_phase(lambda n: n == "track", lambda: float(plants[-1].time_s)) as begin_s:
+                with noted_phase(lambda n: n == "track") as begin_s:
                     status = main([verb, str(path), "--out", str(folder / what.replace(" ", "_"))])
                 if status:
                     found["text"] = f"{what}: {err.getvalue()[-300:]}"

@@ -121,7 +121,7 @@ def broken_run(case: tuple[str, bool, bool, int]) -> dict[str, Any]:
     err = io.StringIO()
     with (
         behind_the_instruments(lambda start_s: WatchedPlant(rig_, seed, start_s, fault or None, breaks)) as plants,
-        noted_phase(lambda name: name != "polarity", lambda: float(plants[-1].time_s)) as phase_s,
+        noted_phase(lambda name: name != "polarity") as phase_s,
         contextlib.redirect_stderr(err),
         contextlib.redirect_stdout(io.StringIO()),
     ):
