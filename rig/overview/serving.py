@@ -13,8 +13,7 @@ from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of, tell_w
 
 
 async def serve(content: Overview, told: Callable[[str], None]) -> int:
-    """Serve the overview. told: given the page's address when it is there. 1 where its
-    address cannot be had."""
+    """Serve the overview; 1 where its address cannot be had. told: given that address when the page is there."""
     table = content.overview
     server = server_of(application(content), PAGE_CONNECTIONS)
     try:
