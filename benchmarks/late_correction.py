@@ -1,6 +1,6 @@
 """What a driver's delay costs on a film that no model tells exactly, whatever the law: corrections come that much late.
 
-    ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class]
+    ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class] [--readings 1|2]
 
 Plate, films, target and noise are those of `benchmark tracking`. For each film the rig is calibrated, and the full law
 runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s that it knows exactly. What the film
@@ -9,6 +9,7 @@ late as they reach the film: half a period, the readings' age, and the delay. Th
 random walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is about the
 least that a law can leave which corrects this model so; plate and turning points cost nothing in it. Errors are RMS,
 and in brackets the largest: the predictor's own largest, which another predictor might trade for a larger RMS.
+--readings: of the ohmmeter in a period, as the predictor has them; the law beside it has one.
 """
 
 from __future__ import annotations
@@ -57,10 +58,12 @@ LENGTH_DEC = 0.05
 NOISES = 3  # drawn, and averaged over
 
 
-def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float) -> tuple[float, float]:
-    """RMS and largest (n) of the model's error `off` that the best of the predictors leaves, from readings that are
-    late_s old: the best of the RMS, and that one's largest; means over the noises drawn."""
-    late, every = round(late_s / STEP_S), round(PERIOD_S / STEP_S)
+def predicted(
+    true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float, a_period: int
+) -> tuple[float, float]:
+    """RMS and largest (n) of the model's error `off` that the best of the predictors leaves, from so many readings a
+    period that are late_s old: the best of the RMS, and that one's largest; means over the noises drawn."""
+    late, every = round(late_s / STEP_S), round(PERIOD_S / a_period / STEP_S)
     moved = np.abs(np.diff(true_log_ohm, prepend=true_log_ohm[0]))
     chance = np.random.default_rng(0)
     readings = [off + chance.normal(0.0, NOISE_DEC, off.size) for _ in range(NOISES)]
@@ -96,9 +99,9 @@ def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.nda
 Errors = tuple[float, float]  # RMS and largest, in n
 
 
-def measured(case: tuple[str, int]) -> dict[float, tuple[Errors, Errors]]:
+def measured(case: tuple[str, int, int]) -> dict[float, tuple[Errors, Errors]]:
     """(Of the law, of the best predictor) by the delay (s), on one film."""
-    kind, seed = case
+    kind, seed, a_period = case
     film, folder = Film(kind, seed, ()), Path(tempfile.mkdtemp(prefix="late-"))
     (folder / "target.csv").write_text("time_s,target_ohm\n0,1e4\n1,1e4\n")
     try:
@@ -115,13 +118,22 @@ def measured(case: tuple[str, int]) -> dict[float, tuple[Errors, Errors]]:
     found = {}
     for delay_s in (0.0, DELAY_S):
         effects = [switched(DELAY, {"delay_s": delay_s})] if delay_s else []
-        found[delay_s] = _on_one_delay(film, replace(model, effects=()), content, effects, delay_s, times, values)
+        found[delay_s] = _on_one_delay(
+            film, replace(model, effects=()), content, effects, delay_s, times, values, a_period
+        )
     return found
 
 
 def _on_one_delay(
-    film: Film, model: Any, content: Any, effects: Any, delay_s: float, times: list[float], values: list[float]
-) -> tuple[float, float]:
+    film: Film,
+    model: Any,
+    content: Any,
+    effects: Any,
+    delay_s: float,
+    times: list[float],
+    values: list[float],
+    a_period: int,
+) -> tuple[Errors, Errors]:
     observer = chain_observer(effects, model.plate, model.film, PERIOD_S)
     law, _ = law_and_design("full", content, model.film, model.plate, observer)
     plant = EffectPlant(NOMINAL, FILMS[film.kind](film.seed), film.seed, 0.0, Hidden(delay_s=delay_s))
@@ -129,7 +141,7 @@ def _on_one_delay(
     driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
     grid, true_log_ohm, off = model_error(model.film, plant)
     used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
-    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
+    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S), a_period)
     return error(plant, SETTLE_S, times, values), least
 
 
@@ -143,13 +155,14 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first", type=int, default=10)
     parser.add_argument("--film", choices=sorted(FILMS), default="outside")
+    parser.add_argument("--readings", type=int, choices=[1, 2], default=1)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     print("RMS (largest) error in n = 0.002 decades: the law, and the least that so late a correction leaves")
-    cases = [(options.film, seed) for seed in range(options.first, options.first + options.seeds)]
+    cases = [(options.film, seed, options.readings) for seed in range(options.first, options.first + options.seeds)]
     ratios = []
     with ProcessPoolExecutor(options.workers) as pool:
-        for (kind, seed), found in zip(cases, pool.map(measured, cases), strict=True):
+        for (kind, seed, _), found in zip(cases, pool.map(measured, cases), strict=True):
             (law, least), (late_law, late_least) = found[0.0], found[DELAY_S]
             ratios.append((late_law[0] / law[0], late_least[0] / law[0]))
             print(f"{kind} {seed}: no delay {told(law)}, least {told(least)}; ", end="")
