@@ -56,13 +56,12 @@ STEP_S = 0.05  # of the courses that are compared: half a period
 WALKS = np.geomspace(1e-6, 3e-3, 25)  # variance (decades^2) along `LENGTH_DEC`, tried: errors of 0.001 to 0.05 decades
 LENGTH_DEC = 0.05
 NOISES = 3  # drawn, and averaged over
+Errors = tuple[float, float]  # RMS and largest, in n
 
 
-def predicted(
-    true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float, a_period: int
-) -> tuple[float, float]:
-    """RMS and largest (n) of the model's error `off` that the best of the predictors leaves, from so many readings a
-    period that are late_s old: the best of the RMS, and that one's largest; means over the noises drawn."""
+def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float, a_period: int) -> Errors:
+    """What the best of the predictors leaves of the model's error `off`, from so many readings a period that are late_s
+    old: least in its RMS, and that one's largest; means over the noises drawn."""
     late, every = round(late_s / STEP_S), round(PERIOD_S / a_period / STEP_S)
     moved = np.abs(np.diff(true_log_ohm, prepend=true_log_ohm[0]))
     chance = np.random.default_rng(0)
@@ -74,7 +73,7 @@ def predicted(
 
 def _left(
     reading: np.ndarray, off: np.ndarray, used: np.ndarray, moved: np.ndarray, walk: float, late: int, every: int
-) -> tuple[float, float]:
+) -> Errors:
     known, doubt, estimate = reading[0], NOISE_DEC**2, np.empty(off.size)
     for k in range(off.size):
         doubt += walk * moved[k] / LENGTH_DEC
@@ -94,9 +93,6 @@ def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.nda
     off = log_ohm + film.simulate(degC, memory)[0]
     grid = np.arange(float(time[0]), float(time[-1]), STEP_S)
     return grid, np.interp(grid, time, log_ohm), np.interp(grid, time, off)
-
-
-Errors = tuple[float, float]  # RMS and largest, in n
 
 
 def measured(case: tuple[str, int, int]) -> dict[float, tuple[Errors, Errors]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 from collections.abc import Callable
 
 from rig.daemon.listening import listening, why_not
 from rig.overview.app import application
 from rig.overview.configuration import Overview
-from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of, tell_where
+from rig.web.serving import PAGE_CONNECTIONS, serve_and_close, server_of
 
 
 async def serve(content: Overview, told: Callable[[str], None]) -> int:
@@ -22,7 +21,5 @@ async def serve(content: Overview, told: Callable[[str], None]) -> int:
         why = f"{table.address}:{table.port}: {why_not(error)} (overview.address, overview.port)"
         print(f"peltier overview: there is no page at {why}", file=sys.stderr)
         return 1
-    telling = asyncio.create_task(tell_where(server, listener, told))
-    await serve_and_close(server, listener)
-    telling.cancel()
+    await serve_and_close(server, listener, told)
     return 0 if server.started else 1

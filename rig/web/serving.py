@@ -38,17 +38,12 @@ async def serve(
     most = PAGE_CONNECTIONS if listener is None else STOP_CONNECTIONS
     application = _application(link, settings, listener is not None)
     server = server_of(application, most)
-    telling = None
-    if listener is None:
-        try:
-            listener = listening(settings["address"], settings["port"])
-        except OSError:  # the bench process tells it, with the key
-            return 1
-        telling = asyncio.create_task(tell_where(server, listener, told))
+    try:
+        door = listener or listening(settings["address"], settings["port"])
+    except OSError:  # the bench process tells it, with the key
+        return 1
     ending = asyncio.create_task(_end_with(link, server, ends))
-    await serve_and_close(server, listener)
-    if telling is not None:
-        telling.cancel()
+    await serve_and_close(server, door, told if listener is None else None)
     ending.cancel()
     return 0 if server.started else 1
 
@@ -81,16 +76,21 @@ def server_of(application: Any, most: int) -> uvicorn.Server:
     return uvicorn.Server(config)
 
 
-async def serve_and_close(server: uvicorn.Server, listener: socket.socket) -> None:
-    """Serve until the server is told to end. What a caller still has open after uvicorn's grace, uvicorn leaves to the
-    interpreter's end; here it is closed."""
+async def serve_and_close(
+    server: uvicorn.Server, listener: socket.socket, told: Callable[[str], None] | None = None
+) -> None:
+    """Serve until the server is told to end. told: given the page's address when it is there. What a caller still has
+    open after uvicorn's grace, uvicorn leaves to the interpreter's end; here it is closed."""
+    telling = asyncio.create_task(_tell_where(server, listener, told)) if told is not None else None
     await server.serve([listener])
+    if telling is not None:
+        telling.cancel()
     for connection in list(server.server_state.connections):
         connection.transport.abort()
     await asyncio.sleep(0)  # each one's end is told in the event loop's next turn
 
 
-async def tell_where(server: uvicorn.Server, listener: socket.socket, told: Callable[[str], None]) -> None:
+async def _tell_where(server: uvicorn.Server, listener: socket.socket, told: Callable[[str], None]) -> None:
     """Tell the page's address as soon as it is there."""
     address, port = listener.getsockname()[:2]
     while not server.started:
