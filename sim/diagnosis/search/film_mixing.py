@@ -25,6 +25,7 @@ WORTH: Final = 8.0  # log-likelihood that another mixing of a film's phases has 
 MUCH_LEFT: Final = 1.5  # mean square residual over noise above which an effect that is missing looks like a mixing
 # exponent and percolation: logarithms, means up to conductances and resistances, media of two and of three dimensions
 BEGUN: Final = ((0.0, 0.0), (-0.5, 0.0), (0.5, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (-1.0 / 3.0, 1.0))
+BEGUN_ANEW: Final = 3  # descents, at the most: the first gains most
 NEARLY_NOTHING: Final = 1.1  # the same, of what a mixing leaves that is all that was missing
 FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is missing
 
@@ -68,7 +69,19 @@ def _otherwise(search: ResistanceSearch, fit: ResistanceFit, most_left: float) -
         return None
     if other.score < _bent(search, fit) + WORTH:
         return None
+    other = _to_its_end(search, other)
     return replace(other, plain=replace(fit.without_relays, mixes=True))  # with relays again, it mixes again
+
+
+def _to_its_end(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
+    """The fit, descended from anew as long as that gains: the coefficients that a descent takes along with it can hold
+    it 60 of log-likelihood below its minimum, and a new one looks for them from the beginning."""
+    for _ in range(BEGUN_ANEW):
+        further = search.channel.descend(fit.parameters, WHOLE_STEPS)
+        if further.score < fit.score + WORTH:
+            break
+        fit = further
+    return fit
 
 
 def _with(p: FilmParameters, exponent: float, percolation: float) -> FilmParameters:
