@@ -110,12 +110,13 @@ def _store(typingctx: Any, numbers: Any, array: Any) -> Any:
     return types.void(numbers, array), store
 
 
-_stored: Callable[[Any, Array], None] = cast(Any, _store)
+stored: Callable[[Any, Array], None] = cast(Any, _store)
+"""A tuple's numbers into an array that has room for them, a row of another as well; for compiled loops."""
 
 
 @njit(cache=True)
 def packed(numbers: Any, count: int) -> Array:
     """A new array of a tuple's count numbers; for compiled loops."""
     array = np.empty(count)
-    _stored(numbers, array)
+    stored(numbers, array)
     return array

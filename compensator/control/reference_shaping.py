@@ -237,8 +237,10 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     envelopes, radii, _, _, _ = film.model
     before = play.output_of(film.model, film.degC, film.plays)
     best, cheapest, best_output = now, math.inf, before
-    choices = 1 if np.array_equal(wanted, departures) else DEPARTURES  # all the same where nothing has to leave early
-    for choice in range(LEADS if lagging else choices):
+    choices = LEADS if lagging else DEPARTURES
+    if not lagging and np.array_equal(wanted, departures):  # nothing has to leave early: all courses are the same one
+        choices, count = 1, 1
+    for choice in range(choices):
         share = 0.0 if lagging else choice / (DEPARTURES - 1.0)
         lead = lead_of(choice, reach) if lagging else 0
         memory = film.plays.copy()

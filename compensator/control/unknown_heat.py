@@ -34,7 +34,7 @@ import numpy as np
 from numba import njit
 
 from compensator.control.estimate import TINY, Estimate, learned_noise, less_likely
-from compensator.control.packing import flattener, packed, unpacked
+from compensator.control.packing import flattener, stored, unpacked
 from compensator.hysteresis.functions import Array
 
 UNSTEADY_K_PER_S2: Final = 1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3  # w, of an exact plate, to one that is off by a fifth
@@ -212,8 +212,9 @@ def weighed(heats: Array, period_s: float) -> Array:
         for k in range(first, last):
             heats[k, WEIGHT] = kept * (heats[k, WEIGHT] - best)
             faded += math.exp(heats[k, WEIGHT])
+        lag = math.log((whole + LEAST_LIKELY) / faded)
         for k in range(first, last):
-            heats[k, WEIGHT] += math.log((whole + LEAST_LIKELY) / faded)
+            heats[k, WEIGHT] += lag
         first = last
     return likely
 
@@ -240,9 +241,7 @@ def corrected_temperature(
         now = passed(before, by)
         moved = told.shown_degC - told.shown_before_degC + now.thermometer_K - before.thermometer_K
         since_K = moved * acts_after_s / period_s
-        row = packed(corrected(now, reading_degC + since_K - told.shown_degC, noise.variance), HEAT)
-        for j in range(HEAT):  # a whole row at once would compile numpy's broadcasting, 8 s
-            after[k, j] = row[j]
+        stored(corrected(now, reading_degC + since_K - told.shown_degC, noise.variance), after[k])
     likely, s, p, d, e = weighed(after, period_s), 0.0, 0.0, 0.0, 0.0
     for k in range(likely.size):
         s += likely[k] * after[k, OVER]
