@@ -11,7 +11,9 @@ import re
 from math import isnan, nan
 from typing import ClassVar, Protocol
 
+from rig.core.errors import Refused
 from rig.core.reading import Quality, Reading
+from rig.drivers.averaging import Averaging
 from rig.drivers.formula import Formula, formula
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, Meter
@@ -63,6 +65,13 @@ class FormulaMeter:
     def configure(self, four_wire: bool, nplc: float, max_test_current_A: float) -> None:
         """DC volts in the given range, with this integration time; wires and test current do not matter."""
         self.meter.configure_voltage(nplc, self._range_V)
+
+    def average(self, averaging: Averaging) -> None:
+        """Every reading is the formula of such a mean of voltages. Refused by a meter that has no filter."""
+        average = getattr(self.meter, "average", None)
+        if average is None:
+            raise Refused(None, "the meter does not average its readings itself")
+        average(averaging)
 
     def start_reading(self) -> None:
         """Begin a reading."""

@@ -29,6 +29,7 @@ class Keithley2000Meter(ScpiMeter):
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=19200)
     NAME: ClassVar[str] = "Keithley 2000"
+    AVERAGE: ClassVar[str] = ":SENS:{function}:AVER"
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     VOLTS: ClassVar[str] = "VOLT:DC"
     QUOTE: ClassVar[str] = "'"

@@ -41,6 +41,7 @@ class Keithley2400Meter(ScpiMeter):
 
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=57600)
     NAME: ClassVar[str] = "Keithley 2400"
+    AVERAGE: ClassVar[str] = ":SENS:AVER"
     TEST_CURRENTS_A: ClassVar[Mapping[float, float]] = TEST_CURRENTS_A
     FIRST_RANGE_OHM: ClassVar[float] = 2e5
     VOLTAGE_RANGES_V: ClassVar[Sequence[float]] = (0.2, 2.0, 20.0, 200.0)

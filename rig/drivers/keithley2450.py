@@ -32,6 +32,7 @@ class Keithley2450Meter(Keithley2400Meter):
     LINE: ClassVar[LineSettings] = LineSettings(baudrate=115200)  # no line of its own has a baud rate
     LINK: ClassVar[Mapping[str, Any]] = MappingProxyType({"end": b"\n", "abort": b""})
     NAME: ClassVar[str] = "Keithley 2450"
+    AVERAGE: ClassVar[str] = ":SENS:{function}:AVER"
     READ: ClassVar[str] = f":READ? {ELEMENTS};:FETC? {ELEMENTS}"
     NUMBER: ClassVar[re.Pattern[str]] = re.compile(r"[+-]?\d\.\d{4,10}E[+-]\d\d")
 

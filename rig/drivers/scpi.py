@@ -28,6 +28,7 @@ RESYNCHRONISATIONS = 3  # one may meet the same disturbance again; after three t
 # until an answer begins, where a driver says nothing else: meters answer within 50 ms unless they measure
 ANSWER_S = 0.5
 LONGEST_ANSWER = 100  # characters, for the time that they take
+LOOK_S = 0.005  # that is looked for an answer whose time has passed while nobody asked: it may be there long since
 TOKEN = re.compile(rb"\s*\+?0*(\d{1,3})\s*")
 ERROR = re.compile(r'(?:.*;)?\s*([+-]?\d+)\s*,\s*(?:"([^"]*)"|([^";]*))\s*')  # some write semicolons into the text
 
@@ -77,6 +78,10 @@ class ScpiLink:
         """Something was wrong with an answer: resynchronise before the next question."""
         self._in_doubt = True
 
+    def forget(self) -> None:
+        """Nobody waits for the answer of a question that is under way; the next question brings the line in step."""
+        self._pending = False  # in doubt it has been since that question was sent
+
     def start(self, message: str, answer_s: float | None = None, trials: int = RESYNCHRONISATIONS) -> None:
         """Send a message with a question; `finish` brings the answer within `answer_s` from now.
 
@@ -96,7 +101,7 @@ class ScpiLink:
         if not self._pending:
             raise OutOfStep("there is no question to be answered")
         self._pending = False
-        line = self._receive_answer(self._deadline_s)
+        line = self._receive_answer(max(self._deadline_s, self.transport.clock.now_s() + LOOK_S))
         answer, _, token = line.rpartition(b";")
         if token != self._expected and not _is_token(token, self._expected):
             if not token.strip().isdigit() or not answer:

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 from rig.core.errors import Corrupt, OutOfStep, Refused
 from rig.core.reading import Quality, Reading
 from rig.drivers.asked_again import asked_again
+from rig.drivers.averaging import Averaging
 from rig.drivers.confirmed import confirmed
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, resistance_reading, voltage_reading
@@ -41,7 +42,7 @@ class ScpiMeter:
     line: settings that the port was opened with. test_currents_A: full scale, ohm -> test current, A.
     first_range_ohm: where ranging begins. What is None is as the class says: LINK, how it is spoken to; OVERRANGE: of
     full scale, what a range still shows; VOLTS: its name for DC volts; READ: the two questions of a reading; NUMBER:
-    how a reading is written.
+    how a reading is written; AVERAGE: header of its filter, with its {function}; empty: it has none.
     """
 
     LINE: ClassVar[LineSettings]
@@ -55,6 +56,7 @@ class ScpiMeter:
     QUOTE: ClassVar[str] = '"'
     READ: ClassVar[str] = ":READ?;:FETC?"
     SENSE: ClassVar[str] = ":SENS:"
+    AVERAGE: ClassVar[str] = ""
     NUMBER: ClassVar[re.Pattern[str]] = re.compile(r"[+-]\d\.\d{4,10}E[+-]\d\d")
 
     def __init__(
@@ -86,6 +88,7 @@ class ScpiMeter:
         self._function = ""
         self._four_wire = True
         self._nplc = nan
+        self.averaging = Averaging()
         self.most_test_current_A = nan  # that `configure` allowed
         self.test_current_on_s = nan  # since when that of the range in use has been on
         self._message = ""
@@ -223,6 +226,19 @@ class ScpiMeter:
             self._ranges = []  # half configured is not configured
             raise
 
+    @asked_again
+    def average(self, averaging: Averaging) -> None:
+        """Every reading is from now on such a mean. Refused where the meter has no filter for that, or reads back
+        another: readings are single ones then."""
+        self.averaging = Averaging()
+        if not self.AVERAGE or not self._ranges:
+            raise Refused(None, f"{self.NAME}: no filter that averages, or not configured yet")
+        averaging.apply(self.link, self._filter())
+        self.averaging = averaging
+
+    def _filter(self) -> str:
+        return self.AVERAGE.format(function=self._function)
+
     def start_reading(self) -> None:
         """Begin a reading; where the last one asked for another range, change it first."""
         if not self._ranges:
@@ -235,12 +251,12 @@ class ScpiMeter:
             header = f"{self.SENSE}{self._function}:RANG"
             message = f"{header} {self._range_text(self._chosen)};{header}?;{message}"
         self._message = message
-        self.link.start(message, APERTURES * self._nplc * LINE_PERIOD_S + MARGIN_S)
+        self.link.start(message, APERTURES * self.averaging.count * self._nplc * LINE_PERIOD_S + MARGIN_S)
         self._index = self._chosen
 
     def finish_reading(self) -> Reading:
-        """The reading that was begun, ohm or V; `time_s` is the middle of the integration."""
-        time_s = self.link.arrived_s + COMMAND_S + 0.5 * self._nplc * LINE_PERIOD_S
+        """The reading that was begun, ohm or V; `time_s` is the middle of the integration, or of all of them."""
+        time_s = self.link.arrived_s + COMMAND_S + self.averaging.middle_s(self._nplc * LINE_PERIOD_S)
         *before, first, second = ("", *self.link.finish().split(";"))
         try:
             if first != second:
@@ -270,6 +286,7 @@ class ScpiMeter:
     def off(self) -> bool:
         """Stop the test current until the next reading; True only if the meter reads back that it has. Never raises."""
         self._rests = True
+        self.link.forget()
         return confirmed(lambda _: self._rest(), OFF_ATTEMPTS, self.link.doubt)
 
     def close(self) -> None:
@@ -300,6 +317,8 @@ class ScpiMeter:
         settings = self._settings()
         if not self._as_configured(settings):
             raise Refused(None, f"the meter reads back {settings}")
+        if self.averaging.count > 1:
+            self.averaging.apply(self.link, self._filter())
 
     def _settings(self) -> list[str]:
         return self.link.ask(self._settings_message()).split(";")

@@ -43,6 +43,11 @@ class Keithley2000(Multimeter):
     TRIGGER: ClassVar[tuple[str, ...]] = ("TRIG:",)
     NAN_TEXT: ClassVar[str] = "+9.91000000E+37"
 
+    def averaged(self) -> int:
+        """As its filter is set, a repeating one."""
+        of_function = self.function + ":"
+        return int(self.settings[of_function + "AVER:COUN"]) if self.settings[of_function + "AVER:STAT"] else 1
+
     def _prepare(self) -> None:
         define_commands(self._tree, self)
         self.reset()

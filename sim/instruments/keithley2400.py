@@ -117,6 +117,10 @@ class Keithley2400(Ohmmeter):
         """NPLC line periods; NPLC is one for all functions."""
         return float(self.settings["NPLC"]) * self._line_period_s
 
+    def averaged(self) -> int:
+        """As its filter is set, a repeating one; of ohms with a current of its choice, and of volts at its input."""
+        return int(self.settings["AVER:COUN"]) if self.settings["AVER"] else 1
+
     def digitize(self) -> str:
         """The elements that are asked for; empty where autorange has changed the range."""
         voltage_V, current_A, resistance_ohm = self._measured()
@@ -140,6 +144,7 @@ class Keithley2400(Ohmmeter):
         """Voltage, V, current, A, and resistance, ohm; None where autorange has changed the range."""
         if self._auto_ohms:
             ohm = self.sample_ohm()
+            ohm = None if ohm is None else self.filtered(ohm)
             current_A = self.test_current_A
             return (nan if ohm is None else ohm * current_A), current_A, ohm
         current_A = self.test_current_A
@@ -147,7 +152,7 @@ class Keithley2400(Ohmmeter):
         if self._sources_current:
             limit_V = float(self.settings["VOLT:PROT"])
             if not current_A:  # what is at the input, and not of our making
-                return self._voltage_V(), 0.0, inf
+                return self.filtered(self._voltage_V()), 0.0, inf
             voltage_V = min(limit_V, max(-limit_V, ohm * current_A))
             return voltage_V, voltage_V / ohm if abs(voltage_V) == limit_V else current_A, ohm
         limit_A, voltage_V = float(self.settings["CURR:PROT"]), float(self.settings["SOUR:VOLT"])

@@ -85,6 +85,10 @@ class Keithley2450(Ohmmeter):
         answer = self.fetch(fresh=False)
         return None if answer is None else self._text()
 
+    def averaged(self) -> int:
+        """As the filter of its function is set, a repeating one."""
+        return int(self.settings[self.function + ":AVER:COUN"]) if self.settings[self.function + ":AVER"] else 1
+
     def trigger_delay_s(self) -> float:
         """None."""
         return 0.0
@@ -99,6 +103,7 @@ class Keithley2450(Ohmmeter):
             value = self._voltage_V()
         else:
             value = self.test_current_A
+        value = self.filtered(value)
         self._values = {"SOUR": self.test_current_A, "READ": value, "REL": self._now_s, "STAT": float(isinf(value))}
         return self._text()
 

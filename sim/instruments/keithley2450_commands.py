@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from sim.instruments.meter_commands import Settings, define_system
 from sim.instruments.scpi import ILLEGAL_PARAMETER_VALUE, CommandTree, ScpiError, boolean, number
-from sim.instruments.scpi_settings import Parameters, define_number, define_switch, unquoted
+from sim.instruments.scpi_settings import Parameters, define_number, define_switch, define_word, unquoted
 
 if TYPE_CHECKING:
     from sim.instruments.keithley2450 import Keithley2450
@@ -43,6 +43,7 @@ def default_settings() -> dict[str, float | str]:
     settings = SETTINGS.defaults()
     for function in FUNCTIONS:
         settings |= {f"{function}:NPLC": 1.0, f"{function}:RSEN": 0, f"{function}:AZER": 1}
+        settings |= {f"{function}:AVER": 0, f"{function}:AVER:COUN": 10, f"{function}:AVER:TCON": "REP"}
         settings |= {f"{function}:RANG:AUTO": 1, f"{function}:RANG": 0.0}
     for _, name, _, _, _ in SOURCES:
         settings |= {name: 0.0, f"{name}:LIM": 0.0, f"{name}:RANG": 0.0, f"{name}:AUTO": 1}
@@ -57,6 +58,9 @@ def define_commands(tree: CommandTree, meter: Keithley2450) -> None:
         define_number(tree, meter, f"{sense}:NPLCycles", f"{function}:NPLC", "%g", 1.0, 0.01, 10.0)
         define_switch(tree, meter, f"{sense}:RSENse", f"{function}:RSEN")
         define_switch(tree, meter, f"{sense}:AZERo", f"{function}:AZER")
+        define_number(tree, meter, f"{sense}:AVERage:COUNt", f"{function}:AVER:COUN", "%d", 10, 1, 100)
+        define_switch(tree, meter, f"{sense}:AVERage[:STATe]", f"{function}:AVER")
+        define_word(tree, meter, f"{sense}:AVERage:TCONtrol", f"{function}:AVER:TCON")
         define_switch(tree, meter, f"{sense}:RANGe:AUTO", f"{function}:RANG:AUTO")
         _define_range(tree, meter, function, f"{sense}:RANGe[:UPPer]")
     _define_source(tree, meter)

@@ -48,6 +48,7 @@ class Multimeter(Ohmmeter):
             value = self.sample_V()
         else:
             return ZERO_TEXT
+        value = self.filtered(value)
         if isnan(value):
             return self.NAN_TEXT
         if isinf(value):

@@ -3,12 +3,13 @@
 Source: SCPI-1999 volume 2, 24 (trigger model), as far as one layer of it goes.
 
 A reading integrates for its aperture and samples the film in the middle; `overhead_s` later it is there. Where the
-instrument finds that it needs another range, it measures again.
+instrument finds that it needs another range, it measures again. A reading may be the mean of several integrations, one
+after the other, as a repeating filter has it; in a new range the filter begins anew.
 """
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, isfinite
 
 from sim.instruments.instrument import Plant
 from sim.instruments.scpi_instrument import ScpiInstrument
@@ -32,6 +33,7 @@ class TriggeredInstrument(ScpiInstrument):
         self._sample_s = inf
         self._wanted: list[str] = []
         self._remaining = 0
+        self._stack: list[float] = []  # of the filter: the integrations of this reading
         self._last = ""
         self._fresh = False
 
@@ -43,9 +45,18 @@ class TriggeredInstrument(ScpiInstrument):
         """From the trigger to the beginning of the integration, s."""
         raise NotImplementedError
 
+    def averaged(self) -> int:
+        """Of how many integrations a reading is the mean."""
+        return 1
+
     def digitize(self) -> str:
         """What is measured now, as text; empty where the range has changed and it must measure again."""
         raise NotImplementedError
+
+    def filtered(self, value: float) -> float:
+        """The mean of this reading's integrations so far, this one among them; one beyond the range is told as such."""
+        self._stack.append(value)
+        return next((each for each in self._stack if not isfinite(each)), sum(self._stack) / len(self._stack))
 
     @property
     def measuring(self) -> bool:
@@ -81,7 +92,11 @@ class TriggeredInstrument(ScpiInstrument):
         self._sample_s = inf
 
     def _integrate(self, begin_s: float) -> None:
-        """Integrate from `begin_s`."""
+        """Integrate from `begin_s`, for a reading of its own."""
+        self._stack = []
+        self._integrate_once(begin_s)
+
+    def _integrate_once(self, begin_s: float) -> None:
         aperture_s = self.aperture_s()
         self._sample_s = begin_s + 0.5 * aperture_s
         self._ready_s = begin_s + aperture_s + self._overhead_s
@@ -94,6 +109,9 @@ class TriggeredInstrument(ScpiInstrument):
         text = self.digitize()
         if not text:  # another range
             self._integrate(self._ready_s)
+            return
+        if 0 < len(self._stack) < self.averaged():
+            self._integrate_once(self._ready_s)
             return
         self._wanted.append(text)
         self._remaining -= 1

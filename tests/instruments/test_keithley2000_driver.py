@@ -283,6 +283,16 @@ def test_a_reading_can_wait_while_other_things_happen(
     assert clock.now_s() == begin_s + 0.09
 
 
+def test_a_reading_that_came_while_nobody_looked_is_taken_however_late(
+    meter: Keithley2000Meter, clock: VirtualClock
+) -> None:
+    """A controller that is silent keeps the loop from its meter for longer than an answer may take."""
+    meter.configure(True, 1.0, 1e-3)
+    meter.start_reading()
+    clock.sleep_until_s(clock.now_s() + 5.0)
+    assert meter.finish_reading().value == pytest.approx(1e4)
+
+
 def test_readings_cannot_be_mixed_up(meter: Keithley2000Meter) -> None:
     meter.configure(True, 1.0, 1e-3)
     with pytest.raises(OutOfStep):
