@@ -1,8 +1,8 @@
 """The fixed-period loop: readings -> policy -> interlock -> controller -> one row a tick.
 
-A tick triggers the meter and collects its reading, reads the temperature, asks the policy, and sends the command; the
-row's time is that of the temperature's reading, a few milliseconds before its current acts. Ticks lie on a fixed grid
-of the bench's clock; one that is missed is counted and not made up for.
+A tick reads the temperature, fetches the reading that the meter was asked for before (`rig.control.meter_readings`),
+asks the policy, and sends the command; the row's time is that of the temperature's reading, a few milliseconds before
+its current acts. Ticks lie on a fixed grid of the bench's clock; one that is missed is counted and not made up for.
 
 A reading that is frozen, jumps or is missing is none (`rig.safety.credible`): the policy is given nan, and goes on
 without it until the interlock finds that too long. A trip latches: a loop that has tripped runs no further phase.
@@ -16,11 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision, Policy, Predicts, read_at
+from rig.control.meter_readings import MeterReadings
 from rig.control.sender import Sender
+from rig.control.tick import Progress, Tick, Ticks
 from rig.core.errors import Disconnected, InstrumentError, of_whom
 from rig.core.outcome import NotConfirmedOff, Tripped
 from rig.core.reading import Quality, Reading, missing
@@ -38,43 +39,12 @@ GAP_S = 0.5  # without a reading while a current flows: that is counted and told
 TOLD_EVERY_S = 0.5  # to the guard, what the temperature would do after an off: a millisecond of computing
 
 
-@dataclass
-class Ticks:
-    """How punctual the loop was: ticks done, ticks missed, largest lateness (s).
-
-    gaps: times without a reading for more than `GAP_S` with a current on; unwatched_s: the longest time without a
-    reading with a current on. unacknowledged: ticks whose command the controller did not acknowledge.
-    """
-
-    done: int = 0
-    missed: int = 0
-    latest_s: float = 0.0
-    gaps: int = 0
-    unwatched_s: float = 0.0
-    unacknowledged: int = 0
-
-
-Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds in all
-
-
-@dataclass(frozen=True)
-class Tick:
-    """One tick as it was: time of the run (s), readings with quality, what was sent (nan: nothing of it), the watch."""
-
-    time_s: float
-    phase: str
-    temperature: Reading
-    resistance: Reading | None
-    current_A: float
-    decision: Decision
-    watch: BenchWatch
-
-
 class Loop:
     """One bench, one run folder, phase after phase.
 
     on_tick: called with every tick when its row is written. tripped: what this loop has tripped on, and why it runs no
     further phase. rejected: readings of each instrument that were none. signals: looked at before anything is sent.
+    averaged: integrations of a meter's reading, None: as many as a period has room for.
     """
 
     def __init__(
@@ -85,6 +55,7 @@ class Loop:
         signals: SignalStop,
         progress: Progress | None = None,
         on_tick: Callable[[Tick], None] | None = None,
+        averaged: int | None = None,
     ) -> None:
         self.bench = bench
         self.limits = limits
@@ -101,6 +72,7 @@ class Loop:
         self._output = bench.meter.output if bench.meter is not None else LOG_RESISTANCE
         self.watch = BenchWatch(limits, self._start_s, self._output == LOG_RESISTANCE)
         self._sender = Sender(bench, limits, self.watch)
+        self._readings = MeterReadings(bench.meter, bench.clock, averaged)
         self._read_s: float | None = None  # the last reading with a current on
         self._told_s = -math.inf
 
@@ -153,12 +125,22 @@ class Loop:
         self._read_s = None
         self.watch.rests()
         self.bench.guard.idle()
+        self._readings.leave()
         begin_s = self.elapsed_s()
         yield
         self.folder.event(begin_s, "rest", why, duration_s=self.elapsed_s() - begin_s)
 
+    def leave_meter(self) -> None:
+        """The meter is somebody else's from now on: a reading that is under way is let come in."""
+        self._readings.leave()
+
     def _phase(self, name: str, policy: Policy, duration_s: float, period_s: float) -> None:
         clock = self.bench.clock
+        if not self.sent.armed:
+            fitted = self._readings.fit(period_s)
+            if fitted:
+                self.folder.event(self.elapsed_s(), "meter", fitted)
+        self._readings.ready()
         begin = clock.now_s()
         if not self.sent.heats_or_cools and self.watch.unwatched_s(begin) > 0.5 * self.limits.stale_s:
             self._begin_anew(begin)
@@ -167,6 +149,7 @@ class Loop:
         k = 0
         while k < count:
             due = begin + k * period_s
+            self._readings.begin_for(due)
             clock.sleep_until_s(due)
             late = clock.now_s() - due
             self.ticks.latest_s = max(self.ticks.latest_s, late)
@@ -180,7 +163,9 @@ class Loop:
             if self._progress is not None and k % 16 == 0:
                 self._progress(name, k * period_s, duration_s)
             k += 1
-        clock.sleep_until_s(begin + min(k, count) * period_s)
+        end = begin + min(k, count) * period_s
+        self._readings.begin_for(end)
+        clock.sleep_until_s(end)
         if self._progress is not None:
             self._progress(name, duration_s, duration_s)
 
@@ -194,8 +179,8 @@ class Loop:
     def _tick(self, name: str, policy: Policy, begin_s: float, k: int, period_s: float) -> bool:
         self._signals.look()
         asked = self.bench.clock.now_s()
-        resistance = self._read_resistance()
-        temperature = self._read_temperature()
+        temperature, resistance, of_meter = self._read_both(self._start_s + begin_s + (k + 1) * period_s, period_s)
+        test_current_A, test_on_s = of_meter
         now = self.bench.clock.now_s()
         self._count_gap(now)
         sent = self._sender.measured(now)
@@ -209,9 +194,6 @@ class Loop:
         row_s = (temperature.time_s if known else now) - self._start_s
         output_s = resistance.time_s - self._start_s if good and resistance is not None else math.nan
         acts_after_s = self._acts_after_s
-        meter = self.bench.meter
-        test_current_A = meter.test_current_A if meter is not None else math.nan
-        test_on_s = on_since_s(meter) - self._start_s
         read = read_at(begin_s, k * period_s, row_s, output_s, acts_after_s, test_current_A)
         decision = policy.decide(k * period_s, degC, output, read)
         current_time_s = math.nan  # as before
@@ -249,6 +231,7 @@ class Loop:
         if self._on_tick is not None:
             current_A = self.sent.current_A
             self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
+        self._readings.rest_took(self.bench.clock.now_s() - now)
         return decision.done
 
     def _tell_guard(self, now: float) -> None:
@@ -301,6 +284,24 @@ class Loop:
             self.status_at_trip = "the controller does not answer" if status is None else status_in_words(status)
         self.folder.event(self.elapsed_s(), "status", f"controller: {self.status_at_trip}")
 
+    def _read_both(self, next_due_s: float, period_s: float) -> tuple[Reading, Reading | None, tuple[float, float]]:
+        """The temperature, the reading that the meter was asked for before, and that one's test current: how large (A)
+        and since when (s of the run).
+
+        Where there will be no time for it after the command, the meter is asked for the reading of the next tick.
+        """
+        asked_s = self.bench.clock.now_s()
+        temperature, known_s = self._read_temperature(), self.bench.clock.now_s()
+        self._readings.thermometer_took(known_s - asked_s)
+        resistance = self._read_resistance()
+        meter = self.bench.meter  # before the next reading is begun, in another range maybe
+        current_A = meter.test_current_A if meter is not None else math.nan
+        of_meter = (current_A, on_since_s(meter) - self._start_s)
+        self._readings.begin_before_the_command(next_due_s)
+        if self.bench.clock.now_s() - known_s > period_s:  # the meter was long about it: that one is of before
+            temperature = self._read_temperature()
+        return temperature, resistance, of_meter
+
     def _read_temperature(self) -> Reading:
         try:
             return self.bench.controller.read_temperature()
@@ -310,17 +311,14 @@ class Loop:
             return self._no_reading("thermometer", "controller", error)
 
     def _read_resistance(self) -> Reading | None:
-        meter = self.bench.meter
-        if meter is None:
-            return None
         try:
-            meter.start_reading()
-            reading = meter.finish_reading()
+            reading = self._readings.fetch()
         except Disconnected:
             raise
         except InstrumentError as error:
             return self._no_reading("ohmmeter", "meter", error)
-        check_test_current(self.limits, self.bench.clock.now_s(), meter.test_current_A)
+        if self.bench.meter is not None:
+            check_test_current(self.limits, self.bench.clock.now_s(), self.bench.meter.test_current_A)
         return reading
 
     def _no_reading(self, name: str, role: str, error: InstrumentError) -> Reading:

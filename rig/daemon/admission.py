@@ -30,6 +30,7 @@ FREE = {
     "bench.meter.serial_number",
     "bench.meter.four_wire",  # how the film is read; the output is guarded by the thermometer
     "bench.meter.nplc",
+    "bench.meter.average",
 }
 PORTS = {"bench.controller.port", "bench.meter.port"}
 AT_MOST = {  # the smaller, the sooner it trips or the less may flow

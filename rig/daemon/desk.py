@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
-from rig.control.loop import Ticks
+from rig.control.tick import Ticks
 from rig.core.clock import Clock
 from rig.core.errors import PortHeld
 from rig.core.faults import Faults

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.bench.assembly import Bench
-from rig.control.loop import Tick
+from rig.control.tick import Tick
 from rig.experiment.calibration import Calibration
 from rig.experiment.expected import Phases, expected_calibration, expected_run
 from rig.experiment.session import Result, Session, calibrate, run_on

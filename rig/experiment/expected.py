@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Protocol
 
 from compensator.thermal.plate import PlateModel
-from rig.control.loop import Tick
+from rig.control.tick import Tick
 from rig.experiment.calibration import calibration_range
 from rig.experiment.minor_loops import fitted_and_checked, minor_turning_points
 from rig.experiment.pulses import PULSE_S

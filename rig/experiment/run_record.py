@@ -17,7 +17,8 @@ import numpy as np
 
 from rig.bench.assembly import Bench
 from rig.bench.output_off import OutputOff
-from rig.control.loop import Loop, Progress, Tick
+from rig.control.loop import Loop
+from rig.control.tick import Progress, Tick
 from rig.core.columns import OF_A_RUN
 from rig.core.faults import Faults
 from rig.core.outcome import NotConfirmedOff, Stopped, Tripped
@@ -76,11 +77,13 @@ def recorded(
     }
     folder = make_folder(path, start, file.text, _columns_of(bench))
     bench.guard.records(str(folder.part.absolute()))
-    loop = Loop(bench, limits_of(file), folder, signals, progress, on_tick)
+    meter = file.content.bench.meter
+    loop = Loop(bench, limits_of(file), folder, signals, progress, on_tick, meter.average if meter else None)
     output = OutputOff(bench.controller, file.content.bench.controller, bench.guard, signals)
     try:
         with output:
             yield loop, folder
+        loop.leave_meter()
         _look_after_off(bench, loop, output)
         folder.stop("done", **_ending(loop, output))
     except BaseException as error:
@@ -89,6 +92,7 @@ def recorded(
         if isinstance(error, Stopped):
             say_who_died(bench.guard, error)
         ended_s = loop.elapsed_s()
+        loop.leave_meter()
         try:
             if not isinstance(error, NotConfirmedOff):
                 _look_after_off(bench, loop, output, error, say)

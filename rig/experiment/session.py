@@ -17,8 +17,9 @@ from compensator.control.law_step import LawName
 from compensator.identification.heat_balance import Kind
 from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
 from rig.bench.assembly import Bench, open_bench
-from rig.control.loop import Loop, Progress, Tick
+from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile, Follow, Setpoints
+from rig.control.tick import Progress, Tick
 from rig.core.faults import fault
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of

@@ -36,7 +36,7 @@ from rig.files.model_file import Model
 from rig.files.target import Target
 
 HOT_DWELL_S = 3.0  # at the hot end, until film and thermometer have followed
-OUTPUT_AGE_S, ACTS_AFTER_S = 0.036, 0.017  # of an ohmmeter and a controller on lines of 9600 and 57600 Bd
+OUTPUT_AGE_S, ACTS_AFTER_S = 0.044, 0.010  # of a Keithley 2000 at 19200 Bd, and of a controller at 57600 Bd
 USUAL_PREVIEW_S = 4.0  # of a temperature, which no loop makes jump
 
 
@@ -48,8 +48,8 @@ def timing_of(
     A dead time that is configured beyond a period is taken for one that no stamp tells.
     """
     period = configuration.experiment.period_s
-    age = min(OUTPUT_AGE_S, 0.36 * period) if output_age_s is None else output_age_s
-    acts = min(ACTS_AFTER_S, 0.17 * period) if acts_after_s is None else acts_after_s
+    age = min(OUTPUT_AGE_S, 0.44 * period) if output_age_s is None else output_age_s
+    acts = min(ACTS_AFTER_S, 0.1 * period) if acts_after_s is None else acts_after_s
     late = max((configuration.control.dead_time_s or 0.0) - period, 0.0)
     return Timing(period, age, acts, late)
 

@@ -46,7 +46,8 @@ class ControllerTable(InstrumentTable):
 
 
 class MeterTable(InstrumentTable):
-    """[bench.meter]: four_wire, integration time in power-line cycles (nplc).
+    """[bench.meter]: four_wire, integration time in power-line cycles (nplc), integrations that a reading is the mean
+    of (average; left out, as many as a period has room for).
 
     With quantity "voltage" a voltage in a range of range_V stands for the film's output (its name and unit, as in
     "curvature_per_m"), by a formula of voltage_V: "(voltage_V - 0.131) * 22.4" (rig.drivers.formula).
@@ -54,6 +55,7 @@ class MeterTable(InstrumentTable):
 
     four_wire: bool = True
     nplc: Annotated[float, Field(gt=0.0, le=1000.0)] = 1.0
+    average: Annotated[int | None, Field(ge=1, le=100)] = None
     quantity: Literal["resistance", "voltage"] = "resistance"
     output: str | None = None
     formula: str | None = None

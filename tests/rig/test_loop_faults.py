@@ -66,7 +66,7 @@ def test_the_meter_dies(
 ) -> None:
     break_instrument(monkeypatch, "meter", how, 30.0)
     status, _, err = peltier("run", write_bench(tmp_path), "--out", tmp_path / "run")
-    assert status == 10
+    assert status == 10, err
     assert "no good reading of the ohmmeter" in err
     assert ("look at its supply and its cable" in err) == (how is FallsSilent)  # one that speaks garbage has both
     assert "output off, confirmed" in err
@@ -103,6 +103,6 @@ def test_wrong_polarity_is_found_before_anything_else(
     path = write_bench(tmp_path)
     path.write_text(path.read_text().replace("first_degC = 60.0", "first_degC = 30.0"))
     status, _, err = peltier("calibrate", path, "--out", tmp_path / "run")
-    assert status == 10
+    assert status == 10, err
     assert "polarity" in err
     assert "output off, confirmed" in err

@@ -103,6 +103,7 @@ def test_silence_that_lasts_names_the_instrument(
     assert status == 10
     assert "no good reading of the thermometer for 2." in err
     assert "(controller, meerstetter): no answer to ?VR03E8" in err
+    assert not [line for line in events(tmp_path / "run.part", "no_reading") if line["text"].startswith("ohmmeter")]
 
 
 def test_a_controller_that_falls_silent_is_told_as_such(

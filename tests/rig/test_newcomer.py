@@ -14,7 +14,7 @@ import pytest
 from rig.bench.assembly import emulated_instruments
 from rig.command.progress import Progress
 from rig.control.decision import Decision
-from rig.control.loop import Tick
+from rig.control.tick import Tick
 from rig.core.reading import Reading
 from rig.core.terminal_line import NEW_LINE_S, PatientLine, TerminalLine
 from rig.daemon.words import clock

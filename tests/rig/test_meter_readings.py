@@ -1,0 +1,162 @@
+"""The meter is asked before a tick: the reading is there, as late as can be; as many integrations as a period has."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.control.meter_readings import LONGEST_S, ROOM, MeterReadings
+from rig.core.clock import VirtualClock
+from rig.core.errors import Refused, TimedOut
+from rig.core.reading import Reading
+from rig.drivers.averaging import Averaging
+from rig.files.record_file import read_record
+from tests.rig.small import write_bench
+
+Peltier = Callable[..., tuple[int, str, str]]
+
+EACH_S, LINE_S = 0.024, 0.035
+
+
+class Meter:
+    """Answers LINE_S and count integrations after it was asked; late_s: later still."""
+
+    def __init__(self, clock: VirtualClock, filters: bool = True) -> None:
+        self.clock, self.filters, self.averaging, self.late_s = clock, filters, Averaging(), 0.0
+        self.asked_s: list[float] = []
+        self.broken = False
+
+    def average(self, averaging: Averaging) -> None:
+        if averaging.count > 1 and not self.filters:
+            raise Refused(None, "no filter")
+        self.averaging = averaging
+
+    def start_reading(self) -> None:
+        self.asked_s.append(self.clock.now_s())
+        if self.broken:
+            raise TimedOut("nothing")
+
+    def finish_reading(self) -> Reading:
+        there_s = self.asked_s[-1] + LINE_S + self.averaging.count * EACH_S + self.late_s
+        self.clock.sleep_until_s(there_s)
+        return Reading(1e4, there_s)
+
+    def read(self) -> Reading:
+        self.start_reading()
+        return self.finish_reading()
+
+
+def readings(meter: Meter, count: int | None = None) -> MeterReadings:
+    return MeterReadings(meter, meter.clock, count)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("period_s", "count"), [(0.05, 1), (0.08, 1), (0.1, 2), (0.12, 3), (0.2, 4), (1.0, 4)])
+def test_as_many_integrations_as_the_period_has_room_for(period_s: float, count: int) -> None:
+    meter = Meter(VirtualClock())
+    said = readings(meter).fit(period_s)
+    assert meter.averaging.count == count
+    assert count * EACH_S <= LONGEST_S
+    assert count == 1 or LINE_S + count * EACH_S <= ROOM * period_s
+    assert (f"mean of {count} integrations" in said) == (count > 1)
+
+
+def test_a_meter_without_a_filter_gives_single_ones_and_a_configured_count_is_refused() -> None:
+    meter = Meter(VirtualClock(), filters=False)
+    assert "one integration" in readings(meter).fit(0.1)
+    with pytest.raises(Refused, match=r"bench\.meter\.average = 3: no filter"):
+        readings(meter, 3).fit(0.1)
+    has_one = Meter(VirtualClock())
+    readings(has_one, 3).fit(0.1)  # longer than the period: as it was asked for
+    assert has_one.averaging.count == 3
+    readings(has_one, 1).fit(1.0)
+    assert has_one.averaging.count == 1
+
+
+def ticks(
+    meter: Meter, of: MeterReadings, count: int, period_s: float, exchange_s: float = 0.009
+) -> tuple[list[float], float]:
+    """(By how much each tick waited for its reading; how long before the last fetch that one was begun), s."""
+    clock, waited, before_s = meter.clock, [], 0.0
+    of.fit(period_s)
+    of.ready()
+    begin_s = clock.now_s()
+    for k in range(count):
+        of.begin_for(begin_s + k * period_s)
+        clock.sleep_until_s(begin_s + k * period_s)
+        asked_s = clock.now_s()
+        clock.sleep_until_s(asked_s + exchange_s)
+        of.thermometer_took(exchange_s)
+        before_s = clock.now_s()
+        of.fetch()
+        waited.append(clock.now_s() - before_s)
+        ago_s = before_s - meter.asked_s[-1]
+        of.begin_before_the_command(begin_s + (k + 1) * period_s)
+        clock.sleep_until_s(clock.now_s() + exchange_s)
+        of.rest_took(exchange_s)
+    return waited, ago_s
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.25, 1.0])
+def test_a_reading_is_there_as_the_temperature_is_and_was_begun_as_late_as_can_be(period_s: float) -> None:
+    meter = Meter(VirtualClock())
+    waited, ago_s = ticks(meter, readings(meter), 20, period_s)
+    assert max(waited[2:]) == 0.0
+    takes_s = LINE_S + meter.averaging.count * EACH_S
+    assert takes_s <= ago_s <= takes_s + 0.05 * period_s + 0.01
+    assert np.allclose(np.diff(meter.asked_s[-10:]), period_s, atol=1e-9)
+
+
+def test_a_reading_that_comes_late_is_waited_for_and_the_next_begun_earlier() -> None:
+    meter = Meter(VirtualClock())
+    of = readings(meter)
+    ticks(meter, of, 5, 0.25)
+    meter.late_s = 0.03
+    waited, _ = ticks(meter, of, 20, 0.25)
+    assert waited[0] > 0.0 or waited[1] > 0.0
+    assert np.mean(np.array(waited[2:]) > 0.0) < 0.5
+
+
+def test_what_went_wrong_as_it_was_begun_is_told_as_it_is_fetched() -> None:
+    meter = Meter(VirtualClock())
+    of = readings(meter)
+    of.fit(0.1)
+    meter.broken = True
+    of.ready()
+    with pytest.raises(TimedOut):
+        of.fetch()
+    meter.broken = False
+    fetched = of.fetch()
+    assert fetched is not None
+    assert fetched.is_number
+
+
+def test_a_reading_of_long_ago_is_none_for_the_next_phase() -> None:
+    clock = VirtualClock()
+    meter = Meter(clock)
+    of = readings(meter)
+    of.fit(0.1)
+    of.begin_for(clock.now_s())
+    clock.sleep_until_s(clock.now_s() + 5.0)
+    of.ready()
+    fetched = of.fetch()
+    assert fetched is not None
+    assert clock.now_s() - fetched.time_s < 0.1
+
+
+@pytest.mark.parametrize(("more", "said"), [("", "mean of"), ("average = 1\n", "one integration")])
+def test_a_run_says_what_its_readings_are_and_stamps_them(
+    peltier: Peltier, tmp_path: Path, more: str, said: str
+) -> None:
+    path = write_bench(tmp_path)
+    path.write_text(path.read_text().replace("[bench.meter]\n", "[bench.meter]\n" + more))
+    status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 0, err
+    events = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
+    assert said in next(e["text"] for e in events if e["event"] == "meter")
+    record = read_record(tmp_path / "run" / "record.csv")
+    age_s = record["time_s"] - record["resistance_time_s"]
+    assert 0.0 < np.median(age_s) < 0.1
