@@ -1,7 +1,8 @@
 """A law beside a benchmark's plant, without bench and interlock, with the emulated instruments' moments.
 
-Ohmmeter, thermometer and command come 27, 63 and 80 ms after each tick. What a rig that is wrong by a fifth does to a
-law can only be seen so: a run on it is ended, rightly, by the watch over the plate.
+Thermometer and command come 4 and 14 ms after each tick; the ohmmeter integrates twice before the next, and its reading
+is the mean of both (`rig.control.meter_readings`). What a rig that is wrong by a fifth does to a law can only be seen
+so: a run on it is ended, rightly, by the watch over the plate.
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from compensator.control.law_step import Inputs, LawState
 from compensator.hysteresis.film import FilmModel
 from compensator.inverse.inverse import Inverse
 
-PERIOD_S, OHMMETER_S, THERMOMETER_S, COMMAND_S = 0.1, 0.027, 0.063, 0.080
-AGES_S = THERMOMETER_S - OHMMETER_S, COMMAND_S - THERMOMETER_S
+PERIOD_S, THERMOMETER_S, COMMAND_S = 0.1, 0.0044, 0.0143
+OHMMETER_S = 0.0485, 0.0725  # the middles of its integrations
+AGES_S = PERIOD_S + THERMOMETER_S - sum(OHMMETER_S) / len(OHMMETER_S), COMMAND_S - THERMOMETER_S
 
 
 def placed(plant: TrackedPlant, law: Law, film: FilmModel, log_ohm: float, hot_degC: float) -> LawState:
@@ -44,17 +46,20 @@ def driven(
     at_tick: Callable[[int], None] | None = None,
 ) -> None:
     """The law on the plant; wanted: log10 R at times (s); at_tick: called at each tick."""
-    ahead_s = law.preview_times_s()
+    ahead_s, output = law.preview_times_s(), math.nan
     for k in range(round(duration_s / PERIOD_S)):
         tick_s = k * PERIOD_S
         plant.advance_to(tick_s)
         if at_tick is not None:
             at_tick(k)
-        plant.advance_to(tick_s + OHMMETER_S)
-        output = -math.log10(plant.read_resistance_ohm(0.0))
         plant.advance_to(tick_s + THERMOMETER_S)
         reading = plant.read_temperature_degC()
         now, coming = -float(wanted(tick_s + THERMOMETER_S)), -np.asarray(wanted(tick_s + COMMAND_S + ahead_s))
         command, state = law.step(state, Inputs(reading, output, now, coming, *AGES_S))
         plant.advance_to(tick_s + COMMAND_S)
         plant.set_current_A(command.current_A)
+        ohms = []
+        for ohmmeter_s in OHMMETER_S:
+            plant.advance_to(tick_s + ohmmeter_s)
+            ohms.append(plant.read_resistance_ohm(0.0))
+        output = -math.log10(sum(ohms) / len(ohms))

@@ -1,15 +1,15 @@
 """What a driver's delay costs on a film that no model tells exactly, whatever the law: corrections come that much late.
 
-    ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class] [--readings 1|2]
+    ./peltier benchmark late_correction [--seeds N] [--first 10] [--film outside|class]
 
 Plate, films, target and noise are those of `benchmark tracking`. For each film the rig is calibrated, and the full law
 runs beside the plant (`_beside_the_plant`) without a delay and with one of 1 s that it knows exactly. What the film
-model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings, as
-late as they reach the film: half a period, the readings' age, and the delay. The predictor is a Kalman filter for a
+model gets wrong of the true course is an error along that course. It is then predicted from the ohmmeter's readings,
+one a period and each the mean of two integrations as the law has them, as late as they reach the film: half a period,
+the readings' age, and the delay. The predictor is a Kalman filter for a
 random walk along the course, of the size that turns out best in hindsight, told the noise. What it leaves is about the
 least that a law can leave which corrects this model so; plate and turning points cost nothing in it. Errors are RMS,
 and in brackets the largest: the predictor's own largest, which another predictor might trade for a larger RMS.
---readings: of the ohmmeter in a period, as the predictor has them; the law beside it has one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks._beside_the_plant import AGES_S, PERIOD_S, driven, placed
+from benchmarks._beside_the_plant import AGES_S, OHMMETER_S, PERIOD_S, driven, placed
 from benchmarks._hidden_effects import EffectPlant, Hidden
 from benchmarks._tracked_plant import NOISE_DEC
 from benchmarks._tracking_runs import (
@@ -52,20 +52,23 @@ from sim.effects.actuator_delay import EFFECT as DELAY
 from sim.effects.effect import switched
 
 DELAY_S = 1.0
-STEP_S = 0.05  # of the courses that are compared: half a period
+STEP_S = 0.01  # of the courses that are compared: a tenth of a period
+READ_DEC = NOISE_DEC / len(OHMMETER_S) ** 0.5  # noise of a reading
 WALKS = np.geomspace(1e-6, 3e-3, 25)  # variance (decades^2) along `LENGTH_DEC`, tried: errors of 0.001 to 0.05 decades
 LENGTH_DEC = 0.05
 NOISES = 3  # drawn, and averaged over
 Errors = tuple[float, float]  # RMS and largest, in n
 
 
-def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float, a_period: int) -> Errors:
-    """What the best of the predictors leaves of the model's error `off`, from so many readings a period that are late_s
-    old: least in its RMS, and that one's largest; means over the noises drawn."""
-    late, every = round(late_s / STEP_S), round(PERIOD_S / a_period / STEP_S)
+def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_s: float) -> Errors:
+    """What the best of the predictors leaves of the model's error `off`, from readings that are late_s old.
+
+    It is the one whose RMS is least; means over the noises drawn.
+    """
+    late, every = round(late_s / STEP_S), round(PERIOD_S / STEP_S)
     moved = np.abs(np.diff(true_log_ohm, prepend=true_log_ohm[0]))
     chance = np.random.default_rng(0)
-    readings = [off + chance.normal(0.0, NOISE_DEC, off.size) for _ in range(NOISES)]
+    readings = [off + chance.normal(0.0, READ_DEC, off.size) for _ in range(NOISES)]
     of_walks = (np.mean([_left(r, off, used, moved, walk, late, every) for r in readings], axis=0) for walk in WALKS)
     rms, largest = min(map(tuple, of_walks))
     return float(rms), float(largest)
@@ -74,11 +77,11 @@ def predicted(true_log_ohm: np.ndarray, off: np.ndarray, used: np.ndarray, late_
 def _left(
     reading: np.ndarray, off: np.ndarray, used: np.ndarray, moved: np.ndarray, walk: float, late: int, every: int
 ) -> Errors:
-    known, doubt, estimate = reading[0], NOISE_DEC**2, np.empty(off.size)
+    known, doubt, estimate = reading[0], READ_DEC**2, np.empty(off.size)
     for k in range(off.size):
         doubt += walk * moved[k] / LENGTH_DEC
         if k % every == 0:
-            share = doubt / (doubt + NOISE_DEC**2)
+            share = doubt / (doubt + READ_DEC**2)
             known += share * (reading[k] - known)
             doubt *= 1.0 - share
         estimate[k] = known
@@ -95,9 +98,9 @@ def model_error(film: FilmModel, plant: EffectPlant) -> tuple[np.ndarray, np.nda
     return grid, np.interp(grid, time, log_ohm), np.interp(grid, time, off)
 
 
-def measured(case: tuple[str, int, int]) -> dict[float, tuple[Errors, Errors]]:
+def measured(case: tuple[str, int]) -> dict[float, tuple[Errors, Errors]]:
     """(Of the law, of the best predictor) by the delay (s), on one film."""
-    kind, seed, a_period = case
+    kind, seed = case
     film, folder = Film(kind, seed, ()), Path(tempfile.mkdtemp(prefix="late-"))
     (folder / "target.csv").write_text("time_s,target_ohm\n0,1e4\n1,1e4\n")
     try:
@@ -114,9 +117,7 @@ def measured(case: tuple[str, int, int]) -> dict[float, tuple[Errors, Errors]]:
     found = {}
     for delay_s in (0.0, DELAY_S):
         effects = [switched(DELAY, {"delay_s": delay_s})] if delay_s else []
-        found[delay_s] = _on_one_delay(
-            film, replace(model, effects=()), content, effects, delay_s, times, values, a_period
-        )
+        found[delay_s] = _on_one_delay(film, replace(model, effects=()), content, effects, delay_s, times, values)
     return found
 
 
@@ -128,7 +129,6 @@ def _on_one_delay(
     delay_s: float,
     times: list[float],
     values: list[float],
-    a_period: int,
 ) -> tuple[Errors, Errors]:
     observer = chain_observer(effects, model.plate, model.film, PERIOD_S)
     law, _ = law_and_design("full", content, model.film, model.plate, observer)
@@ -137,7 +137,7 @@ def _on_one_delay(
     driven(plant, law, state, lambda t: np.interp(t - SETTLE_S, times, values), SETTLE_S + times[-1])
     grid, true_log_ohm, off = model_error(model.film, plant)
     used = (grid >= SETTLE_S) & (grid <= SETTLE_S + times[-1])
-    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S), a_period)
+    least = predicted(true_log_ohm, off, used, delay_s + 0.5 * PERIOD_S + sum(AGES_S))
     return error(plant, SETTLE_S, times, values), least
 
 
@@ -151,14 +151,13 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first", type=int, default=10)
     parser.add_argument("--film", choices=sorted(FILMS), default="outside")
-    parser.add_argument("--readings", type=int, choices=[1, 2], default=1)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     print("RMS (largest) error in n = 0.002 decades: the law, and the least that so late a correction leaves")
-    cases = [(options.film, seed, options.readings) for seed in range(options.first, options.first + options.seeds)]
+    cases = [(options.film, seed) for seed in range(options.first, options.first + options.seeds)]
     ratios = []
     with ProcessPoolExecutor(options.workers) as pool:
-        for (kind, seed, _), found in zip(cases, pool.map(measured, cases), strict=True):
+        for (kind, seed), found in zip(cases, pool.map(measured, cases), strict=True):
             (law, least), (late_law, late_least) = found[0.0], found[DELAY_S]
             ratios.append((late_law[0] / law[0], late_least[0] / law[0]))
             print(f"{kind} {seed}: no delay {told(law)}, least {told(least)}; ", end="")
