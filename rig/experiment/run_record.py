@@ -92,12 +92,13 @@ def recorded(
         if isinstance(error, Stopped):
             say_who_died(bench.guard, error)
         ended_s = loop.elapsed_s()
-        loop.leave_meter()
         try:
             if not isinstance(error, NotConfirmedOff):
                 _look_after_off(bench, loop, output, error, say)
         except NotConfirmedOff as withdrawn:
             error = withdrawn
+        with suppress(Exception, Stopped):  # a job that was stopped may ask nobody: how it ended is more important
+            loop.leave_meter()
         for step in (folder.flush, partial(_write_reason, folder, loop, output, error, ended_s), folder.abandon):
             try:
                 step()
