@@ -119,7 +119,8 @@ class MeterReadings:
         if self._begun_s is None:
             self._begin(self._meter)
         if self._begun_s is not None:
-            self._clock.sleep_until_s(self._begun_s + self._takes_s - self._thermometer_s)
+            there_s = self._begun_s + self._takes_s - self._thermometer_s
+            self._clock.sleep_until_s(min(there_s, self._clock.now_s() + self._period_s))  # a current may flow
 
     def begin_for(self, due_s: float) -> None:
         """Wait for the moment at which the reading of the tick that is due then has to begin, and begin it.
