@@ -24,7 +24,8 @@ from rig.guard.line import Guard
 from rig.safety.switching_off import confirmed_by
 
 PATIENCE_S = 5.0  # for the exchange under way; longer than any write or read time-out
-ALWAYS_OPEN = {"off", "close", "status", "read_current"}  # what switching off needs, to its verdict
+# what switching off needs, to its verdict; and the answer that a meter was asked for before
+ALWAYS_OPEN = {"off", "close", "status", "read_current", "finish_reading"}
 
 
 @dataclass(frozen=True)

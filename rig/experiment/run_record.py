@@ -97,7 +97,7 @@ def recorded(
                 _look_after_off(bench, loop, output, error, say)
         except NotConfirmedOff as withdrawn:
             error = withdrawn
-        with suppress(Exception, Stopped):  # a job that was stopped may ask nobody: how it ended is more important
+        with suppress(Exception):  # how the run ended is more important
             loop.leave_meter()
         for step in (folder.flush, partial(_write_reason, folder, loop, output, error, ended_s), folder.abandon):
             try:

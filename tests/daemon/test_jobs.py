@@ -107,6 +107,25 @@ def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench
     assert refusal.value.status == 409
 
 
+def test_a_stopped_run_says_so_in_its_folder_and_idle_readings_go_on(bench: RunningBench) -> None:
+    """Though the meter had been asked for a reading: with this period it is asked again as soon as it has answered."""
+
+    def idle() -> list[str]:
+        bench.desk.writer.settle()
+        return [str(row["quality"]) for row in list(bench.desk.recent) if row["phase"] == "idle"]
+
+    number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
+    bench.until_phase("profile")
+    before = len(idle())
+    bench.desk.stop("a test")
+    until(lambda: table(bench, number)["state"] == "stopped", "the job's end")
+    document = json.loads((Path(str(table(bench, number)["folder"])) / "run.json").read_text())
+    assert "a test" in document["stop"]["text"]
+    assert document["stop"]["output_off_confirmed"] is True
+    until(lambda: len(idle()) > before + 2, "idle readings")
+    assert "missing" not in idle()[before:]
+
+
 def test_a_trip_latches_with_cause_and_rows_and_survives_a_restart(tmp_path: Path) -> None:
     path = write_current(tmp_path, more=SERVE)
     path.write_text(path.read_text().replace("[10, 95]", "[10, 61.5]"))
