@@ -19,7 +19,7 @@ from contextlib import suppress
 from rig.core.clock import Clock
 from rig.core.errors import Disconnected, InstrumentError, Refused
 from rig.core.reading import Reading
-from rig.drivers.averaging import Averaging
+from rig.drivers.averaging import Averaging, average
 from rig.drivers.meter import Meter, settled_reading
 
 ROOM = 0.9  # of a period, that a reading may take: the rest is for a host that is late, and for the decision
@@ -30,13 +30,17 @@ WAITED_S = 0.001  # for a reading: then it is known how long it took
 USUAL = 0.1  # share by which a new duration counts, and by which a reading's goes back to what it was at rest
 
 
+class CountRefused(Refused):
+    """The configured number of integrations cannot be had."""
+
+
 class MeterReadings:
     """One meter, read by one loop; meter: None where the bench has none. count: integrations of a reading, None: as
     many as the period has room for."""
 
     def __init__(self, meter: Meter | None, clock: Clock, count: int | None = None) -> None:
         self._meter, self._clock, self._count = meter, clock, count
-        self._period_s = math.nan  # that readings are fitted to
+        self._period_s, self._is_fitted = math.nan, False
         self._at_rest_s = self._takes_s = 0.0  # how long a reading takes: at rest, and now
         self._thermometer_s = self._rest_of_tick_s = 0.0  # how long a tick needs before and after it
         self._begun_s: float | None = None
@@ -47,18 +51,24 @@ class MeterReadings:
         """Before a run of that period: of how many integrations a reading is, and how long it takes; in words, or
         nothing where that is known already.
 
-        Raises Disconnected; Refused where a configured count cannot be had. Other faults are the first tick's.
+        Raises Disconnected; CountRefused. After any other fault readings are single ones until the next fit, and what
+        is wrong is the first tick's to find.
         """
-        if self._meter is None or period_s == self._period_s:
+        if self._meter is None or (self._is_fitted and period_s == self._period_s):
             return ""
         self.leave()
         self._period_s = self._at_rest_s = self._takes_s = period_s
+        self._is_fitted = False
         try:
             averaging = self._fitted(self._meter, period_s)
-        except (Disconnected, Refused):
+        except (Disconnected, CountRefused):
             raise
         except InstrumentError:
+            self._at_rest_s = self._takes_s = period_s
+            with suppress(InstrumentError):
+                self._averages(self._meter, Averaging())
             return ""
+        self._is_fitted = True
         mean = f"the mean of {averaging.count} integrations" if averaging.count > 1 else "one integration"
         return f"each reading is {mean} and takes {self._at_rest_s:.3f} s of a period of {period_s:g} s"
 
@@ -66,47 +76,42 @@ class MeterReadings:
         one = Averaging()
         self._averages(meter, one)
         settled_reading(meter)
-        single_s = self._at_rest_s = self._takes_s = self._timed(meter)
-        count = self._count if self._count is not None else 2
-        room_s = ROOM * period_s - single_s
-        if count == 1 or (self._count is None and room_s <= 0.0) or not self._averages(meter, Averaging(count)):
+        single_s, longest_s = self._timed(meter)
+        self._at_rest_s = self._takes_s = longest_s
+        room_s = ROOM * period_s - longest_s
+        if self._count == 1 or (self._count is None and room_s <= 0.0):
             return one
-        each_s = max((self._timed(meter) - single_s) / (count - 1), 1e-4)
-        if self._count is None:
-            count = min(1 + int(room_s / each_s), int(LONGEST_S / each_s), MOST)
-        while count > 1:
-            averaging = Averaging(count, each_s)
-            if not self._averages(meter, averaging):
-                break
-            took_s = self._timed(meter)
-            if self._count is not None or took_s <= ROOM * period_s:
-                self._at_rest_s = self._takes_s = took_s
-                return averaging
-            count -= 1
+        count, each_s = self._count or 2, math.nan
+        while count > 1 and self._averages(meter, Averaging(count, each_s)):
+            shortest_s, longest_s = self._timed(meter)
+            known, each_s = not math.isnan(each_s), max((shortest_s - single_s) / (count - 1), 1e-4)
+            if known and (self._count is not None or longest_s <= ROOM * period_s):
+                self._at_rest_s = self._takes_s = longest_s
+                return Averaging(count, each_s)
+            if self._count is None:
+                most = min(1 + int(room_s / each_s), int(LONGEST_S / each_s), MOST)
+                count = min(most, count - 1) if known else most
         self._averages(meter, one)
         return one
 
     def _averages(self, meter: Meter, averaging: Averaging) -> bool:
         """Whether the meter takes that filter. Refused where it does not, and it is the configured one."""
-        average = getattr(meter, "average", None)
         try:
-            if average is None:
-                raise Refused(None, "the meter does not average its readings itself")
-            average(averaging)
+            average(meter, averaging)
         except Refused as error:
             if self._count is not None and averaging.count > 1:
-                raise Refused(error.code, f"bench.meter.average = {self._count}: {error}") from None
+                raise CountRefused(error.code, f"bench.meter.average = {self._count}: {error}") from None
             return False
         return True
 
-    def _timed(self, meter: Meter) -> float:
-        """How long a reading takes, s: the longer of two."""
-        took_s = 0.0
+    def _timed(self, meter: Meter) -> tuple[float, float]:
+        """How long a reading takes, s: of two the shorter, which no late host has lengthened, and the longer."""
+        took_s = []
         for _ in range(2):
             begin_s = self._clock.now_s()
             meter.read()
-            took_s = max(took_s, self._clock.now_s() - begin_s)
-        return took_s
+            took_s.append(self._clock.now_s() - begin_s)
+        return min(took_s), max(took_s)
 
     # ---- tick by tick ---------------------------------------------------------------------------
 

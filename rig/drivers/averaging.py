@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isnan, nan
+from typing import Any
 
-from rig.core.errors import Refused
+from rig.core.errors import Corrupt, Refused
 from rig.drivers.scpi import ScpiLink
 
 
@@ -24,7 +25,7 @@ class Averaging:
 
     def middle_s(self, aperture_s: float) -> float:
         """From the beginning of the first integration, of aperture_s, to the middle of all, s."""
-        each_s = aperture_s if isnan(self.each_s) else self.each_s
+        each_s = aperture_s if isnan(self.each_s) else max(self.each_s, aperture_s)
         return 0.5 * (aperture_s + (self.count - 1) * each_s)
 
     def apply(self, link: ScpiLink, header: str) -> None:
@@ -37,5 +38,18 @@ class Averaging:
             answers = link.answers(f"{header}:TCON?;{header}:COUN?;{header}:STAT?", 3)
             expected = ["REP", f"{self.count}", "1"]
         answers = [answer.strip().lstrip("+").upper() for answer in answers]
-        if not answers[0].startswith(expected[0]) or [f"{float(a):.0f}" for a in answers[1:]] != expected[1:]:
+        try:
+            numbers = [f"{float(answer):.0f}" for answer in answers[1:]]
+        except ValueError:
+            link.doubt()
+            raise Corrupt(f"{answers} is not how a filter is set") from None
+        if not answers[0].startswith(expected[0]) or numbers != expected[1:]:
             raise Refused(None, f"the meter's filter reads back {answers}, {expected} is expected")
+
+
+def average(meter: Any, averaging: Averaging) -> None:
+    """Every reading of the meter is from now on such a mean. Raises Refused where it has no filter; InstrumentError."""
+    own = getattr(meter, "average", None)
+    if own is None:
+        raise Refused(None, "the meter does not average its readings itself")
+    own(averaging)

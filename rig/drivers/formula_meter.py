@@ -11,9 +11,8 @@ import re
 from math import isnan, nan
 from typing import ClassVar, Protocol
 
-from rig.core.errors import Refused
 from rig.core.reading import Quality, Reading
-from rig.drivers.averaging import Averaging
+from rig.drivers.averaging import Averaging, average
 from rig.drivers.formula import Formula, formula
 from rig.drivers.identity import Identity
 from rig.drivers.meter import LOG_RESISTANCE, Meter
@@ -68,10 +67,7 @@ class FormulaMeter:
 
     def average(self, averaging: Averaging) -> None:
         """Every reading is the formula of such a mean of voltages. Refused by a meter that has no filter."""
-        average = getattr(self.meter, "average", None)
-        if average is None:
-            raise Refused(None, "the meter does not average its readings itself")
-        average(averaging)
+        average(self.meter, averaging)
 
     def start_reading(self) -> None:
         """Begin a reading."""

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.core.clock import VirtualClock
-from rig.core.errors import Refused
+from rig.core.errors import Corrupt, Refused
 from rig.drivers.averaging import Averaging
 from rig.drivers.formula_meter import FormulaMeter
 from rig.drivers.registry import open_meter
@@ -96,6 +96,27 @@ def test_conversation_of_a_filter(attach: Attach, clock: VirtualClock) -> None:
     meter: Any = open_meter("keithley2000", attach(conversation), clock, first_token=7)
     Averaging(2).apply(meter.link, ":SENS:FRES:AVER")
     conversation.assert_over()
+
+
+class Garbled:
+    """A link on which a character of the filter's settings has flipped."""
+
+    doubted = False
+
+    def command(self, message: str) -> None: ...
+
+    def answers(self, message: str, count: int) -> list[str]:
+        return ["REP", "r", "1"]
+
+    def doubt(self) -> None:
+        self.doubted = True
+
+
+def test_a_garbled_setting_is_a_fault_of_the_line() -> None:
+    link: Any = Garbled()
+    with pytest.raises(Corrupt, match="'R'"):
+        Averaging(2).apply(link, ":SENS:FRES:AVER")
+    assert link.doubted
 
 
 def test_a_filter_that_reads_back_another_is_refused(attach: Attach, clock: VirtualClock) -> None:

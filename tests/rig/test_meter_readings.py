@@ -11,7 +11,7 @@ import pytest
 
 from rig.control.meter_readings import LONGEST_S, ROOM, MeterReadings
 from rig.core.clock import VirtualClock
-from rig.core.errors import Refused, TimedOut
+from rig.core.errors import InstrumentError, Refused, TimedOut
 from rig.core.reading import Reading
 from rig.drivers.averaging import Averaging
 from rig.files.record_file import read_record
@@ -74,6 +74,67 @@ def test_a_meter_without_a_filter_gives_single_ones_and_a_configured_count_is_re
     assert has_one.averaging.count == 3
     readings(has_one, 1).fit(1.0)
     assert has_one.averaging.count == 1
+
+
+class LateAtFirst(Meter):
+    """Its host is late by 30 ms with one of its answers."""
+
+    def __init__(self, clock: VirtualClock, late: int) -> None:
+        super().__init__(clock)
+        self.late = late
+
+    def finish_reading(self) -> Reading:
+        self.late_s = 0.03 if len(self.asked_s) == self.late else 0.0
+        return super().finish_reading()
+
+
+@pytest.mark.parametrize("late", range(1, 8))
+@pytest.mark.parametrize("count", [None, 2])
+def test_one_late_answer_is_not_how_long_an_integration_takes(late: int, count: int | None) -> None:
+    meter = LateAtFirst(VirtualClock(), late)
+    readings(meter, count).fit(1.0)
+    assert meter.averaging.count in ((3, 4) if count is None else (2,))
+    assert meter.averaging.each_s == pytest.approx(EACH_S)
+    assert len(meter.asked_s) < 12
+
+
+class FailsOnce(Meter):
+    """One of its readings fails."""
+
+    def __init__(self, clock: VirtualClock, failing: int, error: InstrumentError) -> None:
+        super().__init__(clock)
+        self.failing, self.error = failing, error
+
+    def finish_reading(self) -> Reading:
+        if len(self.asked_s) == self.failing:
+            raise self.error
+        return super().finish_reading()
+
+
+@pytest.mark.parametrize("failing", range(1, 7))
+@pytest.mark.parametrize("error", [TimedOut("nothing"), Refused(None, "its output is off")])
+def test_a_reading_that_fails_leaves_single_ones_until_the_next_fit(failing: int, error: InstrumentError) -> None:
+    meter = FailsOnce(VirtualClock(), failing, error)
+    of = readings(meter)
+    assert of.fit(0.1) == ""
+    assert meter.averaging == Averaging()
+    assert "mean of 2 integrations" in of.fit(0.1)
+    assert of.fit(0.1) == ""
+
+
+class TakesAnother(Meter):
+    """Its filter takes another count than it is told, and the driver sees that."""
+
+    def average(self, averaging: Averaging) -> None:
+        self.averaging = averaging
+        if averaging.count > 1:
+            raise Refused(None, "the meter's filter reads back 10")
+
+
+def test_a_filter_that_was_refused_is_switched_off() -> None:
+    meter = TakesAnother(VirtualClock())
+    assert "one integration" in readings(meter).fit(0.1)
+    assert meter.averaging == Averaging()
 
 
 def ticks(
