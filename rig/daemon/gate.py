@@ -2,8 +2,9 @@
 
 A job's thread and STOP share one wire. Every exchange holds the gate's lock; STOP closes the gate, waits for the
 exchange that is under way, and commands the output off there and then, whatever the job's thread is doing. At its next
-call the job finds the gate closed and ends by the exception that the gate was closed with. Its own "off" is then the
-one that STOP has commanded: a second one would feed the dead man of a controller that does not obey.
+call the job finds the gate closed and ends by the exception that the gate was closed with. Whichever of the two is
+first at the lock then commands "off", once for both: a second one would feed the dead man of a controller that does not
+obey.
 
 Each job has a pass of its own. A job whose thread does not end (it computes while the instruments are gone) is left to
 itself, and its pass is void: whatever that thread does when it awakes reaches neither the instruments, which another
@@ -64,7 +65,7 @@ class Gate:
         self._now_s = clock
         self._lock = threading.RLock()
         self._controller: TemperatureController | None = None
-        self._off: bool | None = None  # what the controller answered to STOP
+        self._off: bool | None = None  # what the controller answered to "off" since the gate was closed
         self.closed: BaseException | None = None
         self.changed = threading.Event()  # wakes who sleeps at the gate
 
@@ -75,15 +76,17 @@ class Gate:
 
     def stop(self, why: BaseException) -> Off:
         """Close the gate and command the output off, from any thread; the first reason stays."""
-        begin = self._now_s()
-        if self.closed is None:
+        begin, first = self._now_s(), self.closed is None
+        if first:
             self.closed = why
         self.changed.set()
         confirmed, rests_on = False, None
         if self._lock.acquire(timeout=PATIENCE_S):
             try:
                 if self._controller is not None:
-                    confirmed = self._off = self._controller.off()
+                    if not first or self._off is None:  # the job may have been first at the lock: its "off" is this one
+                        self._off = self._controller.off()
+                    confirmed = self._off
                     rests_on = confirmed_by(self._controller) if confirmed else None
             finally:
                 self._lock.release()
@@ -106,12 +109,15 @@ class Gate:
         return cast(TemperatureController, gated)
 
     def _off_of_a_job(self, controller: TemperatureController, by: Pass) -> bool:
-        """What STOP's own "off" gave, where there was one; otherwise it is commanded now."""
+        """What the "off" gave that has been commanded since the gate was closed; without one it is commanded now, and
+        is STOP's too."""
         with self._lock:
             if by.void is not None:
                 return by.off_confirmed
-            if self._off is None or self.closed is None:
+            if self.closed is None:
                 return controller.off()
+            if self._off is None:
+                self._off = controller.off()
             return self._off
 
     def controller_for_idling(self, controller: TemperatureController) -> TemperatureController:
