@@ -96,7 +96,7 @@ class FilmFit:
         output, _ = self.model.simulate(v, memory_at_start(self.model, start, float(v[0])))
         every = np.ones(v.size, dtype=np.bool_)
         none = np.empty(0, dtype=np.int64)
-        record = Prepared("record", time, path, np.zeros(v.size), every, none, none, none, none)
+        record = Prepared("record", time, path, np.zeros(v.size), every, none, none, none, np.empty(0), none)
         half_width = self.uncertainty.half_width(build_path([record], [start]))
         return Prediction(output, half_width, np.hypot(half_width, NORMAL_95 * self.held_out_rmse))
 

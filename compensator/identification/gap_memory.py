@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import beyond_ends, longest_of, there_and_back
+from compensator.identification.gaps import beyond_ends, there_and_back
 from compensator.identification.multistart import mean_square
 from compensator.identification.rows import Prepared, Start
 from compensator.identification.variable_projection import Problem
@@ -43,7 +43,7 @@ def through_gaps(
     for _ in range(PASSES):
         before = list(best)
         for number, record in enumerate(records):
-            for row in longest_of(record.time_s, record.unseen):
+            for row in record.longest_unseen:
                 best = _OneGap(records, chosen, best, fit, theta, number, int(row)).best()
         if best == before:
             break
@@ -118,12 +118,11 @@ def gap_notes(record: Prepared, start: Start) -> list[str]:
     """A line on a record's gaps, if it has any: how long, and what was made of the film's memory in them."""
     if not record.gaps.size:
         return []
-    lasted = record.time_s[record.gaps] - record.time_s[record.gaps - 1]
-    count = record.gaps.size
-    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, the longest of {float(np.max(lasted)):.3g} s: "
+    count, longest_s = record.gaps.size, float(np.max(record.gap_s))
+    seen = f"{record.name}: {count} gap{'s' * (count > 1)} in time, the longest of {longest_s:.3g} s: "
     if not record.unseen.size:
         return [f"{seen}too short for the temperature to have turned round; in between it is taken as monotone."]
-    looked = longest_of(record.time_s, record.unseen).size
+    looked = record.longest_unseen.size
     after = "it" if count == 1 else "each" if looked == count else f"the {looked} longest" if looked > 1 else "that one"
     made = f"{seen}the temperature in between is unknown, so the film's memory after {after} is estimated anew"
     if not start.passed_degC:

@@ -49,10 +49,9 @@ def long_gaps(time_s: Array, after: Rows) -> Rows:
     return after[time_s[after] - time_s[after - 1] > SHORT * interval_s]
 
 
-def longest_of(time_s: Array, after: Rows) -> Rows:
-    """Of the rows after gaps those after the longest ones, as many as are looked at."""
-    lasted = time_s[after] - time_s[after - 1]
-    return np.sort(after[np.argsort(-lasted, kind="stable")[:LONGEST]])
+def longest_of(after: Rows, lasted_s: Array) -> Rows:
+    """Of the rows after gaps those after the longest ones, as many as are looked at. lasted_s: how long each was."""
+    return np.sort(after[np.argsort(-lasted_s, kind="stable")[:LONGEST]])
 
 
 def beyond_ends(ends_degC: Array, seen_degC: Array, margin: float) -> tuple[list[float], list[float]]:

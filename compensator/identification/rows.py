@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from compensator.hysteresis.film import Initial
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
-from compensator.identification.gaps import long_gaps, rows_after_gaps
+from compensator.identification.gaps import long_gaps, longest_of, rows_after_gaps
 from compensator.identification.held_readings import repeated_rows
 from compensator.identification.operator_outputs import Integers, Sides
 from compensator.identification.outliers import lone_outliers
@@ -61,8 +61,8 @@ class Start:
 class Prepared:
     """A checked record. `path`: what drives the operators; `used`: rows with a trusted reading; `outliers`: rows of
     the record as given; `gaps`: rows after each gap, with `unseen`, those after one that the film's memory is not known
-    through; `repeated`: rows of the record as given that repeat the reading before; `origin`: of each row here the row
-    there (-1: none), None if they are the same."""
+    through, and `gap_s`, how long each of the gaps lasted; `repeated`: rows of the record as given that repeat the
+    reading before; `origin`: of each row here the row there (-1: none), None if they are the same."""
 
     name: str
     time_s: Array
@@ -72,12 +72,18 @@ class Prepared:
     outliers: Integers
     gaps: Integers
     unseen: Integers
+    gap_s: Array
     repeated: Integers
     origin: Integers | None = None
 
     @property
     def inputs(self) -> Array:
         return self.path.temperature_degC
+
+    @property
+    def longest_unseen(self) -> Integers:
+        """The rows after the longest of the gaps that the film's memory is not known through."""
+        return longest_of(self.unseen, self.gap_s[np.searchsorted(self.gaps, self.unseen)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +127,8 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     finite[outliers] = False
     unseen = _without_temperature(time, known)
     gaps = np.union1d(rows_after_gaps(time), unseen)
-    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, repeated)
+    gap_s = time[gaps] - time[_last_known(known, gaps)]
+    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, gap_s, repeated)
     return whole if record.output_time_s is None else _at_reading_times(whole, found["output_time_s"])
 
 
@@ -130,6 +137,12 @@ def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
     there are rows or not."""
     rows = np.flatnonzero(known)
     return np.asarray(rows[long_gaps(time[rows], rows_after_gaps(time[rows]))], dtype=np.int64)
+
+
+def _last_known(known: NDArray[np.bool_], gaps: Integers) -> Integers:
+    """The last row before each gap, with a temperature where there is any."""
+    rows = np.flatnonzero(known)
+    return np.asarray(np.where(gaps > rows[0], rows[np.searchsorted(rows, gaps) - 1], gaps - 1), dtype=np.int64)
 
 
 def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
@@ -148,9 +161,12 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
     inputs = np.interp(time[order], record.time_s, record.inputs)
     path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
     place = np.argsort(order)  # here, of each row there
-    gaps, unseen = place[record.gaps], place[record.unseen]
+    # a reading may be from before its row, and from within the gap: after that is what follows the widest step
+    ends = [np.arange(place[row - 1], place[row]) for row in record.gaps]
+    gaps = np.array([between[np.argmax(np.diff(time[order])[between])] + 1 for between in ends], dtype=np.int64)
+    unseen = gaps[np.searchsorted(record.gaps, record.unseen)]
     rows = time[order], path, output[order], used[order]
-    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.repeated, origin[order])
+    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.gap_s, record.repeated, origin[order])
 
 
 def build_path(

@@ -107,7 +107,7 @@ def _diagnosed(options: argparse.Namespace, found: Improvable, out: Path, voice:
     if not new and CANDIDATE in said.files:
         tried = news(as_effects(said.document["candidates"][0]), found.known)
     model = folder / (CANDIDATE if tried else MODEL)
-    why_not = found.why_not(effects, new, tried) or found.no_better(model, record, new or tried)
+    why_not = found.why_not(effects, new, tried) or found.no_better(model, record, effects, new or tried)
     seen = Improvement(options.run, out, found.law, said.document, said.lines[0], new, tried, model, first)
     return replace(seen, why_not=why_not, caveats=found.caveats)
 

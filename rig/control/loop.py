@@ -229,8 +229,8 @@ class Loop:
         self.ticks.done += 1
         self._tell_guard(now)
         if self._on_tick is not None:
-            current_A = self.sent.current_A
-            self._on_tick(Tick(now - self._start_s, name, temperature, resistance, current_A, decision, self.watch))
+            seen = temperature, resistance, test_current_A
+            self._on_tick(Tick(now - self._start_s, name, *seen, self.sent.current_A, decision, self.watch))
         self._readings.rest_took(self.bench.clock.now_s() - now)
         return decision.done
 

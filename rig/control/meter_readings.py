@@ -166,8 +166,10 @@ class MeterReadings:
         pending, self._begun_s = self._begun_s is not None and self._why_not is None, None
         self._why_not = None
         if pending and self._meter is not None:
-            with suppress(InstrumentError):  # who wants the next one is told
+            try:
                 self._meter.finish_reading()
+            except InstrumentError:  # who wants the next one is told
+                self._answers = False
 
     def thermometer_took(self, took_s: float) -> None:
         """A tick's question for the temperature took so long."""
@@ -181,14 +183,13 @@ class MeterReadings:
         return due_s + self._thermometer_s - self._takes_s - MARGIN * self._period_s
 
     def _begin(self, meter: Meter) -> None:
-        self._begun_s = self._clock.now_s()
         try:
             meter.start_reading()
         except Disconnected:
-            self._begun_s = None
             raise
         except InstrumentError as error:
             self._why_not = error
+        self._begun_s = self._clock.now_s()  # what had to be brought in step before is no part of the reading
 
 
 def _toward(old: float, new: float, share: float) -> float:

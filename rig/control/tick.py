@@ -31,12 +31,14 @@ Progress = Callable[[str, float, float], None]  # phase, seconds done, seconds i
 
 @dataclass(frozen=True)
 class Tick:
-    """One tick as it was: time of the run (s), readings with quality, what was sent (nan: nothing of it), the watch."""
+    """One tick as it was: time of the run (s), readings with quality, the ohmmeter's test current at its reading, what
+    was sent (nan: nothing of it), the watch."""
 
     time_s: float
     phase: str
     temperature: Reading
     resistance: Reading | None
+    test_current_A: float
     current_A: float
     decision: Decision
     watch: BenchWatch

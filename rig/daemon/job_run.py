@@ -212,7 +212,7 @@ class JobRun(Watcher):
         desk.ticks.latest_s = max(desk.ticks.latest_s, self._clock.latest_s)
         desk.row(
             {
-                **row_of(desk.label_s(), tick.temperature, tick.resistance, current_A, self._bench.meter),
+                **row_of(desk.label_s(), tick.temperature, tick.resistance, current_A, tick.test_current_A),
                 "setpoint_degC": decision.setpoint_degC,
                 "reference_degC": decision.reference_degC,
                 "target_ohm": decision.target_ohm,

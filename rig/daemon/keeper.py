@@ -247,13 +247,13 @@ class _Idle:
         self._see_that_it_is_off()
         temperature = self._reading(self._controller.read_temperature)
         self._ask_the_temperature(temperature)
-        resistance = None
+        resistance, test_current_A = None, math.nan
         if bench.meter is not None:
-            resistance = self._reading(bench.meter.read)
+            resistance, test_current_A = self._reading(bench.meter.read), bench.meter.test_current_A
         self._silent = self._silent + 1 if temperature.quality is Quality.MISSING else 0
         if self._silent >= SILENT_TICKS:
             raise Disconnected(f"no answer of the controller in {self._silent} ticks")
-        desk.row({**row_of(desk.label_s(), temperature, resistance, 0.0, bench.meter), "phase": "idle"})
+        desk.row({**row_of(desk.label_s(), temperature, resistance, 0.0, test_current_A), "phase": "idle"})
 
     def _see_that_it_is_off(self) -> None:
         """Now and then, and until it is confirmed: at every tick, or after each silence for the dead man."""

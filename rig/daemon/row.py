@@ -6,11 +6,10 @@ import math
 from typing import Any
 
 from rig.core.reading import Quality, Reading
-from rig.drivers.meter import ResistanceMeter
 
 
 def row_of(
-    time_s: float, temperature: Reading, resistance: Reading | None, current_A: float, meter: ResistanceMeter | None
+    time_s: float, temperature: Reading, resistance: Reading | None, current_A: float, test_current_A: float
 ) -> dict[str, Any]:
     """What every row has, whoever reads; nan where there is nothing to show. A resistance beyond the range is
     infinite, a temperature beyond it is not told."""
@@ -20,7 +19,7 @@ def row_of(
         "temperature_degC": temperature.value if temperature.is_number else math.nan,
         "resistance_ohm": resistance.value if seen and resistance is not None else math.nan,
         "current_A": current_A,
-        "meter_current_A": meter.test_current_A if meter is not None else math.nan,
+        "meter_current_A": test_current_A,
         "quality": quality_of(temperature, resistance),
     }
 

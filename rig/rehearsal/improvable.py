@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.gained import same_target
-from rig.analysis.no_better import no_better
+from rig.analysis.no_better import fitted_no_better, no_better
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.wanted import TRACKING, quantity_of, target_of
@@ -61,17 +61,21 @@ class Improvable:
                 return None
             what, names = "named" if new else "found", ", ".join(new or tried)
             return f"no effect that is {what} ({names}) acts on what kind {self.kind!r} follows"
-        if not effects:
-            return "no effect is named in this record"
-        names = ", ".join(str(e["name"]) for e in effects)
-        return f"the run's model already has what is named ({names}), at sizes that the record bears out"
+        return None if effects else "no effect is named in this record"
 
-    def no_better(self, extended: Path, record: Record, new: Sequence[str]) -> str | None:
+    def no_better(
+        self, extended: Path, record: Record, effects: Sequence[Mapping[str, Any]], new: Sequence[str]
+    ) -> str | None:
         """Why nothing is to be expected of an extended model with these effects, None where it may be run: it has to
-        tell the run better than the run's own."""
+        tell the run better than the run's own. new: of the effects those that the run's own does not have."""
         own = self.run.part / "model.toml"
         followed = self.output if self.kind in TRACKING else "temperature_degC"
-        return no_better(extended, own, record, followed, new) if own.is_file() else None
+        if new:
+            return no_better(extended, own, record, followed, new) if own.is_file() else None
+        found = fitted_no_better(extended, own, record, followed)
+        names = ", ".join(str(e["name"]) for e in effects)
+        had = f"the run's model already has what is named ({names}), at sizes that the record bears out"
+        return f"{had}, and {found}" if found is not None else None
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:

@@ -70,6 +70,7 @@ def sentence(i: Improvement) -> str:
         effects = f"{listed(i.diagnosis['candidates'][0]['names'])} (found, and not named)"
     else:
         effects = listed([str(e["name"]) for e in i.diagnosis["effects"]])
+        effects += "" if i.new else " (which it had), and film and plate fitted to the first run,"
     if i.after is None:
         return f"Run again with {effects} in the model; no row of it followed a target."
     unit, digits = PLACES[i.after.unit]

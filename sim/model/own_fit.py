@@ -19,12 +19,12 @@ from typing import Protocol
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import beyond_ends, longest_of, there_and_back
+from compensator.identification.gaps import beyond_ends, there_and_back
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.effects.effect import HeatFlow
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
-from sim.model.record_own import FilmStart, RecordOwn, anew_rows, long_gaps
+from sim.model.record_own import FilmStart, RecordOwn, anew_rows, longest_gaps
 from sim.model.recorded import Mask, Recorded, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
@@ -194,7 +194,7 @@ def _through_gaps(own: RecordOwn, path: PlatePath, record: Recorded, cost: Calla
     better."""
     first = record.first_rows[1:]
     passed = np.array(own.film.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    for k in np.flatnonzero(np.isin(first, longest_of(record.time_s, long_gaps(record)))):
+    for k in np.flatnonzero(np.isin(first, longest_gaps(record))):
         ends = path.at(record.time_s[[first[k] - 1, first[k]]])
         lower, higher = beyond_ends(ends, path.plate_degC, MARGIN)
         singles = [(math.nan, degC) for degC in (*lower, *higher)]

@@ -66,3 +66,9 @@ def anew_rows(record: Recorded) -> Rows:
 def long_gaps(record: Recorded) -> Rows:
     """The rows after gaps in which a plate may have turned round."""
     return gaps.long_gaps(record.time_s, record.first_rows[1:])
+
+
+def longest_gaps(record: Recorded) -> Rows:
+    """Of those the rows after the longest ones, as many as are looked at."""
+    after = long_gaps(record)
+    return gaps.longest_of(after, record.time_s[after] - record.time_s[after - 1])

@@ -67,6 +67,20 @@ def test_a_thermometer_without_readings_is_a_gap_too() -> None:
     lost[300:340] = np.nan
     record = prepare(FilmRecord(time, lost, y))
     assert record.unseen.tolist() == [340, GAP]
+    assert record.gap_s.tolist() == [time[340] - time[299], time[GAP] - time[GAP - 1]]
+
+
+@pytest.mark.parametrize("late_s", [-0.2, 0.2])
+def test_a_gap_is_as_long_as_its_rows_say_and_where_no_reading_is(late_s: float) -> None:
+    """A reading from before its row lies within the gap: the film has been wherever it was in it before that."""
+    time, v, y = with_an_excursion(None)
+    plain = prepare(FilmRecord(time, v, y))
+    record = prepare(FilmRecord(time, v, y, output_time_s=time + late_s))
+    assert record.gap_s.tolist() == plain.gap_s.tolist() == [time[GAP] - time[GAP - 1]]
+    (row,) = record.unseen
+    between = (time[GAP - 1] + max(late_s, 0.0), time[GAP] + min(late_s, 0.0))
+    assert record.time_s[[row - 1, row]] == pytest.approx(between)
+    assert record.longest_unseen.tolist() == [row]
 
 
 def test_where_the_film_went_stands_in_its_path_and_in_no_reading() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -181,6 +182,35 @@ def known(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     said = Told(json.loads(files["diagnosis.json"]), ("Explained: actuator_delay.",), files)
     monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: said)
     return folder
+
+
+def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being_fitted_to_it(
+    peltier: Peltier, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run's model knows the delay at its size. With the very same plate nothing is to be expected of a second run,
+    with one that is a tenth nearer to what was measured much is."""
+    files, better = files_in(folder / "better" / "diagnosis"), folder / "better"
+    document = json.loads(files["diagnosis.json"])
+    monkeypatch.setattr("rig.report.diagnosed_record.told", lambda *words, **more: Told(document, ("",), files))
+    run = tmp_path / "run"
+    shutil.copytree(better / "run", run)
+    words = ("improve", run, "--config", better / "config.toml", "--yes", "--out")
+    status, out, _ = peltier(*words, tmp_path / "same")
+    assert status == 0
+    assert "the run's model already has what is named (actuator_delay), at sizes that the record bears out, and" in out
+    assert "and with film and plate fitted to the run temperature of its record is predicted to " in out
+    assert not (tmp_path / "same" / "run").exists()
+    model = read_toml(run / "model.toml")
+    key, text = "seebeck_over_capacity_per_A_s", (run / "model.toml").read_text()
+    value = model["plate"][key]
+    assert f"{key} = {value}" in text
+    (run / "model.toml").write_text(text.replace(f"{key} = {value}", f"{key} = {1.1 * value}"))
+    status, out, _ = peltier(*words, tmp_path / "fitted")
+    assert status == 0
+    assert "With actuator_delay (which it had), and film and plate fitted to the first run, in the model the RMS" in out
+    said = json.loads((tmp_path / "fitted" / "improvement.json").read_text())
+    assert (said["new"], said["tried"]) == ([], [])
+    assert (tmp_path / "fitted" / "run" / "run.json").is_file()
 
 
 def test_it_asks_before_it_heats(

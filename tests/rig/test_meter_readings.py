@@ -28,7 +28,7 @@ class Meter:
     def __init__(self, clock: VirtualClock, filters: bool = True) -> None:
         self.clock, self.filters, self.averaging, self.late_s = clock, filters, Averaging(), 0.0
         self.asked_s: list[float] = []
-        self.broken = False
+        self.broken = self.lost = False
 
     def average(self, averaging: Averaging) -> None:
         if averaging.count > 1 and not self.filters:
@@ -41,6 +41,8 @@ class Meter:
             raise TimedOut("nothing")
 
     def finish_reading(self) -> Reading:
+        if self.lost:
+            raise TimedOut("nothing")
         there_s = self.asked_s[-1] + LINE_S + self.averaging.count * EACH_S + self.late_s
         self.clock.sleep_until_s(there_s)
         return Reading(1e4, there_s)
@@ -193,6 +195,42 @@ def test_what_went_wrong_as_it_was_begun_is_told_as_it_is_fetched() -> None:
     fetched = of.fetch()
     assert fetched is not None
     assert fetched.is_number
+
+
+def test_what_brings_the_line_in_step_before_a_reading_is_none_of_its_time() -> None:
+    """1.5 s of it would have the readings after it begun much too early, for some dozens of ticks."""
+    clock = VirtualClock()
+    meter = Meter(clock)
+    of = readings(meter)
+    ticks(meter, of, 5, 0.25)
+    plainly = meter.start_reading
+
+    def brought_in_step() -> None:
+        clock.sleep_until_s(clock.now_s() + 1.5)
+        plainly()
+
+    meter.start_reading = brought_in_step  # type: ignore[method-assign]
+    of.leave()
+    assert of.fetch() is not None
+    meter.start_reading = plainly  # type: ignore[method-assign]
+    _, ago_s = ticks(meter, of, 1, 0.25)
+    assert ago_s <= LINE_S + meter.averaging.count * EACH_S + 0.05 * 0.25 + 0.01
+
+
+def test_after_a_reading_that_was_left_and_did_not_come_nobody_asks_ahead() -> None:
+    """Bringing the line in step is the next tick's: it looks at the temperature before and after."""
+    meter = Meter(VirtualClock())
+    of = readings(meter)
+    of.fit(0.1)
+    of.ready()
+    meter.lost = True
+    of.leave()
+    asked = len(meter.asked_s)
+    of.ready()
+    of.begin_for(meter.clock.now_s())
+    assert len(meter.asked_s) == asked
+    meter.lost = False
+    assert of.fetch() is not None
 
 
 def test_a_reading_of_long_ago_is_none_for_the_next_phase() -> None:

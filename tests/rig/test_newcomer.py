@@ -139,7 +139,7 @@ class Screen(io.StringIO):
 
 def a_tick(time_s: float, phase: str) -> Tick:
     readings = Reading(61.234, time_s), Reading(12340.0, time_s)
-    return Tick(time_s, phase, *readings, 1.25, Decision(), cast(Any, None))
+    return Tick(time_s, phase, *readings, 1e-4, 1.25, Decision(), cast(Any, None))
 
 
 def test_a_terminals_line_is_rewritten_in_place_and_cleared() -> None:

@@ -13,11 +13,11 @@ from functools import partial
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.gaps import beyond_ends, longest_of, there_and_back
+from compensator.identification.gaps import beyond_ends, there_and_back
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
 from sim.model.own_fit import beginnings
-from sim.model.record_own import FilmStart, long_gaps
+from sim.model.record_own import FilmStart, longest_gaps
 
 FAR = 1.0  # cost a row from which others have to be fitted to be seen
 FAR_OFF = 15.0  # cost a row from which more is wrong than a memory
@@ -99,8 +99,7 @@ def _through_gaps(channel: ResistanceChannel, p: FilmParameters) -> FilmStart:
     record = channel.record
     first = record.first_rows[1:]
     passed = np.array(p.start.passed_degC or np.full((first.size, 2), np.nan)).reshape(-1, 2)
-    longest = longest_of(record.time_s, long_gaps(record))
-    for k in np.flatnonzero(np.isin(first, longest)):
+    for k in np.flatnonzero(np.isin(first, longest_gaps(record))):
         passed = _in_gap(channel, p, passed, int(k))
     return _started(p.start, passed)
 

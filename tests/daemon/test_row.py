@@ -1,0 +1,35 @@
+"""A row of the history beside that of the job's own record."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rig.files.configuration import read_configuration
+from rig.files.record_file import read_record
+from rig.history.tables import connect_to_read
+from tests.daemon.benches import SERVE, running, until, write_current
+
+THROUGH_THE_RANGES = '["start 0.5 A", "hold 2 s", "ramp to 3 A in 20 s", "hold 10 s"]'
+
+
+def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> None:
+    """Though the next reading, in another range maybe, has been begun when the row is written."""
+    path = write_current(tmp_path, THROUGH_THE_RANGES, more=SERVE)
+    with running(path) as bench:
+        job = bench.desk.submit(read_configuration(path))
+        until(lambda: job.ended_s is not None, "the job's end")
+        assert job.state == "done", job.reason
+        assert job.folder is not None
+        bench.desk.writer.settle()
+        with connect_to_read(bench.desk.folder / "history.sqlite") as connection:
+            kept = connection.execute("SELECT resistance_ohm, meter_current_A FROM raw").fetchall()
+        record = read_record(job.folder / "record.csv")
+    in_history = dict(kept)
+    rows = np.flatnonzero(np.diff(record["meter_current_A"]) != 0.0)
+    assert rows.size
+    for row in (*rows, *(rows + 1)):
+        ohm = record["resistance_ohm"][row]
+        if np.isfinite(ohm):
+            assert in_history[ohm] == record["meter_current_A"][row]
