@@ -144,7 +144,6 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     """The effects that `diagnose` names in the first run; those that it found where it names none; and the model with
     them, in the folder."""
     from rig.__main__ import main
-    from rig.analysis.gained import news
     from rig.analysis.no_better import fitted_no_better, no_better
     from rig.files.film_output import FALLING_RESISTANCE
     from rig.files.model_file import read_model
@@ -162,10 +161,10 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     tried = [str(name) for one in best for name in one["names"]]
     model, first = report / (CANDIDATE if tried else MODEL), folder / "first"
     own, record = first / "model.toml", read_record(first / "record.csv")
-    new = tried or news(document["effects"], read_model(own).effects)
+    unknown = {*(tried or named)}.difference(str(effect["name"]) for effect in read_model(own).effects)
     compared = (model, own, record, FALLING_RESISTANCE)
     # as `improve`, which leaves the model as it is where that tells the run as well
-    if not (named or tried) or (no_better(*compared, new) if new else fitted_no_better(*compared)):
+    if not (named or tried) or (no_better(*compared, named or tried) if unknown else fitted_no_better(*compared)):
         return named, tried, "cal/MODEL.toml"
     return named, tried, f"{report.name}/{model.name}"
 

@@ -38,9 +38,9 @@ def no_better(extended: Path, own: Path, record: Record, followed: str, new: Ite
 
 
 def fitted_no_better(extended: Path, own: Path, record: Record, followed: str) -> str | None:
-    """The same of a model whose effects are the run's own: its film and plate are fitted to the run, where those of the
-    run's own were fitted to a calibration. None where what was followed is told better by more than `WORTH`, whichever
-    blocks of the record one looks at. Raises Faults for a model that cannot be read."""
+    """The same of a model whose effects are the run's own, maybe of other sizes: its film and plate are fitted to the
+    run, where those of the run's own were fitted to a calibration. None where what was followed is told better by more
+    than `WORTH`, whichever blocks of the record one looks at. Raises Faults for a model that cannot be read."""
     after, before = _errors(extended, own, record, followed)
     if after is None or before is None:
         return f"{followed} of the run's own record cannot be predicted by both models"

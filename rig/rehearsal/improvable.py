@@ -67,15 +67,19 @@ class Improvable:
         self, extended: Path, record: Record, effects: Sequence[Mapping[str, Any]], new: Sequence[str]
     ) -> str | None:
         """Why nothing is to be expected of an extended model with these effects, None where it may be run: it has to
-        tell the run better than the run's own. new: of the effects those that the run's own does not have."""
+        tell the run better than the run's own. new: of the effects those that the run's own does not have, or has at
+        another size."""
         own = self.run.part / "model.toml"
+        if not own.is_file():
+            return None
         followed = self.output if self.kind in TRACKING else "temperature_degC"
-        if new:
-            return no_better(extended, own, record, followed, new) if own.is_file() else None
+        if not {str(effect["name"]) for effect in self.known}.issuperset(new):
+            return no_better(extended, own, record, followed, new)
         found = fitted_no_better(extended, own, record, followed)
+        if new or found is None:
+            return found
         names = ", ".join(str(e["name"]) for e in effects)
-        had = f"the run's model already has what is named ({names}), at sizes that the record bears out"
-        return f"{had}, and {found}" if found is not None else None
+        return f"the run's model already has what is named ({names}), at sizes that the record bears out, and {found}"
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:

@@ -200,6 +200,11 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     assert "the run's model already has what is named (actuator_delay), at sizes that the record bears out, and" in out
     assert "and with film and plate fitted to the run temperature of its record is predicted to " in out
     assert not (tmp_path / "same" / "run").exists()
+    other_size = {"name": "actuator_delay", "parameters": {"delay_s": {"value": 0.9, "ci95": [0.89, 0.91]}}}
+    document["effects"] = [other_size]
+    _, out, _ = peltier(*words, tmp_path / "other")
+    assert "Not run again: with film and plate fitted to the run temperature of its record is predicted to " in out
+    document["effects"] = json.loads(files["diagnosis.json"])["effects"]
     model = read_toml(run / "model.toml")
     key, text = "seebeck_over_capacity_per_A_s", (run / "model.toml").read_text()
     value = model["plate"][key]
