@@ -161,12 +161,14 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     tried = [str(name) for one in best for name in one["names"]]
     model, first = report / (CANDIDATE if tried else MODEL), folder / "first"
     own, record = first / "model.toml", read_record(first / "record.csv")
-    unknown = {*(tried or named)}.difference(str(effect["name"]) for effect in read_model(own).effects)
+    of_both = [{str(effect["name"]) for effect in read_model(path).effects} for path in (model, own)]
     compared = (model, own, record, FALLING_RESISTANCE)
-    # as `improve`, which leaves the model as it is where that tells the run as well
-    if not (named or tried) or (no_better(*compared, named or tried) if unknown else fitted_no_better(*compared)):
+    if not (named or tried):
         return named, tried, "cal/MODEL.toml"
-    return named, tried, f"{report.name}/{model.name}"
+    same = of_both[0] == of_both[1]
+    why_not = fitted_no_better(*compared) if same else no_better(*compared, named or tried)
+    # `improve` leaves the model as it is where that tells the run as well
+    return named, tried, "cal/MODEL.toml" if why_not else f"{report.name}/{model.name}"
 
 
 def main() -> int:

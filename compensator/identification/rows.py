@@ -126,10 +126,10 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     outliers = lone_outliers(output, finite)
     finite[outliers] = False
     unseen = _without_temperature(time, known)
-    gaps = np.union1d(rows_after_gaps(time), unseen)
-    gap_s = time[gaps] - time[_last_known(known, gaps)]
-    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, gap_s, repeated)
-    return whole if record.output_time_s is None else _at_reading_times(whole, found["output_time_s"])
+    gaps = _gaps(time, known, unseen)
+    before = _last_known(known, gaps)
+    whole = Prepared(name, time, path, output, finite, outliers, gaps, unseen, time[gaps] - time[before], repeated)
+    return whole if record.output_time_s is None else _at_reading_times(whole, before, found["output_time_s"])
 
 
 def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
@@ -139,14 +139,21 @@ def _without_temperature(time: Array, known: NDArray[np.bool_]) -> Integers:
     return np.asarray(rows[long_gaps(time[rows], rows_after_gaps(time[rows]))], dtype=np.int64)
 
 
+def _gaps(time: Array, known: NDArray[np.bool_], unseen: Integers) -> Integers:
+    """The row after each gap in time, and after those without a temperature: rows between belong to one gap."""
+    rows, after = np.flatnonzero(known), rows_after_gaps(time)
+    then = rows[np.minimum(np.searchsorted(rows, after), rows.size - 1)]
+    return np.union1d(after[~np.isin(then, unseen)], unseen).astype(np.int64)
+
+
 def _last_known(known: NDArray[np.bool_], gaps: Integers) -> Integers:
     """The last row before each gap, with a temperature where there is any."""
     rows = np.flatnonzero(known)
     return np.asarray(np.where(gaps > rows[0], rows[np.searchsorted(rows, gaps) - 1], gaps - 1), dtype=np.int64)
 
 
-def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
-    """The record with a row of its own for each output that was read between two rows."""
+def _at_reading_times(record: Prepared, before: Integers, read_s: Array) -> Prepared:
+    """The record with a row of its own for each output that was read between two rows. before: the rows before gaps."""
     read = np.clip(np.where(np.isfinite(read_s), read_s, record.time_s), record.time_s[0], record.time_s[-1])
     apart = np.flatnonzero(record.used & (read != record.time_s))
     if not apart.size:
@@ -161,12 +168,20 @@ def _at_reading_times(record: Prepared, read_s: Array) -> Prepared:
     inputs = np.interp(time[order], record.time_s, record.inputs)
     path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
     place = np.argsort(order)  # here, of each row there
-    # a reading may be from before its row, and from within the gap: after that is what follows the widest step
-    ends = [np.arange(place[row - 1], place[row]) for row in record.gaps]
-    gaps = np.array([between[np.argmax(np.diff(time[order])[between])] + 1 for between in ends], dtype=np.int64)
+    ends = [(int(place[last]), int(place[row]), int(row)) for last, row in zip(before, record.gaps, strict=True)]
+    gaps = np.array([_first_after(*one, origin[order], used[order]) for one in ends], dtype=np.int64)
     unseen = gaps[np.searchsorted(record.gaps, record.unseen)]
     rows = time[order], path, output[order], used[order]
     return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.gap_s, record.repeated, origin[order])
+
+
+def _first_after(last: int, end: int, row: int, origin: Integers, used: NDArray[np.bool_]) -> int:
+    """Where what follows a gap begins, between the rows at its ends: at its end, which is that row of the record, or at
+    the first reading of this or a later row that is from within the gap: whatever the film went through in it, it went
+    through before. origin, used: of rows and readings in sequence."""
+    within = np.arange(last + 1, end)
+    early = within[used[within] & (origin[within] >= row)]
+    return int(early[0]) if early.size else end
 
 
 def build_path(

@@ -18,6 +18,7 @@ from contextlib import suppress
 
 from rig.core.clock import Clock
 from rig.core.errors import Disconnected, InstrumentError, Refused
+from rig.core.faults import Faults
 from rig.core.reading import Reading
 from rig.drivers.averaging import Averaging, average
 from rig.drivers.meter import Meter, settled_reading
@@ -28,10 +29,6 @@ MOST = 100  # integrations that the filters take
 MARGIN = 0.05  # of a period, by which a reading is to be there early
 WAITED_S = 0.001  # for a reading: then it is known how long it took
 USUAL = 0.1  # share by which a new duration counts, and by which a reading's goes back to what it was at rest
-
-
-class CountRefused(Refused):
-    """The configured number of integrations cannot be had."""
 
 
 class MeterReadings:
@@ -51,8 +48,8 @@ class MeterReadings:
         """Before a run of that period: of how many integrations a reading is, and how long it takes; in words, or
         nothing where that is known already.
 
-        Raises Disconnected; CountRefused. After any other fault readings are single ones until the next fit, and what
-        is wrong is the first tick's to find.
+        Raises Disconnected; Faults for a configured number that the meter does not take. After any other fault readings
+        are single ones until the next fit, and what is wrong is the first tick's to find.
         """
         if self._meter is None or (self._is_fitted and period_s == self._period_s):
             return ""
@@ -61,7 +58,7 @@ class MeterReadings:
         self._is_fitted = False
         try:
             averaging = self._fitted(self._meter, period_s)
-        except (Disconnected, CountRefused):
+        except Disconnected:
             raise
         except InstrumentError:
             self._at_rest_s = self._takes_s = period_s
@@ -95,12 +92,12 @@ class MeterReadings:
         return one
 
     def _averages(self, meter: Meter, averaging: Averaging) -> bool:
-        """Whether the meter takes that filter. Refused where it does not, and it is the configured one."""
+        """Whether the meter takes that filter. Raises Faults where it does not, and it is the configured one."""
         try:
             average(meter, averaging)
         except Refused as error:
             if self._count is not None and averaging.count > 1:
-                raise CountRefused(error.code, f"bench.meter.average = {self._count}: {error}") from None
+                raise Faults([f"bench.meter.average: {self._count}: {error}; expected 1, or nothing"]) from None
             return False
         return True
 
@@ -121,7 +118,7 @@ class MeterReadings:
             return
         if self._begun_s is not None and self._clock.now_s() - self._begun_s > self._takes_s + self._period_s:
             self.leave()
-        if self._begun_s is None:
+        if self._begun_s is None and self._answers:
             self._begin(self._meter)
         if self._begun_s is not None:
             there_s = self._begun_s + self._takes_s - self._thermometer_s

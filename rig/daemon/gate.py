@@ -64,8 +64,9 @@ class Gate:
     def __init__(self, clock: Callable[[], float]) -> None:
         self._now_s = clock
         self._lock = threading.RLock()
+        self._closing = threading.Lock()
         self._controller: TemperatureController | None = None
-        self._off: bool | None = None  # what the controller answered to "off" since the gate was closed
+        self._off: tuple[BaseException, bool] | None = None  # what it was closed with, and what "off" gave since
         self.closed: BaseException | None = None
         self.changed = threading.Event()  # wakes who sleeps at the gate
 
@@ -76,17 +77,20 @@ class Gate:
 
     def stop(self, why: BaseException) -> Off:
         """Close the gate and command the output off, from any thread; the first reason stays."""
-        begin, first = self._now_s(), self.closed is None
-        if first:
-            self.closed = why
+        begin = self._now_s()
+        with self._closing:
+            first = self.closed is None
+            if first:
+                self.closed = why
+            closed = self.closed or why
         self.changed.set()
         confirmed, rests_on = False, None
         if self._lock.acquire(timeout=PATIENCE_S):
             try:
                 if self._controller is not None:
-                    if not first or self._off is None:  # the job may have been first at the lock: its "off" is this one
-                        self._off = self._controller.off()
-                    confirmed = self._off
+                    off = self._since(closed) if first else None  # a job's, that was before at the lock
+                    confirmed = self._controller.off() if off is None else off
+                    self._off = closed, confirmed
                     rests_on = confirmed_by(self._controller) if confirmed else None
             finally:
                 self._lock.release()
@@ -94,8 +98,9 @@ class Gate:
 
     def open(self) -> None:
         """Let a job pass."""
-        self.closed = self._off = None
-        self.changed.clear()
+        with self._closing:
+            self.closed = None
+            self.changed.clear()
 
     def check(self) -> None:
         """Raises what the gate was closed with."""
@@ -110,15 +115,20 @@ class Gate:
 
     def _off_of_a_job(self, controller: TemperatureController, by: Pass) -> bool:
         """What the "off" gave that has been commanded since the gate was closed; without one it is commanded now, and
-        is STOP's too."""
+        is that of a STOP, too, which waits for the lock meanwhile."""
         with self._lock:
             if by.void is not None:
                 return by.off_confirmed
-            if self.closed is None:
-                return controller.off()
-            if self._off is None:
-                self._off = controller.off()
-            return self._off
+            off = self._since(self.closed)
+            if off is None:
+                off = controller.off()
+                if self.closed is not None:
+                    self._off = self.closed, off
+            return off
+
+    def _since(self, closed: BaseException | None) -> bool | None:
+        """What "off" gave since the gate was closed with that; None where none was commanded."""
+        return self._off[1] if self._off is not None and self._off[0] is closed else None
 
     def controller_for_idling(self, controller: TemperatureController) -> TemperatureController:
         """The controller as the idle loop sees it: one exchange at a time, the gate open or closed."""

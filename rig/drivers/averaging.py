@@ -7,6 +7,7 @@ the one before. The mean of k has the noise of one over the root of k, and takes
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from math import isnan, nan
 from typing import Any
@@ -29,7 +30,8 @@ class Averaging:
         return 0.5 * (aperture_s + (self.count - 1) * each_s)
 
     def apply(self, link: ScpiLink, header: str) -> None:
-        """Set the filter whose header that is, and read it back. Refused where that is something else."""
+        """Set the filter whose header that is, and read it back. Refused where that is something else: the filter is
+        switched off then, as far as the meter obeys."""
         if self.count == 1:
             link.command(f"{header}:STAT OFF")
             answers, expected = link.answers(f"{header}:STAT?", 1), ["0"]
@@ -44,6 +46,9 @@ class Averaging:
             link.doubt()
             raise Corrupt(f"{answers} is not how a filter is set") from None
         if not answers[0].startswith(expected[0]) or numbers != expected[1:]:
+            if self.count > 1:
+                with suppress(Refused):
+                    Averaging().apply(link, header)
             raise Refused(None, f"the meter's filter reads back {answers}, {expected} is expected")
 
 

@@ -16,6 +16,7 @@ from rig.ports.transport import Transport
 
 OVERFLOW = 9.8e37  # SCPI's sentinels are 9.9E37 (infinity) and 9.91E37 (not a number)
 NOT_A_NUMBER = 9.905e37
+LINE_PERIOD_S = 1.0 / 50.0  # of the power line, in which integrations are told: the longer of 50 and 60 Hz
 LOG_RESISTANCE = "minus_log10_ohm"  # the film's output where the meter reads ohms: -log10(R / 1 ohm)
 MOST_RANGES = 8  # of a meter: none has more
 

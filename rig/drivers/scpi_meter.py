@@ -22,14 +22,13 @@ from rig.drivers.asked_again import asked_again
 from rig.drivers.averaging import Averaging
 from rig.drivers.confirmed import confirmed
 from rig.drivers.identity import Identity
-from rig.drivers.meter import LOG_RESISTANCE, resistance_reading, voltage_reading
+from rig.drivers.meter import LINE_PERIOD_S, LOG_RESISTANCE, resistance_reading, voltage_reading
 from rig.drivers.scpi import ScpiLink
 from rig.ports.open import LineSettings
 from rig.ports.transport import Transport
 
 RANGE_UP, RANGE_DOWN = 0.95, 0.08  # of full scale, where the driver changes the range, ahead of the overrange
 RESOLVED = 300.0  # of a range's full scale: below that share bench meters are sure of a reading to 0.3 % at best
-LINE_PERIOD_S = 1.0 / 50.0  # the longer of 50 and 60 Hz
 COMMAND_S = 0.002  # from the terminator to the beginning of the integration, nominal
 APERTURES, MARGIN_S = 4.0, 0.3  # an answer may take as many integrations (auto-zero adds some), and the rest
 OFF_ATTEMPTS = 3
@@ -231,8 +230,10 @@ class ScpiMeter:
         """Every reading is from now on such a mean. Refused where the meter has no filter for that, or reads back
         another: readings are single ones then."""
         self.averaging = Averaging()
-        if not self.AVERAGE or not self._ranges:
-            raise Refused(None, f"{self.NAME}: no filter that averages, or not configured yet")
+        if not self.AVERAGE:
+            raise Refused(None, f"{self.NAME}: it has no filter that averages")
+        if not self._ranges:
+            raise Refused(None, f"{self.NAME}: it is not configured yet")
         averaging.apply(self.link, self._filter())
         self.averaging = averaging
 

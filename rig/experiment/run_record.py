@@ -83,8 +83,8 @@ def recorded(
     try:
         with output:
             yield loop, folder
-        loop.leave_meter()
         _look_after_off(bench, loop, output)
+        loop.leave_meter()
         folder.stop("done", **_ending(loop, output))
     except BaseException as error:
         if isinstance(error, Tripped):
@@ -97,13 +97,13 @@ def recorded(
                 _look_after_off(bench, loop, output, error, say)
         except NotConfirmedOff as withdrawn:
             error = withdrawn
-        with suppress(Exception):  # how the run ended is more important
-            loop.leave_meter()
         for step in (folder.flush, partial(_write_reason, folder, loop, output, error, ended_s), folder.abandon):
             try:
                 step()
             except (OSError, ValueError) as problem:  # full, gone, or closed with rows that found no room
                 _note(error, f"{folder.part} is not whole", problem)
+        with suppress(Exception):  # how the run ended is more important
+            loop.leave_meter()
         if not bench.watched_after:
             _write_report(folder, error, report)
         raise error

@@ -274,17 +274,28 @@ def _ranges_outside(path: Path, content: Configuration) -> list[str]:
 
 
 def _slow_periods(path: Path, content: Configuration) -> list[str]:
-    """A line for each period that a bench cannot be watched with: one reading may fail, and the next is in time."""
+    """A line for each period, and for a number of integrations, that a bench cannot be watched with: one reading may
+    fail, and the next is in time."""
+    from rig.drivers.meter import LINE_PERIOD_S
+
     longest_s, bound = 0.5 * content.limits.stale_s, "limits.stale_s"
     dead_man_s = content.bench.controller.dead_man_s
     if 0.0 < 0.5 * dead_man_s < longest_s:
         longest_s, bound = 0.5 * dead_man_s, "bench.controller.dead_man_s"
     periods = (("experiment", content.experiment.period_s), ("calibration", content.calibration.period_s))
-    return [
+    lines = [
         f"{path}: {table}.period_s: {period_s:g}: expected at most {longest_s:g}, half of {bound}"
         for table, period_s in periods
         if period_s > longest_s
     ]
+    meter = content.bench.meter
+    if meter is None or (meter.average or 1) * meter.nplc * LINE_PERIOD_S <= longest_s:
+        return lines
+    key, most = ("nplc", meter.nplc), longest_s / LINE_PERIOD_S
+    if meter.average is not None and meter.nplc <= most:
+        key, most = ("average", meter.average), most // meter.nplc
+    text = f"expected at most {most:g}, for readings of {longest_s:g} s, half of {bound}"
+    return [*lines, f"{path}: bench.meter.{key[0]}: {key[1]:g}: {text}"]
 
 
 def _effect_faults(file: ConfigurationFile) -> list[str]:

@@ -73,13 +73,18 @@ class Improvable:
         if not own.is_file():
             return None
         followed = self.output if self.kind in TRACKING else "temperature_degC"
-        if not {str(effect["name"]) for effect in self.known}.issuperset(new):
+        same = _names(read_model(extended).effects) == _names(self.known)
+        if new and not same:
             return no_better(extended, own, record, followed, new)
+        had = f"the run's model already has what is named ({', '.join(sorted(_names(effects)))})"
+        if not same:
+            return f"{had}, at sizes that the record bears out"
         found = fitted_no_better(extended, own, record, followed)
-        if new or found is None:
-            return found
-        names = ", ".join(str(e["name"]) for e in effects)
-        return f"the run's model already has what is named ({names}), at sizes that the record bears out, and {found}"
+        return found if new or found is None else f"{had}, at sizes that the record bears out, and {found}"
+
+
+def _names(effects: Sequence[Mapping[str, Any]]) -> set[str]:
+    return {str(effect["name"]) for effect in effects}
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:

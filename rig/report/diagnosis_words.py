@@ -245,7 +245,7 @@ def lines(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.film is not None:
         film = diagnosis.film
         form, operators = film["memoryless"], film["operators"]
-        out.append(f"film: D(T) of the form {form}, {operators} operators with weight{told_by(film)}")
+        out.append(f"film: D(T) of the form {form}, operators with weight: {operators}{told_by(film)}")
         out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
     out += [f"not named: {text}" for text in not_named(diagnosis)]
     out += limit_lines(diagnosis)

@@ -83,6 +83,32 @@ def test_a_gap_is_as_long_as_its_rows_say_and_where_no_reading_is(late_s: float)
     assert record.longest_unseen.tolist() == [row]
 
 
+@pytest.mark.parametrize("late_s", [-0.1, -1.3, -3.3])
+def test_readings_of_rows_after_a_gap_are_after_it_however_old_they_are(late_s: float) -> None:
+    """400 rows whose temperature is lost, in which the film turned round, and readings of up to seven rows before."""
+    _, v, _ = with_an_excursion(None)
+    there_and_back = np.concatenate((np.linspace(v[GAP - 1], 86.0, 201)[1:], np.linspace(86.0, v[GAP - 1], 201)[1:]))
+    whole = np.concatenate((v[:GAP], there_and_back, v[GAP:]))
+    time, lost = 0.5 * np.arange(whole.size), whole.copy()
+    lost[GAP : GAP + 400] = np.nan
+    record = prepare(FilmRecord(time, lost, np.sin(0.01 * time), output_time_s=time + late_s))
+    (row,) = record.unseen
+    assert record.gap_s.tolist() == [time[GAP + 400] - time[GAP - 1]]
+    assert record.origin is not None
+    readings = np.flatnonzero(record.used)
+    assert np.all(record.origin[readings[readings < row]] < GAP)
+    assert np.all(record.origin[readings[readings >= row]] >= GAP + 400)
+
+
+def test_rows_after_a_gap_that_have_no_temperature_are_of_the_same_gap() -> None:
+    time, v, y = with_an_excursion(None)
+    lost = v.copy()
+    lost[GAP : GAP + 20] = np.nan
+    record = prepare(FilmRecord(time, lost, y))
+    assert record.gaps.tolist() == record.unseen.tolist() == [GAP + 20]
+    assert record.gap_s.tolist() == [time[GAP + 20] - time[GAP - 1]]
+
+
 def test_where_the_film_went_stands_in_its_path_and_in_no_reading() -> None:
     time, v, y = with_an_excursion(None)
     record = prepare(FilmRecord(time, v, y, output_time_s=time + 0.1), noise_K=0.0)

@@ -36,6 +36,50 @@ def test_a_job_that_is_first_at_the_lock_switches_off_for_stop_too(obeys: bool) 
     assert controller.off.call_count == 1
 
 
+def test_a_stop_that_comes_while_the_job_switches_off_is_that_off() -> None:
+    """A job that ends by itself is at its "off", which a controller that is deaf takes 0.7 s for."""
+    gate, controller = Gate(lambda: 0.0), Mock(confirms_off_by="its status")
+    gate.attach(controller)
+    gated = gate.controller_for_jobs(controller, Pass(gate))
+    offs: list[Off] = []
+    stop = threading.Thread(target=lambda: offs.append(gate.stop(JobStopped("stopped"))))
+
+    def off() -> bool:
+        if controller.off.call_count == 1:
+            stop.start()
+            until(lambda: gate.closed is not None, "STOP, which waits for the lock")
+        return False
+
+    controller.off.side_effect = off
+    assert not gated.off()
+    stop.join()
+    assert [one.confirmed for one in offs] == [False]
+    assert controller.off.call_count == 1
+
+
+def test_an_off_that_came_late_to_a_gate_that_was_opened_is_none_for_the_next_job() -> None:
+    """STOP waits for the lock while somebody resets the bench, and the keeper opens the gate for the next job."""
+    gate, controller = Gate(lambda: 0.0), Mock(confirms_off_by="its status")
+    controller.off.return_value = True
+    gate.attach(controller)
+    gated = gate.controller_for_jobs(controller, Pass(gate))
+    stop = threading.Thread(target=lambda: gate.stop(JobStopped("stopped")))
+
+    def exchange() -> None:
+        stop.start()
+        until(lambda: gate.closed is not None, "STOP, which waits for the lock")
+        gate.open()
+
+    controller.status.side_effect = exchange
+    gated.status()
+    stop.join()
+    assert controller.off.call_count == 1
+    assert gated.off()
+    assert controller.off.call_count == 2
+    assert gate.stop(JobStopped("another")).confirmed
+    assert controller.off.call_count == 3
+
+
 def test_a_job_is_told_what_the_off_of_stop_gave_and_a_second_stop_commands_it_again() -> None:
     gate, controller = Gate(lambda: 0.0), Mock(confirms_off_by="its status")
     controller.off.side_effect = [False, True, True]

@@ -126,6 +126,9 @@ def test_a_filter_that_reads_back_another_is_refused(attach: Attach, clock: Virt
     with pytest.raises(Refused, match="filter reads back"):
         meter.average(Averaging(2))
     assert meter.averaging == Averaging()
+    begin_s = clock.now_s()
+    assert meter.read().is_number
+    assert clock.now_s() - begin_s < 0.1  # and not the ten that it took for two
 
 
 class Forgetful(dict[str, Any]):

@@ -205,6 +205,12 @@ def test_what_the_model_has_is_run_again_where_it_tells_the_run_better_for_being
     _, out, _ = peltier(*words, tmp_path / "other")
     assert "Not run again: with film and plate fitted to the run temperature of its record is predicted to " in out
     document["effects"] = json.loads(files["diagnosis.json"])["effects"]
+    text = (run / "model.toml").read_text()
+    assert "effects = [" in text
+    (run / "model.toml").write_text(text.replace("effects = [", 'effects = [{ name = "sensor_lag", tau_s = 0.1 },', 1))
+    _, out, _ = peltier(*words, tmp_path / "fewer")
+    assert "already has what is named (actuator_delay), at sizes that the record bears out." in out
+    (run / "model.toml").write_text(text)
     model = read_toml(run / "model.toml")
     key, text = "seebeck_over_capacity_per_A_s", (run / "model.toml").read_text()
     value = model["plate"][key]

@@ -12,6 +12,7 @@ import pytest
 from rig.control.meter_readings import LONGEST_S, ROOM, MeterReadings
 from rig.core.clock import VirtualClock
 from rig.core.errors import InstrumentError, Refused, TimedOut
+from rig.core.faults import Faults
 from rig.core.reading import Reading
 from rig.drivers.averaging import Averaging
 from rig.files.record_file import read_record
@@ -69,7 +70,7 @@ def test_as_many_integrations_as_the_period_has_room_for(period_s: float, count:
 def test_a_meter_without_a_filter_gives_single_ones_and_a_configured_count_is_refused() -> None:
     meter = Meter(VirtualClock(), filters=False)
     assert "one integration" in readings(meter).fit(0.1)
-    with pytest.raises(Refused, match=r"bench\.meter\.average = 3: no filter"):
+    with pytest.raises(Faults, match=r"bench\.meter\.average: 3: .*no filter; expected 1, or nothing"):
         readings(meter, 3).fit(0.1)
     has_one = Meter(VirtualClock())
     readings(has_one, 3).fit(0.1)  # longer than the period: as it was asked for
@@ -140,7 +141,7 @@ def test_a_filter_that_was_refused_is_switched_off() -> None:
 
 
 def ticks(
-    meter: Meter, of: MeterReadings, count: int, period_s: float, exchange_s: float = 0.009
+    meter: Meter, of: MeterReadings, count: int, period_s: float, exchange_s: float = 0.009, rest_s: float = 0.009
 ) -> tuple[list[float], float]:
     """(By how much each tick waited for its reading; how long before the last fetch that one was begun), s."""
     clock, waited, before_s = meter.clock, [], 0.0
@@ -158,8 +159,8 @@ def ticks(
         waited.append(clock.now_s() - before_s)
         ago_s = before_s - meter.asked_s[-1]
         of.begin_before_the_command(begin_s + (k + 1) * period_s)
-        clock.sleep_until_s(clock.now_s() + exchange_s)
-        of.rest_took(exchange_s)
+        clock.sleep_until_s(clock.now_s() + rest_s)
+        of.rest_took(rest_s)
     return waited, ago_s
 
 
@@ -231,6 +232,38 @@ def test_after_a_reading_that_was_left_and_did_not_come_nobody_asks_ahead() -> N
     assert len(meter.asked_s) == asked
     meter.lost = False
     assert of.fetch() is not None
+
+
+def test_a_reading_is_begun_before_the_command_where_there_is_no_time_for_it_after() -> None:
+    """A tick that decides and commands for 40 ms of its 100: a reading begun after that would be waited for."""
+    meter = Meter(VirtualClock())
+    waited, _ = ticks(meter, readings(meter), 20, 0.1, rest_s=0.04)
+    assert max(waited[10:]) == 0.0
+
+
+def test_after_a_late_answer_readings_are_begun_as_late_as_before_it() -> None:
+    meter = Meter(VirtualClock())
+    of = readings(meter)
+    _, before_s = ticks(meter, of, 5, 0.25)
+    meter.late_s = 0.05
+    ticks(meter, of, 3, 0.25)
+    meter.late_s = 0.0
+    _, just_after_s = ticks(meter, of, 1, 0.25)
+    assert just_after_s > before_s + 0.02
+    _, later_s = ticks(meter, of, 60, 0.25)
+    assert later_s < before_s + 0.01
+
+
+def test_between_two_phases_nobody_waits_longer_than_a_period() -> None:
+    """A meter that needed 1.5 s the last time: meanwhile a current may flow, and nobody looks at the temperature."""
+    meter = Meter(VirtualClock())
+    of = readings(meter)
+    of.fit(0.1)
+    meter.late_s = 1.5
+    of.fetch()
+    begun_s = meter.clock.now_s()
+    of.ready()
+    assert meter.clock.now_s() - begun_s <= 0.1 + 1e-9
 
 
 def test_a_reading_of_long_ago_is_none_for_the_next_phase() -> None:

@@ -69,6 +69,8 @@ def test_an_output_that_cannot_be_written_is_told_of_first(good: Path, capsys: p
         ("polarity_share = 0.0", "polarity_share = 1e-320", "limits.polarity_share"),
         ("period_s = 0.1", "period_s = 1e-9", "experiment.period_s"),
         ("period_s = 0.1", "period_s = 3.0", "at most 1, half of limits.stale_s"),
+        ("[bench.meter]", "[bench.meter]\naverage = 60", "bench.meter.average: 60: expected at most 50, for readings"),
+        ("nplc = 1.0", "nplc = 60.0", "bench.meter.nplc: 60: expected at most 50, for readings of 1 s"),
         ("current_A = 4.0", "current_A = 1e308", "limits.current_A"),
         ("seed = 1", f"seed = {'9' * 5000}", "digits"),
         ("seed = 1", f"seed = 0x{'f' * 5000}", "64 bits"),
