@@ -33,3 +33,15 @@ def test_the_test_current_is_that_of_the_rows_own_reading(tmp_path: Path) -> Non
         ohm = record["resistance_ohm"][row]
         if np.isfinite(ohm):
             assert in_history[ohm] == record["meter_current_A"][row]
+
+
+def test_the_first_reading_after_a_job_is_there(tmp_path: Path) -> None:
+    """The job has asked for one more than it took: the next question would be out of step with its answer."""
+    path = write_current(tmp_path, '["start 0.5 A", "hold 2 s"]', more=SERVE)
+    with running(path) as bench:
+        job = bench.desk.submit(read_configuration(path))
+        until(lambda: job.ended_s is not None, "the job's end")
+        assert job.state == "done", job.reason
+        until(lambda: bench.desk.recent and bench.desk.recent[-1]["time_s"] > job.ended_s + 1.0, "rows after it")
+        rows = [row for row in bench.desk.recent if row["time_s"] > job.ended_s - 1.0]
+    assert [row["quality"] for row in rows if row["quality"] != "good"] == []
