@@ -101,7 +101,7 @@ def test_tune_for_a_controller_that_takes_setpoints(peltier: Peltier, tmp_path: 
     assert status == 0
     result = json.loads((tmp_path / "t.json").read_text())
     assert result["instrument_pid"]["whole_law"]["slope_ratios"][-1]["ms"] < 2.05
-    assert result["instrument_pid_gains"]["margins"]["ms"] < 1.41
+    assert result["instrument_pid_gains"]["margins"]["ms"] < read_configuration(path).content.control.ms + 0.01
     assert "parameter 3010 = " in out
 
 
