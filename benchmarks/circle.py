@@ -144,9 +144,8 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     """The effects that `diagnose` names in the first run; those that it found where it names none; and the model with
     them, in the folder."""
     from rig.__main__ import main
-    from rig.analysis.no_better import fitted_no_better, no_better
+    from rig.analysis.no_better import no_better
     from rig.files.film_output import FALLING_RESISTANCE
-    from rig.files.model_file import read_model
     from rig.files.record_file import read_record
     from rig.report.told import CANDIDATE, MODEL
 
@@ -160,15 +159,11 @@ def diagnosed(folder: Path) -> tuple[list[str], list[str], str]:
     best = document["candidates"][:1] if not named and (report / CANDIDATE).is_file() else []
     tried = [str(name) for one in best for name in one["names"]]
     model, first = report / (CANDIDATE if tried else MODEL), folder / "first"
-    own, record = first / "model.toml", read_record(first / "record.csv")
-    of_both = [{str(effect["name"]) for effect in read_model(path).effects} for path in (model, own)]
-    compared = (model, own, record, FALLING_RESISTANCE)
-    if not (named or tried):
+    record = read_record(first / "record.csv")
+    # `improve` then leaves the model as it is
+    if not (named or tried) or no_better(model, first / "model.toml", record, FALLING_RESISTANCE, named or tried):
         return named, tried, "cal/MODEL.toml"
-    same = of_both[0] == of_both[1]
-    why_not = fitted_no_better(*compared) if same else no_better(*compared, named or tried)
-    # `improve` leaves the model as it is where that tells the run as well
-    return named, tried, "cal/MODEL.toml" if why_not else f"{report.name}/{model.name}"
+    return named, tried, f"{report.name}/{model.name}"
 
 
 def main() -> int:

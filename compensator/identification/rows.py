@@ -165,14 +165,15 @@ def _at_reading_times(record: Prepared, before: Integers, read_s: Array) -> Prep
     used[apart] = False
     origin = np.concatenate((np.arange(count), apart))
     order = np.argsort(time, kind="stable")
+    used, origin = used[order], origin[order]
     inputs = np.interp(time[order], record.time_s, record.inputs)
     path = replace(record.path, temperature_degC=inputs, turning=turning_points(inputs, 0.0))
     place = np.argsort(order)  # here, of each row there
     ends = [(int(place[last]), int(place[row]), int(row)) for last, row in zip(before, record.gaps, strict=True)]
-    gaps = np.array([_first_after(*one, origin[order], used[order]) for one in ends], dtype=np.int64)
+    gaps = np.array([_first_after(*one, origin, used) for one in ends], dtype=np.int64)
     unseen = gaps[np.searchsorted(record.gaps, record.unseen)]
-    rows = time[order], path, output[order], used[order]
-    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.gap_s, record.repeated, origin[order])
+    rows = time[order], path, output[order], used
+    return Prepared(record.name, *rows, record.outliers, gaps, unseen, record.gap_s, record.repeated, origin)
 
 
 def _first_after(last: int, end: int, row: int, origin: Integers, used: NDArray[np.bool_]) -> int:

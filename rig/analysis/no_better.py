@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,10 +25,13 @@ def no_better(extended: Path, own: Path, record: Record, followed: str, new: Ite
     """Why nothing is to be expected of the extended model, in words; None where it predicts the record better than the
     run's own, or they cannot be compared.
 
-    followed: what the run followed: the film's output, or "temperature_degC". new: effects that the run's own has not.
-    Those before the film have to tell the temperature better, since a film is told by the thermometer without them; any
-    other one the film. Both models begin from what is fitted to the record's first rows. Raises Faults for a model that
-    cannot be read."""
+    followed: what the run followed: the film's output, or "temperature_degC". new: effects that the run's own has not,
+    or has at another size. Those before the film have to tell the temperature better, since a film is told by the
+    thermometer without them; any other one the film. Where both models have the same effects, `fitted_no_better`
+    decides. Both begin from what is fitted to the record's first rows. Raises Faults for a model that cannot be read.
+    """
+    if names_of(read_model(extended).effects) == names_of(read_model(own).effects):
+        return fitted_no_better(extended, own, record, followed)
     known = catalogue()
     before_film = all(name in known and known[name].before_film for name in new)
     after, before = _errors(extended, own, record, TEMPERATURE if before_film else followed)
@@ -47,6 +50,11 @@ def fitted_no_better(extended: Path, own: Path, record: Record, followed: str) -
     if _less(before, after) > WORTH:
         return None
     return f"with film and plate fitted to the run {after.what} of its record is predicted {_told(after, before)}"
+
+
+def names_of(effects: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Of effects as a model file, or a diagnosis, has them."""
+    return {str(effect["name"]) for effect in effects}
 
 
 def _errors(extended: Path, own: Path, record: Record, channel: str) -> tuple[ChannelError | None, ChannelError | None]:

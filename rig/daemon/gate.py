@@ -80,9 +80,7 @@ class Gate:
         begin = self._now_s()
         with self._closing:
             first = self.closed is None
-            if first:
-                self.closed = why
-            closed = self.closed or why
+            closed = self.closed = why if self.closed is None else self.closed
         self.changed.set()
         confirmed, rests_on = False, None
         if self._lock.acquire(timeout=PATIENCE_S):

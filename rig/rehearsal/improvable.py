@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.analysis.gained import same_target
-from rig.analysis.no_better import fitted_no_better, no_better
+from rig.analysis.no_better import names_of, no_better
 from rig.core.faults import Faults
 from rig.experiment.extended_model import COMPENSATED
 from rig.experiment.wanted import TRACKING, quantity_of, target_of
@@ -73,18 +73,12 @@ class Improvable:
         if not own.is_file():
             return None
         followed = self.output if self.kind in TRACKING else "temperature_degC"
-        same = _names(read_model(extended).effects) == _names(self.known)
-        if new and not same:
-            return no_better(extended, own, record, followed, new)
-        had = f"the run's model already has what is named ({', '.join(sorted(_names(effects)))})"
-        if not same:
-            return f"{had}, at sizes that the record bears out"
-        found = fitted_no_better(extended, own, record, followed)
-        return found if new or found is None else f"{had}, at sizes that the record bears out, and {found}"
-
-
-def _names(effects: Sequence[Mapping[str, Any]]) -> set[str]:
-    return {str(effect["name"]) for effect in effects}
+        named = ", ".join(sorted(names_of(effects)))
+        had = f"the run's model already has what is named ({named}), at sizes that the record bears out"
+        if not new and names_of(effects) != names_of(self.known):  # fewer than it has
+            return had
+        found = no_better(extended, own, record, followed, new)
+        return found if new or found is None else f"{had}, and {found}"
 
 
 def improvable(run_folder: Path, config: Path) -> Improvable:

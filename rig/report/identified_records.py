@@ -167,7 +167,7 @@ def model_comment(found: Identified, result: dict[str, Any]) -> str:
 def _tell_film(fit: FilmFit, unit: str, say: Say) -> dict[str, Any]:
     d = fit.model.memoryless.function
     say(
-        f"film: {fit.model.kind}, operators with weight: {fit.active_operators}, D(T): {d}: "
+        f"film: {fit.model.kind}, operators with weight: {fit.active_operators}, D(T) {d}: "
         f"RMSE {fit.rmse:.4g} {unit}, largest {fit.max_abs:.3g} {unit}, held-out {fit.held_out_rmse:.4g} {unit}"
     )
     for note in fit.identifiability:
