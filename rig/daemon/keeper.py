@@ -69,6 +69,7 @@ class Keeper:
             try:
                 while True:
                     self._once()
+                    self._see_whether_to_end()  # at once: what came while the output was switched off has waited
                     self._wait_to_try_again()
                     self._see_whether_to_end()
             except Stopped as stopped:
@@ -138,7 +139,8 @@ class Keeper:
         desk.live_by(bench.clock)
 
     def _release(self, error: BaseException) -> None:
-        """The output off and the job over, before the ports are closed."""
+        """The output off and the job over, before the ports are closed; signals wait meanwhile."""
+        self._signals.shield()
         desk = self._desk
         off = desk.gate.stop(error)
         if not off.confirmed:

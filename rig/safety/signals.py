@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
 import threading
+import time
 from types import FrameType, TracebackType
 
 from rig.core.outcome import Stopped
 
 CAUGHT = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name))
 COMPILERS = ("numba", "llvmlite")  # they take exceptions for their own: one raised inside is lost, or breaks them
-AGAIN_S = 0.02  # until a signal that came while something was compiled is tried again
+# Where Python takes and gives back locks: an exception raised between a lock and its `with` leaves it taken for good,
+# and whoever asks for it next waits for ever (a daemon that did not end, with its output off).
+LOCKING = ("threading", "queue", "contextlib", "concurrent", "importlib")
+AGAIN_S = 0.02  # until a signal that came while something was compiled, or a lock was taken, is tried again
 
 
 class SignalStop:
     """Context in which INT, TERM, HUP and QUIT raise `Stopped`; `shield` holds them back from then on.
 
     While a loop is being compiled they wait for its end: seconds, before anything is switched on (`policies.tried`).
+    While a lock is being taken or given back they wait for that: microseconds, tried again after AGAIN_S.
     """
 
     def __init__(self) -> None:
@@ -61,10 +67,9 @@ class SignalStop:
         self.received = number if self.received is None else self.received
         if self._shielded:
             return
-        if _compiling(frame):
-            again = threading.Timer(AGAIN_S, _raise_in_main_thread, (number,))
-            again.daemon = True
-            again.start()
+        if _compiling(frame) or _locking(frame):
+            # not a `threading.Thread`, whose own locks may be those that are being taken
+            _thread.start_new_thread(_raise_again, (number,))
             return
         raise self._ended(self.received)
 
@@ -88,8 +93,10 @@ class NotebookStop(SignalStop):
         return self.outcome(number)
 
 
-def _raise_in_main_thread(number: int) -> None:
-    """There, so that what it waits for is interrupted: raised in this thread, it would be noticed at the wait's end."""
+def _raise_again(number: int) -> None:
+    """In the main thread, so that what it waits for is interrupted: raised in this one, it would be noticed at the
+    wait's end."""
+    time.sleep(AGAIN_S)
     ident = threading.main_thread().ident
     if hasattr(signal, "pthread_kill") and ident is not None:
         signal.pthread_kill(ident, number)
@@ -104,3 +111,17 @@ def _compiling(frame: FrameType | None) -> bool:
             return True
         frame = frame.f_back
     return False
+
+
+def _locking(frame: FrameType | None) -> bool:
+    """Whether a signal came where a lock may be taken that no `with` gives back yet; not where one is waited for."""
+    if frame is None or str(frame.f_globals.get("__name__")).partition(".")[0] not in LOCKING:
+        return False
+    return not _waiting(frame)
+
+
+def _waiting(frame: FrameType) -> bool:
+    """Whether it came in a wait that an exception may end: in `threading.Condition.wait` from where `gotit` is there,
+    its lock given back until a `finally` takes it, or in a thread's `join`."""
+    name = frame.f_code.co_name
+    return (name == "wait" and "gotit" in frame.f_locals) or name in ("_wait_for_tstate_lock", "join")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import queue
 import signal
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +48,44 @@ def test_a_signal_in_a_compilation_raises_behind_it() -> None:
         with pytest.raises(Stopped, match="SIGHUP"):
             threading.Event().wait(SOON_S)
         assert time.monotonic() - begun_s < SOON_S  # it ends the wait, and is not noticed at its end
+
+
+def again_and_again(work: Callable[[], object], until_s: float) -> None:
+    """Until a signal comes that late."""
+    sent = threading.Thread(target=lambda: (time.sleep(until_s), os.kill(os.getpid(), signal.SIGTERM)))
+    with SignalStop():
+        sent.start()
+        while True:
+            work()
+
+
+@pytest.mark.parametrize("use", [threading.Event.clear, lambda event: event.wait(1e-5)], ids=["clear", "wait"])
+def test_a_signal_leaves_no_lock_taken(use: Callable[[threading.Event], object]) -> None:
+    """Whoever asked for it then would wait for ever. Of ten signals in the midst of `clear` three would leave one."""
+    for round_ in range(40):
+        event = threading.Event()
+        with pytest.raises(Stopped, match="SIGTERM"):
+            again_and_again(partial(use, event), 2e-5 * round_)
+        other = threading.Thread(target=event.set, daemon=True)
+        other.start()
+        other.join(SOON_S)
+        assert not other.is_alive(), f"round {round_}"
+
+
+def test_a_signal_while_a_thread_is_begun_raises_behind_it() -> None:
+    """`threading` has locks that all threads share: what is done with a signal must not need them."""
+    for round_ in range(40):
+        with pytest.raises(Stopped, match="SIGTERM"):
+            again_and_again(lambda: threading.Thread(target=int).start(), 2e-5 * round_)
+
+
+@pytest.mark.parametrize("wait", [threading.Event().wait, queue.Queue[int]().get])
+def test_a_signal_ends_a_wait_at_once(wait: Callable[..., object]) -> None:
+    threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
+    begun_s = time.monotonic()
+    with pytest.raises(Stopped, match="SIGTERM"), SignalStop():
+        wait(timeout=SOON_S)
+    assert time.monotonic() - begun_s < SOON_S
 
 
 def test_a_shielded_signal_waits_until_it_is_exposed() -> None:
