@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,12 +13,15 @@ from numpy.typing import NDArray
 from sim.diagnosis.data.noise_colour import ColouredWhitening, NoiseColour, noise_colour
 from sim.diagnosis.data.noise_estimate import noise_of
 from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.judge import coloured_noise
+from sim.diagnosis.search.budget import Budget
 from tests.diagnosis.cases import case
 from tests.diagnosis.said import names
 from tests.diagnosis.truth.real_noise import COLOURS, coloured
 
 Array = NDArray[np.float64]
 ROWS = 6000
+BOTH = {"thermometer", "ohmmeter"}
 EVERY = np.arange(ROWS)
 
 
@@ -90,6 +97,42 @@ def test_a_record_with_such_noise_is_clean(seed: int) -> None:
     found = diagnose(case("coloured_noise", seed).columns).document()
     assert found["verdict"] == "clean"
     assert [w["code"] for w in found["warnings"]].count("coloured_noise") == 1
+
+
+@dataclass(frozen=True)
+class Searched:
+    """Stands for a chain of which only the instruments with such noise matter."""
+
+    coloured: frozenset[str] = frozenset()
+    sparse: None = None
+    budget: Budget = field(default_factory=Budget)
+
+
+@pytest.mark.parametrize(
+    ("leaves", "tried", "kept"),
+    [
+        (set(), [BOTH], BOTH),
+        ({"ohmmeter"}, [BOTH, {"thermometer"}], {"thermometer"}),  # a film in steps: what it leaves is no noise
+        ({"thermometer"}, [BOTH], set()),  # what drives the film is not understood
+        (BOTH, [BOTH], set()),
+    ],
+)
+def test_where_one_leaves_something_the_other_is_tried_alone(
+    monkeypatch: pytest.MonkeyPatch, leaves: set[str], tried: list[set[str]], kept: set[str]
+) -> None:
+    """leaves: the instruments that leave something beside such noise, too; tried, kept: those with such noise."""
+    searched: list[Any] = []
+    monkeypatch.setattr(coloured_noise, "_passing", lambda chain, judged: BOTH - chain.coloured)
+    monkeypatch.setattr(coloured_noise, "_left", lambda judged: leaves | BOTH - judged.coloured)
+    monkeypatch.setattr(coloured_noise, "select", lambda chain, say: searched.append(chain) or (chain, frozenset()))
+    monkeypatch.setattr(
+        coloured_noise, "judge", lambda chain, names: SimpleNamespace(clean=False, coloured=chain.coloured)
+    )
+    begun: Any = Searched()
+    first: Any = SimpleNamespace(clean=False, coloured=frozenset())
+    found, _, _ = coloured_noise.beside_coloured_noise(begun, (begun, frozenset(), first), lambda text: None)
+    assert [set(chain.coloured) for chain in searched] == tried
+    assert found.coloured == kept
 
 
 @pytest.mark.long

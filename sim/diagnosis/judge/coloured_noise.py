@@ -4,7 +4,8 @@ A record's noise is taken to be white, or such that neighbouring rows share a pa
 noise, leaves more than that, and the record is "unexplained" with nothing wrong in it. Where all that is left in a
 channel would be nothing beside noise of the colour that it shows from row to row, the record is searched anew with such
 noise there. What is said then counts where it leaves nothing in that channel: what is slow, hangs on temperature,
-current or resistance, or has a period, is no such noise. The other channel may have a fault, or a film in steps.
+current or resistance, or has a period, is no such noise. The other channel may have a fault, or a film in steps: where
+both are tried together and one leaves something, the other is tried alone.
 """
 
 from __future__ import annotations
@@ -21,26 +22,30 @@ from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.stepwise import Progress
 from sim.diagnosis.validate.adequacies import of_resistance, of_temperature
 
-CHANNELS: Final = 2  # what one leaves may show only beside the other's colour
+TRIALS: Final = 3  # both, one alone, and the other: what it leaves may show only beside the first's colour
 Judged = tuple[Chain, frozenset[str], Verdict]
 
 
 def beside_coloured_noise(begun: Chain, found: Judged, say: Progress) -> Judged:
     """What is said with such noise, or what was found as it is where the record shows none. begun: nothing was searched
     yet; found: the chain, the effects that the search found, and what is said of them."""
-    for _ in range(CHANNELS):
+    refused = frozenset[str]()
+    for _ in range(TRIALS):
         chain, _, judged = found
         if judged.clean or chain.sparse is not None or chain.budget.over(JUDGING):
             break
-        passing = _passing(chain, judged)
-        if not passing:
+        passing = frozenset(_passing(chain, judged)) - refused
+        if not passing or "thermometer" in refused:  # what drives the film is not understood
             break
         say("noise of another colour")
-        other, names = select(replace(begun, coloured=chain.coloured.union(passing)), say)
+        other, names = select(replace(begun, coloured=chain.coloured | passing), say)
         told = judge(other, names)
-        if _left(told) & other.coloured:
+        left = _left(told) & other.coloured
+        if not left:
+            found = (other, names, told)
+        elif not left & passing:
             break
-        found = (other, names, told)
+        refused |= left
     return found
 
 
