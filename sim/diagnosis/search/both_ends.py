@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from sim.diagnosis.search.budget import SEARCHING
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.delays import TIMING
@@ -15,15 +17,17 @@ from sim.diagnosis.search.stepwise import (
     ENTRY,
     FAR_FROM_NOISE,
     MOST_EFFECTS,
+    ROUGH,
     TRIED,
     Progress,
     select_first_links,
     select_last_links,
 )
-from sim.diagnosis.search.temperature_search import TemperatureSearch, beside_misfit
+from sim.diagnosis.search.temperature_search import TELLS, TemperatureSearch, beside_misfit
 from sim.effects.effect import Switched, jumps
 
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
+LEAVES_LESS = 0.5  # of what is left behind the other order: the right one leaves the noise, or a cause of its own
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 
 
@@ -35,8 +39,34 @@ def select(chain: Chain, say: Progress) -> tuple[Chain, frozenset[str]]:
         chain, upstream = _selected_first(chain, chain.first, say)
     if chain.record.output is None:
         return chain, upstream
-    chain, downstream = _selected_last(chain, upstream, say)
+    chain, downstream = _film_asked(chain, upstream, _selected_last(chain, upstream, say), say)
     return _over_both(chain, upstream | downstream, say)
+
+
+def _film_asked(
+    chain: Chain, upstream: frozenset[str], found: tuple[Chain, frozenset[str]], say: Progress
+) -> tuple[Chain, frozenset[str]]:
+    """What was found of the last links, or of the same behind a plate and a thermometer with their time constants
+    exchanged: where the thermometer does not tell which is which, the film does, which follows the plate."""
+    first = chain.first
+    if first is None or found[0].sparse is not None or _left(found, upstream)[1] < ROUGH:
+        return found
+    fit = first.fit(upstream)
+    for effect in chain.budget.in_time(fit.effects):
+        other = first.exchanged(fit, effect)
+        if other is not None and has_meaning(first, other) and other.minus_log - fit.minus_log < TELLS:
+            say("a plate that is faster than its thermometer")
+            turned = replace(chain, first=replace(first, fits={**first.fits, upstream: other})).apart()
+            trial = _selected_last(turned, upstream, say)
+            found = trial if _left(trial, upstream)[0] < LEAVES_LESS * _left(found, upstream)[0] else found
+    return found
+
+
+def _left(found: tuple[Chain, frozenset[str]], upstream: frozenset[str]) -> tuple[float, float]:
+    """Root mean square of what is left of the film's output, and its mean square over the noise."""
+    search = found[0].last(upstream)
+    fit, channel = search.fit(found[1]), search.channel
+    return float(np.sqrt(np.mean((channel.output - fit.shown)[channel.rows] ** 2))), channel.mean_square(fit)
 
 
 def select_anew(chain: Chain, names: frozenset[str], say: Progress) -> tuple[Chain, frozenset[str]]:

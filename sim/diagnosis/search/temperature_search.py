@@ -28,6 +28,7 @@ BESIDE_STEPS, WALK_STEPS, CLOSE_STEPS = 4, 6, 15  # of all else: beside the best
 ADDED_STEPS, REMOVED_STEPS, NOTHING_STEPS = 10, 40, 30  # of a fit with one effect more, one less, one of no size
 OUTSIDE = 0.3, 3.0  # times the least and the largest size met, between which a search looks
 SMALL_SHARE = 0.03  # of a starting value: there a change is linear in the size
+TELLS = 3.0  # log-likelihood from which the readings tell which of two lags is the thermometer's: 20 to 1
 BEYOND = 3.0  # times the largest lag met up to which a plate may be taken for a thermometer
 WORSE_ON_END = 6  # cells that end a walk
 SEARCHED = 28  # values that a search looks at
@@ -122,25 +123,35 @@ class TemperatureSearch:
         return best
 
     def _exchanged(self, fit: TemperatureFit) -> TemperatureFit:
-        """The better of a fit and the one with the plate's time constant 1/g and the thermometer's in each other's
-        place: two first-order lags in a row show the same in either order, but for what is not linear."""
-        best, p = fit, fit.parameters
+        """The better of a fit and the one with the plate's time constant and the thermometer's in each other's place;
+        where the readings do not tell, as of a heater that begins at rest, that with the faster thermometer."""
         for effect in fit.effects:
-            plain = isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]
-            if not plain or effect.effect.parameters[0].choices:
+            other = self.exchanged(fit, effect)
+            if other is None:
                 continue
-            s, r, g, q, ambient = p.plate()
-            tau, met = float(effect.par[0]), effect.effect.parameters[0]
-            if min(tau, 1.0 / g) < met.smallest or max(tau, 1.0 / g) > BEYOND * met.largest:
-                continue
-            times = 1.0 / (g * tau)
-            driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
-            base = [*driven, 1.0 / tau, *(times * c for c in p.inputs_K_per_s.values()), ambient]
-            effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
-            x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
-            trial = self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
-            best = min((best, trial), key=lambda other: other.minus_log)
-        return best
+            faster = other if float(effect.par[0]) * fit.parameters.plate()[2] > 1.0 else fit
+            alike = abs(other.minus_log - fit.minus_log) < TELLS
+            fit = faster if alike else min((fit, other), key=lambda one: one.minus_log)
+        return fit
+
+    def exchanged(self, fit: TemperatureFit, effect: Switched) -> TemperatureFit | None:
+        """The fit with the plate's time constant 1/g and the thermometer's in each other's place: two first-order lags
+        in a row show the same in either order, but for what is not linear. None of an effect that is no such lag, or
+        where no plate or no thermometer has such a time."""
+        plain = isinstance(effect.effect.form, Filter) and [q.name for q in effect.effect.parameters] == ["tau_s"]
+        if not plain or effect.effect.parameters[0].choices:
+            return None
+        p = fit.parameters
+        s, r, g, q, ambient = p.plate()
+        tau, met = float(effect.par[0]), effect.effect.parameters[0]
+        if min(tau, 1.0 / g) < met.smallest or max(tau, 1.0 / g) > BEYOND * met.largest:
+            return None
+        times = 1.0 / (g * tau)
+        driven = [s * times, r * times] if p.kind == "peltier" else [q * times]
+        base = [*driven, 1.0 / tau, *(times * c for c in p.inputs_K_per_s.values()), ambient]
+        effects = [switched(e.effect, [1.0 / g]) if e is effect else e for e in fit.effects]
+        x = np.concatenate(([u.inside(v) for u, v in zip(p.base, base, strict=True)], p.x[len(base) :]))
+        return self.channel.descend(self.channel.extended(replace(p, x=x), effects), EXCHANGED_STEPS)
 
     def _descend(self, fit: TemperatureFit, effect: Switched, steps: int) -> TemperatureFit:
         parameters = self.channel.extended(fit.parameters, [*fit.effects, effect])
