@@ -1,4 +1,4 @@
-"""A heater from rest behind a thermometer with a lag: which of the two times is whose, the thermometer does not tell."""
+"""A heater from rest behind a thermometer with a lag: the thermometer does not tell which of the two times is whose."""
 
 from __future__ import annotations
 
