@@ -14,6 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.film_sense import rising
+from rig.analysis.held_out import require_judging
 from rig.analysis.predicted import missing_inputs, predicted
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
@@ -65,6 +66,7 @@ def diagnosed(
     ]
     if lines:
         raise Faults(lines)
+    require_judging(holdout, together, [columns for columns, _ in telling], output, say)
     try:
         diagnosis = diagnose(
             *(columns for columns, _ in telling),
