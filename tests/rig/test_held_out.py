@@ -133,3 +133,21 @@ def test_a_record_without_current_judges_the_film_alone_and_it_is_said() -> None
     film, said = Record({"time_s": TIME, **BASES["film"]}, "film"), list[str]()
     require_judging([film], [whole], [whole.columns], "minus_log10_ohm", said.append)
     assert said == ["film: no current_A: it judges the film alone"]
+
+
+def test_a_record_is_given_once(tmp_path: Path, peltier: Peltier) -> None:
+    """Held out it would judge the fit to itself, also under another name; joined it would count twice."""
+    one, copy, good = (tmp_path / f"{name}.csv" for name in ("one", "copy", "good"))
+    for path, warmer in ((one, 0.0), (copy, 0.0), (good, 1.0)):
+        write_columns(path, {"time_s": TIME, **BASES["plate"], "temperature_degC": MOVING + warmer})
+    twice, held = f"{one}: is given twice; expected", ("--holdout", good)
+    for words, said in (
+        ((one, "--holdout", one), twice),
+        ((one, one, "--joint"), twice),
+        ((one, *held, *held), f"{good}: is given twice; expected"),
+        ((one, *held, "--holdout", copy), f"{copy}: holds the same as {one}; expected"),
+    ):
+        status, _, err = peltier("diagnose", *words)
+        assert status == 2
+        (line,) = err.splitlines()
+        assert line.startswith(said)
