@@ -40,7 +40,7 @@ from compensator.identification.heat_balance import (
     rough_balances,
 )
 from compensator.identification.odd_readings import Column, of_records
-from compensator.identification.rows import FEWEST
+from compensator.identification.rows import FEWEST, check_moves
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.thermal.plate import PlateModel
 
@@ -241,6 +241,7 @@ def _stretches(record: PlateRecord, number: int) -> tuple[list[Stretch], int, fl
     if np.all(current[np.isfinite(current)] == 0.0):
         raise ValueError(f"{name}: current_A: 0 throughout, expected a current that moves the plate")
     path = temperature_path(time, temperature)
+    check_moves(name, path, "one that follows the current")
     known[path.outliers] = False
     steps = np.diff(time)
     broken = (steps > gap_threshold(steps)) | ~np.isfinite(current[:-1])

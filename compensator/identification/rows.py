@@ -99,6 +99,13 @@ class Path:
     sample: Integers
 
 
+def check_moves(name: str, path: TemperaturePath, expected: str) -> None:
+    """Raises ValueError with one line for a record (name) whose temperature stands still. expected: what it lacks."""
+    degC = path.temperature_degC
+    if np.ptp(degC) < max(1e-3, 3.0 * path.noise_K):
+        raise ValueError(f"{name}: temperature_degC: constant at {np.median(degC):.6g}, expected {expected}")
+
+
 def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     """Check one record and find its path; `ValueError` with one line where it cannot be used."""
     name = record.name
@@ -116,11 +123,7 @@ def prepare(record: FilmRecord, *, noise_K: float | None = None) -> Prepared:
     if np.sum(finite) < FEWEST:
         raise ValueError(f"{name}: output: {int(np.sum(finite))} finite readings, expected at least {FEWEST}")
     path = temperature_path(time, temperature, noise_K=noise_K)
-    if np.ptp(path.temperature_degC) < max(1e-3, 3.0 * path.noise_K):
-        raise ValueError(
-            f"{name}: temperature_degC: constant at {np.median(temperature[known]):g}, "
-            "expected a sweep through the transition"
-        )
+    check_moves(name, path, "a sweep through the transition")
     repeated = repeated_rows(output, FEWEST)
     finite[repeated] = False
     outliers = lone_outliers(output, finite)

@@ -14,6 +14,8 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.film_sense import rising
+from rig.analysis.given_twice import require_different
+from rig.analysis.held_out import require_judging
 from rig.analysis.predicted import missing_inputs, predicted
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
@@ -48,23 +50,13 @@ def diagnosed(
     a name, None: `FALSE_ALARM`; of_film: other records of the film, which decide what this one leaves open of it, and
     tell the extended model's, too. Raises Faults where nothing can be said."""
     together = [record, *further]
+    require_different([*together, *holdout])
     output = rising(together, output, say)
     telling = [telling_columns(one, output) for one in together]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
         say(note)
-    inputs = [name for name in INPUTS if any(one.has(name) for one in together)]
-    lines = [
-        f"{one.source}: {name}: missing; expected it in all records of a rig or in none: it heats the plate"
-        for one in (*together, *holdout)
-        for name in missing_inputs(one, inputs)
-    ]
-    lines += [
-        f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
-        for one in together
-        if not one.has("current_A") and any(other.has("current_A") for other in together)
-    ]
-    if lines:
-        raise Faults(lines)
+    _require_alike(together, holdout)
+    require_judging(holdout, together, [columns for columns, _ in telling], output, say)
     try:
         diagnosis = diagnose(
             *(columns for columns, _ in telling),
@@ -88,6 +80,23 @@ def diagnosed(
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
+
+
+def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> None:
+    """Raises Faults where records of one rig lack what heats the plate in others of them."""
+    inputs = [name for name in INPUTS if any(one.has(name) for one in together)]
+    lines = [
+        f"{one.source}: {name}: missing; expected it in all records of a rig or in none: it heats the plate"
+        for one in (*together, *holdout)
+        for name in missing_inputs(one, inputs)
+    ]
+    lines += [
+        f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
+        for one in together
+        if not one.has("current_A") and any(other.has("current_A") for other in together)
+    ]
+    if lines:
+        raise Faults(lines)
 
 
 def rows_of_film(diagnosis: Diagnosis, records: Sequence[Record]) -> list[Rows]:

@@ -12,7 +12,7 @@ import numpy as np
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from rig.core.faults import fault
-from rig.files.film_output import RISING_RESISTANCE, in_decades
+from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades
 from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
 from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
@@ -75,7 +75,7 @@ def predicted(
     told = _first_rows(rows, first_s, fitted)
     readings = _readings(rows, record, model.film, model.plate.error_K if model.plate is not None else 0.0)
     if fitted and model.film is not None and readings.output is None:
-        raise fault(record.source, model.film.output, "missing; --initial fitted needs readings to fit to")
+        raise fault(record.source, column_of(model.film.output), "missing; --initial fitted needs readings to fit to")
     film = film_of_world(model.film) if model.film is not None else None
     sense = -1.0 if isinstance(film, RisingFilm) else 1.0  # an ohmmeter reads -log10 of a film that rises, too
     chain = RecordRun(ChainModel(model.plate or NO_PLATE, film, effects))
@@ -179,7 +179,9 @@ def _start(film: FilmModel | None, initial: Initial | None, readings: Told) -> F
 
 
 def _first_rows(rows: Rows, first_s: float | None, fitted: bool) -> Mask:
-    """Those to which what belongs to the record is fitted. Raises Faults for seconds that are none."""
+    """Those to which what belongs to the record is fitted. Raises Faults for seconds that are none, or for none."""
+    if first_s is not None and not fitted:
+        raise fault("--first", f"{first_s:g}", "expected --initial fitted beside it: else nothing is fitted")
     if first_s is not None and not 0.0 < first_s < math.inf:
         raise fault("--first", f"{first_s:g}", "expected a number of seconds > 0")
     return told_rows(rows, first_s) if fitted else np.zeros(rows.rows, dtype=np.bool_)

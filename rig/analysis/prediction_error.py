@@ -11,7 +11,7 @@ from compensator.hysteresis.functions import Array
 from rig.analysis.predicted import Prediction, needs_test_current
 from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of, unit_of
-from rig.files.model_file import Model
+from rig.files.model_file import Drive, Model
 from rig.files.record_file import Record
 
 
@@ -41,11 +41,16 @@ class ChannelError:
         }
 
 
-def require_something_to_predict(model: Model, record: Record, where: object) -> None:
-    """Raises Faults for a model without a film on a record from whose current no plate can be simulated."""
-    if model.film is None and not (model.plate is not None and record.has("current_A")):
+def require_something_to_predict(model: Model, record: Record, where: object, drive: Drive | None = None) -> None:
+    """Raises Faults for a model without a film on a record from whose current no plate can be simulated, and where such
+    a plate is to drive the film (drive, None: as the model says)."""
+    plate = model.plate is not None and record.has("current_A")
+    if model.film is None and not plate:
         text = f"missing; expected a [film], or a [plate] and current_A in {record.source}"
         raise fault(where, "film", text)
+    if drive == "current" and not plate:
+        lacks = f"{where} has no [plate]" if model.plate is None else f"{record.source} has no current_A"
+        raise fault("--drive", drive, f"{lacks}; expected --drive temperature")
 
 
 def left_out(model: Model, record: Record) -> str | None:
@@ -103,6 +108,20 @@ def predicted_columns(found: Prediction, model: Model) -> dict[str, Array]:
     if found.temperature_degC is not None:
         columns["predicted_degC"] = found.temperature_degC
     return columns
+
+
+def told_in_words(found: Prediction, time_s: Array, first_s: float | None) -> str:
+    """Which rows of a record (time_s, shape (rows,)) what belongs to it was fitted to. first_s: how long they were to
+    last; None: it was not said."""
+    told = found.fitted_rows.astype(np.int64)
+    begins, ends = np.flatnonzero(np.diff(told, prepend=0) == 1), np.flatnonzero(np.diff(told, append=0) == -1) + 1
+    first, after = int(ends[0] - begins[0]), int(np.sum(ends[1:] - begins[1:]))
+    text, gaps = f"the first {first} rows", begins.size - 1
+    if gaps:
+        text += f" and {after} after {'a gap' if gaps == 1 else f'{gaps} gaps'}"
+    goes_on = ends < time_s.size
+    fewer = first_s is not None and np.any(time_s[ends[goes_on]] - time_s[begins[goes_on]] <= first_s)
+    return f"{text} (half of the rows at most: the rest is to be predicted)" if fewer else text
 
 
 def fitted_values(found: Prediction, model: Model) -> dict[str, Any]:

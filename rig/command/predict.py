@@ -73,7 +73,7 @@ def main(options: argparse.Namespace) -> int:
     from rig.experiment.feasible import order_warning
 
     for record in records:
-        require_something_to_predict(model, record, options.model)
+        require_something_to_predict(model, record, options.model, options.drive)
     warning = order_warning(model.film, options.model) if model.film is not None else None
     if warning is not None:
         print(warning, file=sys.stderr)
@@ -96,7 +96,14 @@ def _predicted(
     """One record beside the model: lines, files, and the JSON; and how many channels were compared."""
     from rig.analysis.beyond_seen import beyond_seen
     from rig.analysis.predicted import predicted
-    from rig.analysis.prediction_error import errors_of, fitted_values, gap_note, left_out, predicted_columns
+    from rig.analysis.prediction_error import (
+        errors_of,
+        fitted_values,
+        gap_note,
+        left_out,
+        predicted_columns,
+        told_in_words,
+    )
 
     result: dict[str, Any] = {"format": "peltier-prediction/1", "model": options.model, "record": record.source}
     note = left_out(model, record)
@@ -117,7 +124,7 @@ def _predicted(
     if fitted:
         result["fitted"] = fitted
         values = ", ".join(f"{name} {_short(value)}" for name, value in fitted.items() if name != "rows")
-        voice.say(f"fitted to the first {fitted['rows']} rows: {values}")
+        voice.say(f"fitted to {told_in_words(found, record['time_s'], options.first)}: {values}")
     errors = errors_of(found, model, record)
     for error in errors:
         result |= error.document()

@@ -94,7 +94,7 @@ def predict(
     add_effect_files(Path(path) for path in effect_files)
     known, where = as_model(model)
     rows = as_record(record)
-    require_something_to_predict(known, rows, where)
+    require_something_to_predict(known, rows, where, drive)
     found = predicted(known, rows, where, initial=initial, drive=drive, first_s=first_s)
     order = order_warning(known.film, where) if known.film is not None else None
     beyond = beyond_seen(known, rows["temperature_degC"], where)

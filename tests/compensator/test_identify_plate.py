@@ -134,6 +134,7 @@ def test_unusable_records_are_refused_in_one_line() -> None:
         (time[::-1], readings, current, "increasing"),
         (time, np.full(time.size, np.nan), current, "finite readings"),
         (time, readings, np.zeros(time.size), "0 throughout"),
+        (time, np.full(time.size, 25.0), current, "temperature_degC: constant at 25, expected one that follows"),
         (time, readings, np.full(time.size, np.nan), "current_A"),
         (time[:-1], readings, current, "same length"),
     ]

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.analysis.held_out import require_judging
+from rig.files.record import Record
 from rig.files.record_file import write_columns
 from sim.world.open_loop import simulate_record
 from sim.world.world import World
@@ -87,3 +89,65 @@ def test_several_records_are_held_out_as_one(tmp_path: Path, peltier: Peltier) -
     assert square**0.5 == pytest.approx(channel["rmse_extended"], rel=1e-9)
     assert channel["rmse_base"] > 3.0 * channel["rmse_extended"]
     assert rooms == pytest.approx([29.0, 19.0], abs=0.5)
+
+
+MOVING, ONES = 25.0 + 0.05 * TIME, np.ones(TIME.size)
+SWITCHING = 1e4 * 10.0 ** np.sin(TIME / 50.0)
+BASES = {  # of a diagnosed record
+    "plate": {"temperature_degC": MOVING, "current_A": np.sin(TIME / 9.0)},
+    "film": {"temperature_degC": MOVING, "resistance_ohm": SWITCHING},
+}
+
+
+@pytest.mark.parametrize(
+    ("base", "columns", "said"),
+    [
+        ("plate", {}, "current_A: missing; expected a current that drives the plate"),
+        ("plate", {"resistance_ohm": 1e3 * ONES}, "current_A: missing; expected a current"),
+        ("plate", {"resistance_ohm": SWITCHING}, "current_A: missing; expected a current"),
+        ("plate", {"current_A": 0.0 * ONES}, "current_A: 0 in all rows; expected a current"),
+        ("plate", {"temperature_degC": 25.0 * ONES, "current_A": ONES}, "moves by 0 K only"),
+        ("plate", {"temperature_degC": np.where(TIME < 15.0, MOVING, np.nan), "current_A": ONES}, "30 finite readings"),
+        ("film", {"current_A": ONES}, "resistance_ohm: missing; expected a film that switches"),
+        ("film", {"resistance_ohm": 1e3 * ONES}, "resistance_ohm: changes by 0 decades only"),
+    ],
+)
+def test_a_record_that_cannot_judge_is_refused_before_the_search(
+    base: str, columns: dict[str, np.ndarray], said: str, tmp_path: Path, peltier: Peltier
+) -> None:
+    one, good, other = (tmp_path / f"{name}.csv" for name in ("one", "good", "other"))
+    write_columns(one, {"time_s": TIME, **BASES[base]})
+    write_columns(good, {"time_s": TIME, **BASES[base], "temperature_degC": MOVING + 1.0})
+    write_columns(other, {"time_s": TIME, "temperature_degC": MOVING, **columns})
+    words = ("--holdout", good, "--holdout", other, "--report", tmp_path / "report")
+    status, out, err = peltier("diagnose", one, *words)
+    assert (status, out) == (2, "")
+    (line,) = err.splitlines()
+    assert line.startswith(f"{other}: ")
+    assert said in line
+    assert not (tmp_path / "report").exists()
+
+
+def test_a_record_without_current_judges_the_film_alone_and_it_is_said() -> None:
+    whole = Record({"time_s": TIME, **BASES["plate"], **BASES["film"]}, "whole")
+    film, said = Record({"time_s": TIME, **BASES["film"]}, "film"), list[str]()
+    require_judging([film], [whole], [whole.columns], "minus_log10_ohm", said.append)
+    assert said == ["film: no current_A: it judges the film alone"]
+
+
+def test_a_record_is_given_once(tmp_path: Path, peltier: Peltier) -> None:
+    """Held out it would judge the fit to itself, also under another name; joined it would count twice."""
+    one, copy, good = (tmp_path / f"{name}.csv" for name in ("one", "copy", "good"))
+    for path, warmer in ((one, 0.0), (copy, 0.0), (good, 1.0)):
+        write_columns(path, {"time_s": TIME, **BASES["plate"], "temperature_degC": MOVING + warmer})
+    twice, held = f"{one}: is given twice; expected", ("--holdout", good)
+    for words, said in (
+        ((one, "--holdout", one), twice),
+        ((one, one, "--joint"), twice),
+        ((one, *held, *held), f"{good}: is given twice; expected"),
+        ((one, *held, "--holdout", copy), f"{copy}: holds the same as {one}; expected"),
+    ):
+        status, _, err = peltier("diagnose", *words)
+        assert status == 2
+        (line,) = err.splitlines()
+        assert line.startswith(said)

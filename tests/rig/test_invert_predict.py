@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.files.record_file import write_columns
 from rig.web import loop_plane
 from tests.rig.small import MODEL
 
@@ -249,3 +250,47 @@ def test_a_prediction_that_nothing_is_compared_with(peltier: Peltier, tmp_path: 
     assert "r.csv: nothing to compare; expected readings of the film" in err
     assert peltier(*words, "--out", tmp_path / "p.csv")[0] == 0
     assert "predicted_ohm" in (tmp_path / "p.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "current", "said"),
+    [
+        (("--drive", "current"), False, "record.csv has no current_A; expected --drive temperature"),
+        (("--first", "60"), True, "--first: 60: expected --initial fitted beside it"),
+    ],
+)
+def test_an_option_that_cannot_act_is_refused(
+    options: tuple[str, ...], current: bool, said: str, peltier: Peltier, tmp_path: Path
+) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    time = np.arange(100.0)
+    columns = {"time_s": time, "temperature_degC": 50.0 + time / 9.0, "resistance_ohm": 1e4 + time}
+    write_columns(tmp_path / "record.csv", columns | ({"current_A": np.ones(100)} if current else {}))
+    status, out, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv", *options)
+    assert (status, out) == (2, "")
+    (line,) = err.splitlines()
+    assert said in line
+
+
+@pytest.mark.parametrize(
+    ("lacking", "options", "said"),
+    [
+        ((), (), "fitted to the first 31 rows: "),
+        ((), ("--first", "99"), "fitted to the first 100 rows: "),
+        ((), ("--first", "1e9"), "fitted to the first 150 rows (half of the rows at most: the rest is to"),
+        ([(100, 200)], (), "fitted to the first 31 rows and 31 after a gap: "),
+        ([(80, 120), (180, 220)], (), "fitted to the first 31 rows and 61 after 2 gaps: "),
+    ],
+)
+def test_the_rows_that_are_fitted_are_said(
+    lacking: list[tuple[int, int]], options: tuple[str, ...], said: str, peltier: Peltier, tmp_path: Path
+) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    time = np.arange(300.0)
+    there = [not any(begin <= t < end for begin, end in lacking) for t in time]
+    columns = {"time_s": time, "temperature_degC": 60.0 + 10.0 * np.sin(time / 30.0), "resistance_ohm": 1e4 + time}
+    write_columns(tmp_path / "record.csv", {name: values[there] for name, values in columns.items()})
+    words = ("--initial", "fitted", *options)
+    status, out, err = peltier("predict", tmp_path / "model.toml", tmp_path / "record.csv", *words)
+    assert status == 0, err
+    assert said in out

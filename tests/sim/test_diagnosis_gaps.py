@@ -10,6 +10,7 @@ from compensator.identification.gaps import gap_threshold
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.segments import off_after_missing_rows
+from sim.diagnosis.report.warnings import gaps_in
 from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
@@ -208,3 +209,22 @@ def test_a_lattice_is_told_beneath_outliers(share: float) -> None:
     assert lattice_step(moved) == pytest.approx(0.0625, rel=1e-6)
     assert lattice_step(values + 0.01 * rng.standard_normal(6000)) == 0.0
     assert lattice_step(np.round(values + 0.01 * rng.standard_normal(6000), 3)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("untold", "lacking", "said"),
+    [
+        ([], [], None),
+        ([], [100, 101], "1 gap in the rows, the longest of 3 s"),
+        ([30, 60], [], "2 gaps in the rows' currents, the longest of 1 s"),
+        ([30, 60], [100, 101], "3 gaps in the rows or in their currents, the longest of 3 s"),
+    ],
+)
+def test_a_gap_is_said_to_be_where_it_is(untold: list[int], lacking: list[int], said: str | None) -> None:
+    """A row that does not tell its current is no missing row."""
+    time = np.arange(200.0)
+    current = np.where(np.isin(time, untold), np.nan, np.sin(time / 9.0))
+    columns = {"time_s": time, "temperature_degC": 25.0 + np.sin(time / 20.0), "current_A": current}
+    there = ~np.isin(time, lacking)
+    found = gaps_in(read_columns({name: values[there] for name, values in columns.items()}))
+    assert [caution.text.startswith(said) for caution in found] == [True] if said else not found

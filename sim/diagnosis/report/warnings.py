@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from compensator.identification.gaps import gap_threshold
 from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
@@ -42,16 +43,7 @@ def warnings_of(
     """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it; limits: of the others."""
     record, found = chain.record, []
     found += saturated_sink(chain)
-    own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
-    gaps, anew = own.size, np.setdiff1d(record.first_rows[1:], record.joined).size
-    if gaps:
-        longest = float(np.max(np.diff(record.time_s)[own - 1]))
-        found.append(
-            Caution(
-                "gaps",
-                f"{gaps} gap{'s' * (gaps > 1)} in the rows, the longest of {longest:.3g} s{_begun_anew(gaps, anew)}",
-            )
-        )
+    found += gaps_in(record)
     if record.uneven:
         found.append(Caution("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
     for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
@@ -70,6 +62,19 @@ def warnings_of(
         found += [absorbed(name, parameter, limits) for name, (parameter, _) in hidden.items()]
     found += as_late_as_each_other(chain, names)
     return found + coloured_noise(chain) + film_in_steps(chain) + film_is_not_described(chain, names)
+
+
+def gaps_in(record: Record) -> list[Caution]:
+    """Of rows that are missing, and of rows that do not tell the current: what was commanded there is not known."""
+    own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
+    gaps, anew = own.size, np.setdiff1d(record.first_rows[1:], record.joined).size
+    if not gaps:
+        return []
+    steps = np.diff(record.time_s)
+    missing = int(np.sum(steps[own - 1] > gap_threshold(steps)))
+    where = "the rows" if missing == gaps else "the rows or in their currents" if missing else "the rows' currents"
+    longest = f"the longest of {float(np.max(steps[own - 1])):.3g} s"
+    return [Caution("gaps", f"{gaps} gap{'s' * (gaps > 1)} in {where}, {longest}{_begun_anew(gaps, anew)}")]
 
 
 def odd_columns(record: Record) -> list[Caution]:
