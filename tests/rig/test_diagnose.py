@@ -210,6 +210,19 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06
 
 
+def test_a_base_without_d_has_none_where_the_record_needs_none(
+    measured: Path, tmp_path: Path, peltier: Peltier
+) -> None:
+    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
+    words = (*columns, "--base", "generalized_pi", "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
+    assert peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)[0] == 0
+    film = read_model(tmp_path / "model.toml").film
+    assert film is not None
+    assert film.memoryless.function == "none"
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert (said["film"]["memoryless"], said["effects"]) == ("none", [])
+
+
 @pytest.mark.long
 def test_the_heater_needs_a_lag(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "current_A=pwm@pwm255"]

@@ -171,6 +171,12 @@ def out_of_time(doing: str, seconds: float) -> Caution:
     return Caution("out_of_time", text)
 
 
+def memoryless_not_asked() -> Caution:
+    """Of a base without D(T), where the time was over before it was asked whether the film needs one."""
+    text = "the time was over before it was asked whether the film needs a D(T): its model has none, as the base says"
+    return Caution("memoryless_not_asked", text)
+
+
 def unlogged_currents(record: Record) -> list[Caution]:
     """Of a record whose current changed between its rows."""
     if record.early == 0.0:
