@@ -9,6 +9,7 @@ from rig.files.run_folder import plain_json
 from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_words import (
+    NOT_FIXED,
     assumed_lines,
     channels_of,
     judged_channels,
@@ -137,7 +138,7 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     rows = []
     for name, (value, ci) in plate.parameters.items():
         width = 0.0 if ci is None else ci[1] - ci[0]
-        interval = "\N{EN DASH}" if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
+        interval = NOT_FIXED if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
         rows.append([name, number(value, width), interval])
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
     return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *doubts)]

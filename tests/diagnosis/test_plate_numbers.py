@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from compensator.identification.constant_drive import constant_drive
 from sim.diagnosis.diagnose import diagnose
 from tests.diagnosis.plate_record import JOULE, LOSS, SEEBECK, levels, record
 
@@ -42,6 +43,24 @@ def test_what_the_record_does_not_fix_is_told() -> None:
     doubts = [doubt for doubt in document["plate"]["doubts"] if doubt.startswith("resistance_over_capacity")]
     assert len(doubts) == 1
     assert "large currents in both directions fix it" in doubts[0]
+
+
+def test_a_room_that_may_be_any_has_no_interval() -> None:
+    plate = diagnose(record(24.0, np.array([1.0, 0.6, 0.8]), 7, noise_K=0.3)).plate
+    assert plate is not None
+    assert plate.parameters["ambient_degC"][1] is None  # -27 to 77 degC
+    assert any(doubt.startswith("ambient_degC: not known") for doubt in plate.doubts)
+    assert plate.parameters["conductance_over_capacity_per_s"][1] is not None
+
+
+def test_a_constant_current_is_told_and_no_interval_is_given_beside_what_it_leaves_open() -> None:
+    """Four numbers of which it tells two: of the others, each interval would hold for one value of the rest."""
+    current = np.full(20, 1.0)
+    plate = diagnose(record(24.0, current, 5)).plate
+    assert plate is not None
+    assert constant_drive(current, "peltier") in plate.doubts
+    for name in ("resistance_over_capacity_K_per_A2_s", "ambient_degC"):
+        assert plate.parameters[name][1] is None
 
 
 def test_no_current_no_plate() -> None:
