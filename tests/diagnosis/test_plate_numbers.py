@@ -63,6 +63,30 @@ def test_a_constant_current_is_told_and_no_interval_is_given_beside_what_it_leav
         assert plate.parameters[name][1] is None
 
 
+def test_what_is_logged_and_does_not_change_is_not_used_and_told_so() -> None:
+    columns = record(24.0, levels(3, 12), 3)
+    rows = columns["time_s"].size
+    logged = {"ambient_degC": np.full(rows, 22.5), "sink_degC": np.full(rows, 25.0), "input_2": np.zeros(rows)}
+    said = [w.text for w in diagnose({**columns, **logged}).warnings if w.code == "constant_column"]
+    assert [text.split(":")[:2] for text in said] == [
+        ["input_2", " 0 in all rows"], ["sink_degC", " 25 in all rows"], ["ambient_degC", " 22.5 in all rows"]
+    ]  # fmt: skip
+    logged["ambient_degC"] = 22.5 + np.arange(rows) / rows
+    said = [w.text for w in diagnose({**columns, **logged}).warnings if w.code == "constant_column"]
+    assert len(said) == 2
+
+
+def test_an_input_that_acts_late_is_told_to_act_late() -> None:
+    """A second heater that switches, and whose heat never comes."""
+    columns = record(24.0, levels(3, 12), 3)
+    second = np.arange(columns["time_s"].size) // 35 % 2 * 1.0
+    plate = diagnose({**columns, "input_2": second}).plate
+    assert plate is not None
+    doubts = [doubt for doubt in plate.doubts if doubt.startswith("inputs.input_2")]
+    assert len(doubts) == 1
+    assert "it changes, and the plate does not answer as fast" in doubts[0]
+
+
 def test_no_current_no_plate() -> None:
     time = np.arange(400.0)
     degC = 60.0 + 20.0 * np.sin(time / 60.0)

@@ -35,6 +35,10 @@ FIXED_BY: Final = {
     "q": "steps of the drive fix it",
     "ambient_degC": "a rest without a current fixes it, until the temperature stands still",
 }
+LATE: Final = (  # of an input that changes, or it were none
+    "it changes, and the plate does not answer as fast as if it heated the plate itself: "
+    "its heat may come by way of a third body"
+)
 ROOM_DEGC: Final = (5.0, 45.0)  # where people and instruments work: most makers' limits of operation
 WIDE: Final = 3.0  # ratio of an interval's ends from which a parameter counts as not fixed
 WIDE_K: Final = 15.0  # the same of a room: more than summer and winter differ by in most laboratories
@@ -84,10 +88,12 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
         ci = None if half > _farthest(unknown) else (unknown.outside(x - half), unknown.outside(x + half))
         value = unknown.outside(x)
         found[name] = (value, ci)
-        end = x < unknown.low + AT_THE_END or x > unknown.high - AT_THE_END
+        lowest = x < unknown.low + AT_THE_END
+        end = lowest or x > unknown.high - AT_THE_END
         doubt = f"{name}: {value:.3g} is the end of what is looked for" if end else _doubt(name, value, ci)
         if doubt is not None:
-            doubts.append(f"{doubt}; {FIXED_BY.get(unknown.name, 'changes of it fix it')}")
+            fixed_by = FIXED_BY.get(unknown.name, LATE if lowest else "larger changes of it fix it")
+            doubts.append(f"{doubt}; {fixed_by}")
     if p.kind == "peltier":
         s, r, g, _, ambient = p.plate()
         merit = float(s * s * (ambient + KELVIN) / (r * g))
