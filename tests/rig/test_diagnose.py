@@ -164,6 +164,24 @@ def test_a_record_that_is_too_short_is_told_so(tmp_path: Path, peltier: Peltier)
     assert "12 rows; expected at least" in err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--budget", "abc"], "--budget: invalid float value: 'abc'"),
+        (["--assume"], "--assume: expected one argument"),
+        (["--assume", "sensor_lag", "--assume", "sensor_lag:tau_s=2"], "--assume: sensor_lag: given twice; expected"),
+    ],
+)
+def test_words_that_say_nothing_are_told_in_one_line(
+    tmp_path: Path, peltier: Peltier, words: list[str], said: str
+) -> None:
+    path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
+    status, _, err = peltier("diagnose", path, *words)
+    assert status == 2
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
 def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
     path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
     status, _, err = peltier("diagnose", path, path, "--out", tmp_path / "model.toml")
