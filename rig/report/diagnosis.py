@@ -32,11 +32,10 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
-def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str, drive: str | None = None) -> None:
-    """report.html and diagnosis.json in a folder that is there, with its models. drive: its unit, of a share of the
-    full drive."""
+def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
+    """report.html and diagnosis.json in a folder that is there, with its models."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
-    residual = residual_figures(folder, diagnosis, drive)
+    residual = residual_figures(folder, diagnosis)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ import pytest
 from rig.__main__ import main
 from rig.files.model_file import read_model
 from rig.files.record_file import write_columns
+from rig.report.model_comment import model_comment
 from tests.diagnosis.cases import case, write_record
+from tests.diagnosis.plate_record import record as plate_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 
@@ -187,6 +190,36 @@ def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
     status, _, err = peltier("diagnose", path, path, "--out", tmp_path / "model.toml")
     assert status == 2
     assert "--out" in err
+
+
+def test_a_share_of_the_full_drive_is_no_ampere_and_the_model_bears_its_doubts(
+    tmp_path: Path, peltier: Peltier
+) -> None:
+    """In text, page, JSON and model file. Small currents and a noisy thermometer leave Joule's heat open."""
+    columns = plate_record(24.0, 0.1 * np.random.default_rng(4).uniform(-1.0, 1.0, 30), 4, noise_K=0.05)
+    path = tmp_path / "record.csv"
+    write_columns(path, {"duty" if name == "current_A" else name: values for name, values in columns.items()})
+    folder = tmp_path / "report"
+    words = ["--column", "current_A=duty@duty", "--report", folder]
+    status, out, _ = peltier("diagnose", path, *words)
+    told = "A stands for the full drive here: current_A is a share of it (duty)"
+    page, model = ((folder / name).read_text(encoding="utf-8") for name in ("report.html", "model.toml"))
+    assert (status, out.count(told), page.count(told), model.count(f"# {told}")) == (0, 1, 1, 1)
+    said = json.loads((folder / "diagnosis.json").read_text())
+    assert [w["code"] for w in said["warnings"]].count("share_of_full_drive") == 1
+    assert "0.02 to 0.3" not in page  # usual dead bands in ampere
+    (doubt,) = [d for d in said["plate"]["doubts"] if d.startswith("resistance_over_capacity")]
+    assert f"# plate: {doubt}\n" in model
+
+
+def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
+    values = {"sink_capacity_ratio": (48.0, None), "sink_conductance_ratio_per_s": (0.14, (0.1, 0.2))}
+    finding = SimpleNamespace(name="heat_sink_warmup", parameters=values)
+    found = SimpleNamespace(plate=None, warnings=[], findings=[finding])
+    assert model_comment(cast(Any, found), "a/b.csv").splitlines() == [
+        "extended model of the diagnosis of b.csv",
+        "heat_sink_warmup: sink_capacity_ratio: not fixed by this record",
+    ]
 
 
 @pytest.mark.long
