@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from rig.command.overwriting import refuse_overwriting
 from rig.core.faults import Faults
@@ -97,10 +98,17 @@ def _taken_apart(words: list[str]) -> list[str]:
     return found
 
 
+class _OneLine(argparse.ArgumentParser):
+    """What is wrong with the words is one line; --help has the rest."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')} ({self.prog} --help: its options)\n")
+
+
 def _act(verb: str, words: list[str], own_process: bool) -> int:
     """Read the words and do what they say. Importing is part of it: Ctrl-C comes then, too."""
     module = importlib.import_module(f"rig.command.{verb}")
-    parser = argparse.ArgumentParser(
+    parser = _OneLine(
         prog=f"peltier {verb}", description=module.__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     module.arguments(parser)

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import checked_columns
+from compensator.identification.constant_drive import constant_drive
 from compensator.identification.covariance import NORMAL_95, block_sandwich, correlation_rows
 from compensator.identification.gaps import gap_threshold
 from compensator.identification.heat_balance import (
@@ -312,17 +313,10 @@ def plate_notes(
     notes = []
     current = np.concatenate([stretch.current[:-1] for stretch in stretches])
     largest = float(np.max(np.abs(current)))
-    levels = np.unique(np.round(current / (0.02 * largest)))
     length = max(float(np.sum(stretch.steps)) for stretch in stretches)
     g = values[names.index("conductance_over_capacity_per_s")]
-    if levels.size == 1:
-        notes.append(
-            "The current is constant: Seebeck term, Joule heat and loss cannot be separated. "
-            "Record a profile with at least three levels of current, of both signs."
-            if kind == "peltier"
-            else "The drive is constant: heating rate and loss to the ambient cannot be separated. "
-            "Record steps of the drive, zero among them."
-        )
+    if constant := constant_drive(current, kind):
+        notes.append(constant)
     elif kind == "peltier" and (np.all(current >= -0.02 * largest) or np.all(current <= 0.02 * largest)):
         notes.append(
             "The current has one sign only: Seebeck term and Joule heat are nearly the same. "

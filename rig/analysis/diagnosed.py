@@ -26,6 +26,7 @@ from sim.diagnosis.data.record import Record as Rows
 from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
+from sim.diagnosis.of_full_drive import of_full_drive
 from sim.diagnosis.result import Diagnosis
 from sim.diagnosis.search.chain import FALSE_ALARM
 from sim.model.inputs import NAMES as INPUTS
@@ -79,6 +80,7 @@ def diagnosed(
     except ValueError as error:
         raise Faults(f"{record.source}: {line}" for line in str(error).splitlines()) from None
     diagnosis = replace(with_film(diagnosis, extended), sources=tuple(one.source for one in together))
+    diagnosis = of_full_drive(diagnosis, next((one.drive for one in together if one.drive is not None), None))
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
 
 

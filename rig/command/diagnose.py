@@ -47,7 +47,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--base",
         choices=["extended_generalized_pi", "generalized_pi"],
-        help="the film's base model; generalized_pi: without D(T)",
+        help="the film's base model; generalized_pi: without D(T), unless the record needs one",
     )
     parser.add_argument("--plate", choices=["peltier", "heater"], help="kind of plate; default: what the drive allows")
     text = "measure the gain on this record of the rig (repeatable)"

@@ -22,6 +22,7 @@ FILM_K = (200.0, 500.0)  # a film's record that stays within these is one in K: 
 ROOM_K = (270.0, 320.0)  # a plate's record that begins here and stays below FILM_K's end is one in K
 HOT_DEGC = 2000.0  # a record that goes beyond again and again has another column's numbers: no furnace of films does
 LEAST_DEGC = -150.0  # a record that stays below was taken for one in K and is not
+WHOSE = {"temperature_degC": "a plate's", "sink_degC": "a sink's", "ambient_degC": "a room's"}  # without a film
 LEAST_OHM = 0.01  # no film's resistance stays below this: it is a conductance
 MOST_S = 1e11  # three thousand years; epochs in ms are 1e12
 DAYS = (36526.0, 73050.0)  # of the years 2000 to 2099 as a spreadsheet counts them, from the end of 1899
@@ -55,7 +56,7 @@ def faults_in(
         *_exchanged(table, values),
         *_time_faults(table, time, chosen, names),
         *_resistance_faults(table, values, chosen, names),
-        *_temperature_faults(table, values, chosen, names),
+        *(line for name in WHOSE for line in _temperature_faults(table, values, chosen, names, name)),
         *_size_faults(table, values),
         *_current_faults(table, values),
     ]
@@ -141,18 +142,20 @@ def _same(names: Sequence[str], ours: str, choice: Chosen) -> str:
 
 
 def _temperature_faults(
-    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str]
+    table: Table, values: Mapping[str, Array], chosen: Mapping[str, Chosen], names: Sequence[str], ours: str
 ) -> list[str]:
-    temperature, choice = values.get("temperature_degC"), chosen.get("temperature_degC")
+    """A line for a column of temperatures, by our name, whose numbers are of another unit, or none of a temperature."""
+    temperature, choice = values.get(ours), chosen.get(ours)
     finite = temperature[np.isfinite(temperature)] if temperature is not None else np.empty(0)
     if not finite.size:
         return []
     low, high = (float(v) for v in np.percentile(finite, [2.0, 98.0]))
-    if high > HOT_DEGC:
-        return [f"{table.source}: temperature_degC: to {float(np.max(finite)):g} degC: are two columns exchanged?"]
+    if high > HOT_DEGC and ours == "temperature_degC":  # of a sensor that is not there others may be told so
+        return [f"{table.source}: {ours}: to {float(np.max(finite)):g} degC: are two columns exchanged?"]
     if choice is None or choice.unit_said:
         return []
-    film = "resistance_ohm" in values and bool(np.any(np.isfinite(values["resistance_ohm"])))
+    read = ours == "temperature_degC" and "resistance_ohm" in values
+    film = read and bool(np.any(np.isfinite(values["resistance_ohm"])))
     begins = ROOM_K[0] <= float(finite[0]) <= ROOM_K[1]
     other = ""
     if choice.unit == "degC" and FILM_K[0] < low and high < FILM_K[1] and (film or begins):
@@ -161,10 +164,10 @@ def _temperature_faults(
         other = "degC"
     if not other:
         return []
-    what = f"{typed('temperature_degC', names, choice.index, other)} or {_same(names, 'temperature_degC', choice)}"
+    what = f"{typed(ours, names, choice.index, other)} or {_same(names, ours, choice)}"
     shown = f"{low:.1f} to {high:.1f} degC" if other == "K" else f"{low + 273.15:.1f} to {high + 273.15:.1f} K"
-    whose = "a film's" if film else "a plate's"
-    return [f"{table.source}: temperature_degC: {shown} is not {whose} temperature, in {other} it is: expected {what}"]
+    whose = "a film's" if film else WHOSE[ours]
+    return [f"{table.source}: {ours}: {shown} is not {whose} temperature, in {other} it is: expected {what}"]
 
 
 def _size_faults(table: Table, values: Mapping[str, Array]) -> list[str]:

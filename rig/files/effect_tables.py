@@ -82,6 +82,8 @@ def assumed(tables: Iterable[Mapping[str, Any]], where: str) -> dict[str, dict[s
         if name not in known:
             lines.append(f"{where}: {_unknown(name, known)}")
             continue
+        if name in found:
+            lines.append(f"{where}: {name}: given twice; expected once, as {name}:param=value,param=value")
         _, faults = _values(known[name], table, complete=False)
         lines += [f"{where}: {name}: {fault}" for fault in faults]
         found[name] = {key: value for key, value in table.items() if key != "name"}

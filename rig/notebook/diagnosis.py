@@ -50,11 +50,12 @@ class RecordDiagnosis(Shown):
         """report.html with all figures, diagnosis.json and model.toml in a folder; its page. Raises OSError."""
         from rig.files.model_file import write_model
         from rig.report.diagnosis import write_diagnosis_report
+        from rig.report.model_comment import model_comment
 
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
-        write_model(place / "model.toml", self.model)
-        write_diagnosis_report(place, self.found, self.found.sources[0], self.drive)
+        write_model(place / "model.toml", self.model, model_comment(self.found, self.found.sources[0]))
+        write_diagnosis_report(place, self.found, self.found.sources[0])
         return place / "report.html"
 
 

@@ -22,6 +22,7 @@ from rig.many.engine import given
 from rig.report.diagnosis import write_diagnosis_report
 from rig.report.diagnosis_words import lines
 from rig.report.many_records import Task
+from rig.report.model_comment import model_comment, unit_lines
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
 from sim.diagnosis.extended_model import ExtendedModel
 from sim.diagnosis.result import with_model
@@ -92,14 +93,14 @@ def told(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
-            comment = f"extended model of the diagnosis of {Path(one.source).name}"
-            write_model(folder / MODEL, _of_records(extended, together, before), comment)
+            write_model(folder / MODEL, _of_records(extended, together, before), model_comment(diagnosis, one.source))
         if reported:
             if tried is not None:
                 names = ", ".join(diagnosis.candidates[0].names)
                 comment = f"with what was found in {Path(one.source).name} and is not named: {names}"
+                comment = "\n".join([comment, *unit_lines(diagnosis)])
                 write_model(folder / CANDIDATE, _of_records(tried, together, before), comment)
-            write_diagnosis_report(folder, diagnosis, one.source, one.drive)
+            write_diagnosis_report(folder, diagnosis, one.source)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
 

@@ -9,6 +9,7 @@ from rig.files.run_folder import plain_json
 from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_words import (
+    NOT_FIXED,
     assumed_lines,
     channels_of,
     judged_channels,
@@ -31,11 +32,10 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
-def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str, drive: str | None = None) -> None:
-    """report.html and diagnosis.json in a folder that is there, with its models. drive: its unit, of a share of the
-    full drive."""
+def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
+    """report.html and diagnosis.json in a folder that is there, with its models."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
-    residual = residual_figures(folder, diagnosis, drive)
+    residual = residual_figures(folder, diagnosis)
     parts = [
         paragraph(_facts(diagnosis, source), "note"),
         tiles(_numbers(diagnosis)),
@@ -137,7 +137,7 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
     rows = []
     for name, (value, ci) in plate.parameters.items():
         width = 0.0 if ci is None else ci[1] - ci[0]
-        interval = "\N{EN DASH}" if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
+        interval = NOT_FIXED if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
         rows.append([name, number(value, width), interval])
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
     return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *doubts)]

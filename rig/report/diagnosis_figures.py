@@ -84,16 +84,15 @@ def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
     return out
 
 
-def residual_figures(folder: Path, diagnosis: Diagnosis, drive: str | None = None) -> list[str]:
-    """Residuals against time, temperature, rate and what drove, a figure for each channel. drive: its unit, where it is
-    a share of full drive."""
+def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
+    """Residuals against time, temperature, rate and what drove, a figure for each channel."""
     names = diagnosis.judged.fitted
     before, after = residuals(diagnosis, diagnosis.chain.assumed), residuals(diagnosis, names)
-    against = _against(diagnosis, drive)
+    against = _against(diagnosis)
     return [_residual(folder, diagnosis, against, key, before[key], after[key]) for key in after]
 
 
-def _against(diagnosis: Diagnosis, drive: str | None) -> list[tuple[str, Array]]:
+def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
     """What residuals are shown against."""
     record = diagnosis.record
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
@@ -104,7 +103,7 @@ def _against(diagnosis: Diagnosis, drive: str | None) -> list[tuple[str, Array]]
     rate = np.gradient(smooth, record.time_s)
     found = [("time / s", record.time_s), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
     if record.current_A is not None:
-        share = drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
+        share = diagnosis.drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
         found.append(("drive / of full drive" if share else "current / A", record.current_A))
     elif record.test_current_A is not None:
         found.append(("test current / A", record.test_current_A))

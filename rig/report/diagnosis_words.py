@@ -57,13 +57,18 @@ def parameter(name: str, value: float, interval: tuple[float, float] | None) -> 
 
 def parameters(finding: Finding, between: str = ", ") -> str:
     """All parameters of an effect with their 95 % intervals; of one that has a choice of values the value alone."""
-    from sim.effects.catalogue import catalogue
-
-    chosen = {p.name for p in catalogue()[finding.name].parameters if p.choices}
+    chosen = chosen_parameters(finding)
     return between.join(
         f"{name} {number(value)}" if name in chosen else parameter(name, value, ci)
         for name, (value, ci) in finding.parameters.items()
     )
+
+
+def chosen_parameters(finding: Finding) -> set[str]:
+    """Those that have a choice of values, and so no interval."""
+    from sim.effects.catalogue import catalogue
+
+    return {p.name for p in catalogue()[finding.name].parameters if p.choices}
 
 
 def named(finding: Finding) -> str:
@@ -203,9 +208,12 @@ def _assumed(name: str, value: float, interval: tuple[float, float] | None) -> s
 
 def limit_rows(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     """(effect, the sizes that the record still allows, the usual sizes) of each effect that is not named."""
-    return [
-        (limit.name, _allowed(limit), f"{rough(limit.met[0])} to {rough(limit.met[1])}") for limit in diagnosis.limits
-    ]
+    return [(limit.name, _allowed(limit), _usual(limit)) for limit in diagnosis.limits]
+
+
+def _usual(limit: UpperLimit) -> str:
+    """The usual sizes; none of an effect whose sizes are in a unit that the record does not have."""
+    return "\N{EN DASH}" if limit.met is None else f"{rough(limit.met[0])} to {rough(limit.met[1])}"
 
 
 def _allowed(limit: UpperLimit) -> str:

@@ -44,13 +44,11 @@ from sim.diagnosis.search.both_ends import select
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
 from sim.diagnosis.search.either_kind import search_of_either_kind
-from sim.diagnosis.search.learned import with_film
-from sim.diagnosis.search.stepwise import ABSORBS
 from sim.diagnosis.validate.adequacies import resistance_residual, temperature_residual
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import gain, rmse
 from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
-from sim.effects import memoryless_term
+from sim.diagnosis.without_memoryless import without_memoryless
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, pinned
 from sim.model.own_fit import told_rows
@@ -78,15 +76,15 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose one record (columns as in a record file: names with units), or several of one rig as one.
 
-    base: "generalized_pi" restricts the film to no D(T). output: the film's, rising with temperature: "log10_ohm" where
-    a resistance rises, else a column, or "minus_" and a column. holdout: other records of the same rig, on which the
-    gain is measured; without any every fourth block of rows is held out. of_film: others of the same film, which decide
-    what this one leaves open of it. as_predicted: what belongs to another record (room, first temperatures, memory) is
-    fitted to its first rows alone, as whoever predicts it would have to; else to all, so that what remains is the
-    model's fault. assume: effects that are there, whatever the record says, and of each the parameters that are known,
-    by name; the others are fitted. budget_s: how long it may take, on the clock (s, one that goes): what was found by
-    then is judged and reported, with a warning. chosen_false_alarm: the share of records with nothing in them that may
-    be given a name. Raises ValueError, a line a fault, where nothing can be said.
+    base: "generalized_pi" restricts the film to no D(T), unless `memoryless_term` is named. output: the film's, rising
+    with temperature: "log10_ohm" where a resistance rises, else a column, or "minus_" and a column. holdout: other
+    records of the same rig, on which the gain is measured; without any every fourth block of rows is held out. of_film:
+    others of the same film, which decide what this one leaves open of it. as_predicted: what belongs to another record
+    (room, first temperatures, memory) is fitted to its first rows alone, as whoever predicts it would have to; else to
+    all, so that what remains is the model's fault. assume: effects that are there, whatever the record says, and of
+    each the parameters that are known, by name; the others are fitted. budget_s: how long it may take, on the clock (s,
+    one that goes): what was found by then is judged and reported, with a warning. chosen_false_alarm: the share of
+    records with nothing in them that may be given a name. Raises ValueError, a line a fault, where nothing can be said.
     """
     if budget_s is not None and clock is stopped:
         raise ValueError("budget_s: needs a clock; expected clock=time.monotonic beside it")
@@ -116,8 +114,8 @@ def diagnose(
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
             found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
-        if base == "generalized_pi" and chain.record.output is not None and not budget.over():
-            found = _restricted(found, held_out)
+        if base == "generalized_pi":
+            found = without_memoryless(found, held_out, budget.over())
         return in_its_unit(found)
 
 
@@ -175,31 +173,6 @@ def _assumed(
     if lines:
         raise ValueError("\n".join(lines))
     return {**known, **{name: pinned(known[name], values) for name, values in assume.items()}}, frozenset(assume)
-
-
-def _restricted(found: Diagnosis, held_out: HeldOutRows) -> Diagnosis:
-    """What a base film without D(T) lacks, named as an effect of its own."""
-    chain, names = found.chain, found.judged.fitted
-    b = chain.fits(names)[1]
-    if b is None or chain.facts is None or chain.facts.basis.curve is None:
-        return found
-    anew, upstream = replace(chain, together=False, budget=Budget()), chain.split(names)[0]
-    plain = with_film(replace(anew, relays=False), upstream)
-    of_the_class = chain.score(names) - plain.score(names) < ABSORBS  # then nothing but D may stand in for what D does
-    bare = with_film(replace(anew, curve=False, relays=not of_the_class), upstream)
-    evidence = (plain if of_the_class else chain).score(names) - bare.score(names)
-    if evidence < ABSORBS:
-        return found
-    curve = chain.facts.basis.curve
-    path = chain.film_channel(names).path
-    range_degC = np.linspace(float(np.min(path.plate_degC)), float(np.max(path.plate_degC)), 200)  # D is smooth
-    span = float(np.ptp(curve.columns(range_degC) @ b.coefficients[1 : 1 + curve.count])) * chain.record.quantity.size
-    span_name = f"span_{chain.record.quantity.unit}"
-    before, after = (held_out.residuals(names, c)["resistance_dec"] for c in (bare, chain))
-    gains = {"resistance_dec": gain(before, after, held_out.rows)}
-    term = Finding(memoryless_term.NAME, {span_name: (span, None)}, evidence, _false_alarm(chain, evidence), [], gains)
-    findings = sorted([*found.findings, term], key=lambda f: -f.evidence)
-    return replace(found, findings=findings, verdict=verdict_of(findings, found.unexplained))
 
 
 def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progress) -> Diagnosis:

@@ -60,12 +60,12 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words,
-    the film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large
-    what is not named may be, the parameters of what was assumed, each record's room (of a record with a current);
-    sources: of the records; halves: of other records held out; record and chain: for figures and
-    for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
-    (`sim.diagnosis.data.quantity`)."""
+    """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
+    film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large what is not
+    named may be, the parameters of what was assumed, each record's room (of a record with a current); sources: of the
+    records; halves: of other records held out; record and chain: for figures and for the extended model; drive: the
+    unit of a current that is a share of full drive, else None. The keys of channels, gains and what is left are
+    "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -85,6 +85,7 @@ class Diagnosis:
     halves: Halves | None
     sources: tuple[str, ...] = ()
     model: str | None = None
+    drive: str | None = None
 
     def _rows(self) -> dict[str, Any]:
         """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left

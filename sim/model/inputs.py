@@ -50,6 +50,20 @@ class Inputs:
 NOTHING: Final = Inputs((), np.empty((0, 0)))
 
 
+def constant_inputs(
+    columns: Mapping[str, Array], begins: Sequence[int] | NDArray[np.int64]
+) -> dict[str, tuple[float, float]]:
+    """Those that do not change, and so are no inputs: the least and the largest reading of each, which are two where
+    records that begin in these rows differ."""
+    changing = logged_inputs(columns, begins).names
+    told = {name: columns[name][np.isfinite(columns[name])] for name in NAMES if name in columns}
+    return {
+        name: (float(np.min(own)), float(np.max(own)))
+        for name, own in told.items()
+        if own.size and name not in changing
+    }
+
+
 def logged_inputs(columns: Mapping[str, Array], begins: Sequence[int] | NDArray[np.int64]) -> Inputs:
     """Those of the columns (rows,) that are inputs and change. begins: where records begin, each with its own first
     temperatures, the first one with row 0."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
 from sim.diagnosis.diagnose import diagnose
+from sim.diagnosis.extended_model import extended_model
 from sim.diagnosis.fit.channel_noise import ohmmeter_noise
 from sim.diagnosis.result import Diagnosis
 
@@ -27,12 +30,13 @@ def once_round(low_degC: float) -> tuple[np.ndarray, np.ndarray]:
     return degC, np.where(np.arange(degC.size) < up.size, -1.0, 1.0)
 
 
-def diagnosed(degC: np.ndarray, log_ohm: np.ndarray, seed: int) -> Diagnosis:
+def diagnosed(degC: np.ndarray, log_ohm: np.ndarray, seed: int, **options: Any) -> Diagnosis:
     """Of a record with a meter's noise."""
     noise_dec = np.where(log_ohm > 3.5, 3e-5, 8e-4)
     log_ohm = log_ohm + noise_dec * np.random.default_rng(seed).standard_normal(degC.size)
     time_s = 4.6 * np.arange(degC.size)
-    return diagnose({"time_s": time_s, "temperature_degC": degC, "resistance_ohm": 10.0**log_ohm})
+    columns = {"time_s": time_s, "temperature_degC": degC, "resistance_ohm": 10.0**log_ohm}
+    return diagnose(columns, **options)
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +62,17 @@ def test_no_reading_is_left_out_for_what_a_model_is_off_by(said: dict[str, objec
 
 def test_held_out_rows_are_told(said: dict[str, object]) -> None:
     assert said["channels"]["resistance_dec"]["rmse_extended"] < 0.02  # type: ignore[index]
+
+
+def test_a_base_without_d_has_none_where_there_was_no_time_to_ask(found: Diagnosis) -> None:
+    degC, side = once_round(40.0)
+    late = {"budget_s": 10.0, "clock": itertools.count(0.0, 100.0).__next__}
+    bare = diagnosed(degC, grains(degC - 2.5 * side) - 0.012 * (degC - 65.0), 2, base="generalized_pi", **late)
+    assert "memoryless_not_asked" in [w.code for w in bare.warnings]
+    for one, has in ((found, True), (bare, False)):
+        film = extended_model(one).film
+        assert film is not None
+        assert (film.memoryless.function != "none") == has
 
 
 def test_the_noise_is_that_of_fitted_rows(found: Diagnosis) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ import pytest
 from rig.__main__ import main
 from rig.files.model_file import read_model
 from rig.files.record_file import write_columns
+from rig.report.model_comment import model_comment
 from tests.diagnosis.cases import case, write_record
+from tests.diagnosis.plate_record import record as plate_record
 
 Peltier = Callable[..., tuple[int, str, str]]
 
@@ -164,11 +167,59 @@ def test_a_record_that_is_too_short_is_told_so(tmp_path: Path, peltier: Peltier)
     assert "12 rows; expected at least" in err
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--budget", "abc"], "--budget: invalid float value: 'abc'"),
+        (["--assume"], "--assume: expected one argument"),
+        (["--assume", "sensor_lag", "--assume", "sensor_lag:tau_s=2"], "--assume: sensor_lag: given twice; expected"),
+    ],
+)
+def test_words_that_say_nothing_are_told_in_one_line(
+    tmp_path: Path, peltier: Peltier, words: list[str], said: str
+) -> None:
+    path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
+    status, _, err = peltier("diagnose", path, *words)
+    assert status == 2
+    assert said in err
+    assert len(err.splitlines()) == 1
+
+
 def test_out_takes_one_record(tmp_path: Path, peltier: Peltier) -> None:
     path = small(tmp_path, temperature_degC=np.arange(200.0), current_A=np.ones(200))
     status, _, err = peltier("diagnose", path, path, "--out", tmp_path / "model.toml")
     assert status == 2
     assert "--out" in err
+
+
+def test_a_share_of_the_full_drive_is_no_ampere_and_the_model_bears_its_doubts(
+    tmp_path: Path, peltier: Peltier
+) -> None:
+    """In text, page, JSON and model file. Small currents and a noisy thermometer leave Joule's heat open."""
+    columns = plate_record(24.0, 0.1 * np.random.default_rng(4).uniform(-1.0, 1.0, 30), 4, noise_K=0.05)
+    path = tmp_path / "record.csv"
+    write_columns(path, {"duty" if name == "current_A" else name: values for name, values in columns.items()})
+    folder = tmp_path / "report"
+    words = ["--column", "current_A=duty@duty", "--report", folder]
+    status, out, _ = peltier("diagnose", path, *words)
+    told = "A stands for the full drive here: current_A is a share of it (duty)"
+    page, model = ((folder / name).read_text(encoding="utf-8") for name in ("report.html", "model.toml"))
+    assert (status, out.count(told), page.count(told), model.count(f"# {told}")) == (0, 1, 1, 1)
+    said = json.loads((folder / "diagnosis.json").read_text())
+    assert [w["code"] for w in said["warnings"]].count("share_of_full_drive") == 1
+    assert "0.02 to 0.3" not in page  # usual dead bands in ampere
+    (doubt,) = [d for d in said["plate"]["doubts"] if d.startswith("resistance_over_capacity")]
+    assert f"# plate: {doubt}\n" in model
+
+
+def test_a_model_file_says_which_sizes_are_not_fixed() -> None:
+    values = {"sink_capacity_ratio": (48.0, None), "sink_conductance_ratio_per_s": (0.14, (0.1, 0.2))}
+    finding = SimpleNamespace(name="heat_sink_warmup", parameters=values)
+    found = SimpleNamespace(plate=None, warnings=[], findings=[finding])
+    assert model_comment(cast(Any, found), "a/b.csv").splitlines() == [
+        "extended model of the diagnosis of b.csv",
+        "heat_sink_warmup: sink_capacity_ratio: not fixed by this record",
+    ]
 
 
 @pytest.mark.long
@@ -208,6 +259,19 @@ def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, p
     )
     assert status == 0
     assert json.loads((tmp_path / "p.json").read_text())["rmse_dec"] < 0.06
+
+
+def test_a_base_without_d_has_none_where_the_record_needs_none(
+    measured: Path, tmp_path: Path, peltier: Peltier
+) -> None:
+    columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
+    words = (*columns, "--base", "generalized_pi", "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
+    assert peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)[0] == 0
+    film = read_model(tmp_path / "model.toml").film
+    assert film is not None
+    assert film.memoryless.function == "none"
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert (said["film"]["memoryless"], said["effects"]) == ("none", [])
 
 
 @pytest.mark.long

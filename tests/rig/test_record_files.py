@@ -173,6 +173,19 @@ def test_degrees_under_the_name_of_kelvins(file: Path) -> None:
     assert "temperature_degC=T_K@degC" in said
 
 
+@pytest.mark.parametrize("name", ["ambient_degC", "sink_degC"])
+def test_a_room_and_a_sink_in_kelvins(file: Path, name: str) -> None:
+    def written(room: float) -> Path:
+        file.write_text(f"time_s,temperature_degC,{name}\n" + "".join(f"{k},{22 + k},{room}\n" for k in range(9)))
+        return file
+
+    with pytest.raises(Faults, match=f"{name}: 295.1 to 295.1 degC .* in K it is: expected --column {name}={name}@K"):
+        read_record(written(295.15))
+    mapping = ColumnMapping.parse(f"{name}={name}@K")
+    assert read_record(file, [mapping])[name] == pytest.approx(22.0)
+    assert read_record(written(22.0))[name] == pytest.approx(22.0)
+
+
 def test_a_plate_in_kelvins(file: Path) -> None:
     rows = "".join(f"{k},{299 + k / 10},{0.5}\n" for k in range(60))
     assert "@K" in refusal(file, f"time_s,temperature_degC,current_A\n{rows}")

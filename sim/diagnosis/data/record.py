@@ -21,7 +21,7 @@ from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps, with_readings
 from sim.effects.effect import Effect
-from sim.model.inputs import NOTHING, Inputs, logged_inputs
+from sim.model.inputs import NOTHING, Inputs, constant_inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
 from sim.model.meter_power import since_the_row_before
 from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
@@ -63,7 +63,7 @@ class Record:
     which the plate is not known). held_out: rows that no fit sees. left_out: readings that do not count though they are
     there, each with its row, column and the rule by which. quantity: what the output is. early: the share of a change
     of the current that acts before its row (`between_rows`). joined: where further records of the same rig begin.
-    inputs: what else heats the plate.
+    inputs: what else heats the plate; constant_inputs: what would, if it changed, with its least and largest reading.
     """
 
     time_s: Array
@@ -86,6 +86,7 @@ class Record:
     early: float = 0.0
     joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     inputs: Inputs = NOTHING
+    constant_inputs: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -259,6 +260,7 @@ def read_columns(
         early,
         _none(joined),
         logged_inputs(data, [0, *_none(joined)]) if current is not None else NOTHING,
+        constant_inputs(data, [0, *_none(joined)]) if current is not None else {},
     )
 
 

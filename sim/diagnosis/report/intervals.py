@@ -19,7 +19,7 @@ from sim.diagnosis.fit.unknowns import fitted_parameters, unknown_of
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.temperature_search import cell_of, cells
 from sim.diagnosis.validate.adequacies import temperature_residual
-from sim.diagnosis.validate.deviations import deviations, film_deviations
+from sim.diagnosis.validate.deviations import deviations, film_deviations, not_told
 from sim.effects.effect import Switched, jumps
 
 HALF_CHI2_95 = 1.92  # the fall of the log-likelihood to either side: half of chi square's 3.84
@@ -32,10 +32,11 @@ VAGUE = 30.0  # ratio of an interval's ends from which nothing is known of the s
 
 
 def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
-    """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale; None without them."""
+    """Standard deviations of the first links' unknowns, plate before effects, on the fit's scale, infinite of one that
+    the record leaves open beside the others; None without them."""
     joint = chain.joint(names)
     if joint is not None:
-        return deviations(*joint.columns())[: joint.a.parameters.x.size]
+        return _with_open_ones(*joint.columns())[: joint.a.parameters.x.size]
     a, _ = chain.fits(names)
     if a is None or chain.first is None:
         return None
@@ -50,7 +51,12 @@ def first_deviations(chain: Chain, names: frozenset[str]) -> Array | None:
     for k in range(j.shape[1]):
         part = np.bincount(channel.stretch, weight**2 * e * j[:, k], channel.stretches) / d
         j[:, k] -= e * part[channel.stretch]
-    return deviations(weight[:, None] * j, z)
+    return _with_open_ones(weight[:, None] * j, z)
+
+
+def _with_open_ones(columns: Array, z: Array) -> Array:
+    """Standard deviations, infinite of an unknown that the rows leave open beside the others."""
+    return np.where(not_told(columns, z), np.inf, deviations(columns, z))
 
 
 def intervals(chain: Chain, names: frozenset[str]) -> dict[str, dict[str, tuple[float, tuple[float, float] | None]]]:

@@ -12,8 +12,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from compensator.hysteresis.functions import KELVIN
+from compensator.identification.constant_drive import constant_drive
 from compensator.identification.covariance import NORMAL_95
+from compensator.identification.heat_balance import Kind
 from sim.diagnosis.data.noise_model import root_mean_square
+from sim.diagnosis.fit.unknowns import Unknown
 from sim.diagnosis.report.intervals import MEANINGLESS, first_deviations
 from sim.diagnosis.search.chain import Chain
 
@@ -32,6 +35,10 @@ FIXED_BY: Final = {
     "q": "steps of the drive fix it",
     "ambient_degC": "a rest without a current fixes it, until the temperature stands still",
 }
+LATE: Final = (  # of an input that changes, or it were none
+    "it changes, and the plate does not answer as fast as if it heated the plate itself: "
+    "its heat may come by way of a third body"
+)
 ROOM_DEGC: Final = (5.0, 45.0)  # where people and instruments work: most makers' limits of operation
 WIDE: Final = 3.0  # ratio of an interval's ends from which a parameter counts as not fixed
 WIDE_K: Final = 15.0  # the same of a room: more than summer and winter differ by in most laboratories
@@ -71,17 +78,22 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     if left > MISSES_MUCH:
         text = f"the plate leaves {left:.2g} times the noise of the temperature"
         doubts.append(f"every number: {text}, and what it lacks may have moved them by more than these intervals")
+    assert chain.record.current_A is not None
+    kind: Kind = "heater" if p.kind == "heater" else "peltier"
+    if constant := constant_drive(chain.record.current_A[:-1], kind):
+        doubts.append(constant)
     for unknown, x, deviation in zip(p.base, p.x.tolist(), deviations.tolist(), strict=False):
         half = min(NORMAL_95 * deviation, 1e3)  # below what exp overflows at
         name = NAMES.get(unknown.name, unknown.name)
-        meaningless = unknown.log and half > MEANINGLESS
-        ci = None if meaningless else (unknown.outside(x - half), unknown.outside(x + half))
+        ci = None if half > _farthest(unknown) else (unknown.outside(x - half), unknown.outside(x + half))
         value = unknown.outside(x)
         found[name] = (value, ci)
-        end = x < unknown.low + AT_THE_END or x > unknown.high - AT_THE_END
+        lowest = x < unknown.low + AT_THE_END
+        end = lowest or x > unknown.high - AT_THE_END
         doubt = f"{name}: {value:.3g} is the end of what is looked for" if end else _doubt(name, value, ci)
         if doubt is not None:
-            doubts.append(f"{doubt}; {FIXED_BY.get(unknown.name, 'changes of it fix it')}")
+            fixed_by = FIXED_BY.get(unknown.name, LATE if lowest else "larger changes of it fix it")
+            doubts.append(f"{doubt}; {fixed_by}")
     if p.kind == "peltier":
         s, r, g, _, ambient = p.plate()
         merit = float(s * s * (ambient + KELVIN) / (r * g))
@@ -91,12 +103,19 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     return PlateNumbers(p.kind, found, doubts)
 
 
+def _farthest(unknown: Unknown) -> float:
+    """Half an interval, on the fit's scale, beyond which nothing is known of the number: of a room, from the coldest to
+    the warmest that there are."""
+    return MEANINGLESS if unknown.log else unknown.inside(0.5 * (ROOM_DEGC[1] - ROOM_DEGC[0]))
+
+
 def _doubt(name: str, value: float, ci: Interval) -> str | None:
     """Where a value is outside physics, or its interval too wide to know it."""
     if name == "ambient_degC":
-        assert ci is not None
         if not ROOM_DEGC[0] <= value <= ROOM_DEGC[1]:
             return f"{name}: a room at {value:.0f} degC is none"
+        if ci is None:
+            return f"{name}: not known"
         return f"{name}: known to within {0.5 * (ci[1] - ci[0]):.0f} K only" if ci[1] - ci[0] > WIDE_K else None
     if ci is None:
         return f"{name}: not known"

@@ -56,25 +56,29 @@ Left = Callable[[Switched], Array]
 class UpperLimit:
     """name; parameter: of the size; limit: in its unit, None where the record allows any size that was looked at;
     from_below: whether the record excludes what is smaller (a leakage's resistance) instead of what is larger; met: the
-    smallest and largest size met."""
+    smallest and largest size met, None where these are in a unit that the record does not have."""
 
     name: str
     parameter: str
     limit: float | None
     from_below: bool
-    met: tuple[float, float]
+    met: tuple[float, float] | None
 
     @property
     def allows_all_met(self) -> bool:
         """Whether an effect of any size met may be there, unseen."""
+        if self.limit is None or self.met is None:
+            return self.limit is None
         smallest, largest = self.met
-        return self.limit is None or (self.limit <= smallest if self.from_below else self.limit >= largest)
+        return self.limit <= smallest if self.from_below else self.limit >= largest
 
     @property
     def excludes_all_met(self) -> bool:
         """Whether an effect of every size met would have shown."""
+        if self.limit is None or self.met is None:
+            return False
         smallest, largest = self.met
-        return self.limit is not None and (self.limit >= largest if self.from_below else self.limit <= smallest)
+        return self.limit >= largest if self.from_below else self.limit <= smallest
 
     def document(self) -> dict[str, Any]:
         """In `peltier-diagnosis/1`."""

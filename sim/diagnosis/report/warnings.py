@@ -13,6 +13,7 @@ from compensator.identification.gaps import gap_threshold
 from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
+from sim.diagnosis.fit.plate_parameters import ROOM
 from sim.diagnosis.judge.carried_over import CarriedOver
 from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
 from sim.diagnosis.search.chain import Chain
@@ -49,6 +50,7 @@ def warnings_of(
     for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
         found.append(Caution("outliers", f"{name}: {count} readings were left out as outliers"))
     found += odd_columns(record)
+    found += constant_columns(record)
     if record.current_A is None:
         found.append(Caution("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
@@ -88,6 +90,18 @@ def odd_columns(record: Record) -> list[Caution]:
         text = f"{repeated} rows repeat the meter's reading before, which counts once, where it comes first: the meter "
         text += "is slower than the rows, and averages over some of them, which looks like a lag; ask it less often"
         found.append(Caution("repeated_readings", f"{record.quantity.column}: {text}"))
+    return found
+
+
+def constant_columns(record: Record) -> list[Caution]:
+    """Of what is logged about the plate and does not change."""
+    found = []
+    for name, (low, high) in record.constant_inputs.items():
+        all_rows = f"{low:g} in all rows" if low == high else f"{low:g} to {high:g}, the same throughout each record"
+        text = f"{name}: {all_rows}: not used, since only changes of it show how it acts on the plate"
+        if name == ROOM.name:
+            text += "; the room is found from the plate alone, and should agree with it"
+        found.append(Caution("constant_column", text))
     return found
 
 
@@ -174,6 +188,12 @@ def out_of_time(doing: str, seconds: float) -> Caution:
     """Of a diagnosis that its time cut short."""
     text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
     return Caution("out_of_time", text)
+
+
+def memoryless_not_asked() -> Caution:
+    """Of a base without D(T), where the time was over before it was asked whether the film needs one."""
+    text = "the time was over before it was asked whether the film needs a D(T): its model has none, as the base says"
+    return Caution("memoryless_not_asked", text)
 
 
 def unlogged_currents(record: Record) -> list[Caution]:

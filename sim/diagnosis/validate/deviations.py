@@ -6,7 +6,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import block_sandwich
-from sim.diagnosis.data.record import Rows
+from sim.diagnosis.data.record import Mask, Rows
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import ResistanceFit
 from sim.diagnosis.search.chain import Chain
@@ -22,6 +22,12 @@ def deviations(columns: Array, z: Array) -> Array:
     plain = of_independent_rows(columns)
     wide = np.asarray(block_sandwich(columns, z).standard_errors)
     return np.asarray(np.maximum(plain, np.where(np.isfinite(wide), wide, 0.0)), dtype=np.float64)
+
+
+def not_told(columns: Array, z: Array) -> Mask:
+    """Which unknowns, (unknowns,), have a share in a combination that the rows do not tell: of such a one
+    `deviations` says how far it moves while that combination stays, as if somebody knew it."""
+    return np.isinf(block_sandwich(columns, z).standard_errors)
 
 
 def of_independent_rows(columns: Array) -> Array:
