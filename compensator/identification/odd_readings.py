@@ -109,7 +109,7 @@ def _bad(column: Column, bad: NDArray[np.int64]) -> str:
 
 
 def _place(column: Column, row: int) -> str:
-    return f"row {row + 1} ({column.time_s[row]:g} s)"
+    return f"row {row + 1} ({column.time_s[row]:.12g} s)"  # a time since 1970 has that many digits
 
 
 def _unit_changes(column: Column, temperature_degC: Array | None) -> list[tuple[int, int, str, str]]:

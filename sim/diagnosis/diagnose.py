@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from sim.diagnosis.data.joined import joined
-from sim.diagnosis.data.quantity import FALLING_OHM, Quantity, quantity_of
+from sim.diagnosis.data.joined import read_records
+from sim.diagnosis.data.quantity import FALLING_OHM, Quantity
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.carried_over import carried_over
@@ -94,10 +94,8 @@ def diagnose(
         raise ValueError(f"false alarm {chosen_false_alarm:g}: expected {SMALLEST:g} to {LARGEST:g}")
     began_s = clock()
     with threadpool_limits(limits=1):
-        together, begins = joined((columns, *further)) if further else (columns, None)
-        quantity = quantity_of(output, together)
-        record = read_columns(together, held_out=not holdout, quantity=quantity, joined=begins)
-        known = quantity.effects(catalogue() if effects is None else effects)
+        record = read_records((columns, *further), output, held_out=not holdout)
+        known = (quantity := record.quantity).effects(catalogue() if effects is None else effects)
         budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
@@ -314,7 +312,7 @@ def _unexplained(
     ):
         if adequacy is not None and not adequacy.clean:
             z, rows = residual(chain, names)
-            unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
+            unexplained[channel] = describe(z, record, rows, adequacy.left)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue

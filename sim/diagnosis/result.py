@@ -11,9 +11,9 @@ import numpy as np
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.candidates import Candidate
+from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.report.plate_numbers import PlateNumbers
 from sim.diagnosis.report.upper_limits import UpperLimit
-from sim.diagnosis.report.warnings import Caution
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
@@ -88,11 +88,17 @@ class Diagnosis:
 
     def _rows(self) -> dict[str, Any]:
         """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left
-        out. Of the record itself all rows are fitted where others are held out; `held_out` then says which of their
-        rows are in which half, `folds` how many of them decide and judge."""
+        out, by the number of their record and the time of its file. Of the record itself all rows are fitted where
+        others are held out; `held_out` then says which of their rows are in which half, `folds` how many of them decide
+        and judge."""
         record = self.record
         left_out = [
-            {"time_s": float(record.time_s[row]), "column": column, "rule": rule}
+            {
+                "record": record.number_of(row),
+                "time_s": float(record.file_s[row]),
+                "column": column,
+                "rule": rule,
+            }
             for row, column, rule in record.left_out
         ]
         fitted = int(np.sum(~record.held_out))
