@@ -20,7 +20,8 @@ from rig.files.model_file import Model, write_model
 from rig.files.record_file import Record
 from rig.many.engine import given
 from rig.report.diagnosis import write_diagnosis_report
-from rig.report.diagnosis_words import lines
+from rig.report.diagnosis_lines import lines
+from rig.report.diagnosis_records import together as records_of
 from rig.report.many_records import Task
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
 from sim.diagnosis.extended_model import ExtendedModel
@@ -92,14 +93,14 @@ def told(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
-            comment = f"extended model of the diagnosis of {Path(one.source).name}"
+            comment = f"extended model of the diagnosis of {records_of(diagnosis)}"
             write_model(folder / MODEL, _of_records(extended, together, before), comment)
         if reported:
             if tried is not None:
                 names = ", ".join(diagnosis.candidates[0].names)
-                comment = f"with what was found in {Path(one.source).name} and is not named: {names}"
+                comment = f"with what was found in {records_of(diagnosis)} and is not named: {names}"
                 write_model(folder / CANDIDATE, _of_records(tried, together, before), comment)
-            write_diagnosis_report(folder, diagnosis, one.source, one.drive)
+            write_diagnosis_report(folder, diagnosis, one.drive)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
 

@@ -233,28 +233,6 @@ def limit_lines(diagnosis: Diagnosis) -> list[str]:
     return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]
 
 
-def lines(diagnosis: Diagnosis) -> list[str]:
-    """The whole diagnosis for a terminal."""
-    out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
-    for f in diagnosis.findings:
-        other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
-        evidence = f"evidence {f.evidence:.4g}, false alarms at most {f.false_alarm:.2g}"
-        out.append(f"  {f.name}: {parameters(f)}; {evidence}{other}")
-    out += [gain_line(*one) for one in judged_channels(diagnosis)]
-    out += plate_lines(diagnosis)
-    if diagnosis.film is not None:
-        film = diagnosis.film
-        form, operators = film["memoryless"], film["operators"]
-        out.append(f"film: D(T) of the form {form}, operators with weight: {operators}{told_by(film)}")
-        out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
-    out += [f"not named: {text}" for text in not_named(diagnosis)]
-    out += limit_lines(diagnosis)
-    out += [f"left: {text}" for text in left_over(diagnosis)]
-    out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
-    out += [f"next: {text}" for text in diagnosis.next_experiment]
-    return out
-
-
 def told_by(film: Mapping[str, Any]) -> str:
     """Which records the film's model comes from, where it is not this one alone."""
     further = film.get("further_records", 0)
@@ -277,7 +255,3 @@ def mixing_in_words(diagnosis: Diagnosis) -> str:
         meaning += f"{1.0 / sharpness:.1g}"
     left_out = "model files leave out that the step between the phases changes"
     return f"its phases mix about as {how} ({values}; {meaning}); {left_out}"
-
-
-def _when(from_s: float | None, to_s: float | None) -> str:
-    return "" if from_s is None or to_s is None else f" (from {from_s:.0f} to {to_s:.0f} s)"

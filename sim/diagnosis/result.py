@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,14 +58,28 @@ class Channel:
         return "the noise and what this record leaves open" if self.leaves_open else "the noise"
 
 
+@dataclass(frozen=True)
+class HeldOutRecord:
+    """Another record: its source, and by channel the extended model's RMSE in those of its rows that judge, with how
+    many they are; none where its rows decide."""
+
+    source: str
+    errors: dict[str, tuple[float, int]]
+
+    def document(self) -> dict[str, Any]:
+        """As in the JSON."""
+        channels = {name: {"rmse_extended": rmse, "samples_holdout": n} for name, (rmse, n) in self.errors.items()}
+        return {"source": self.source, "channels": channels}
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words,
     the film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large
     what is not named may be, the parameters of what was assumed, each record's room (of a record with a current);
-    sources: of the records; halves: of other records held out; record and chain: for figures and
-    for the extended model. The keys of channels, gains and what is left are "temperature_K" and the film's
-    (`sim.diagnosis.data.quantity`)."""
+    sources: of the records; halves: of other records held out; elsewhere: the error on each of these; record and
+    chain: for figures and for the extended model. The keys of channels, gains and what is left are "temperature_K" and
+    the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -84,6 +98,7 @@ class Diagnosis:
     rooms_degC: list[float]
     halves: Halves | None
     sources: tuple[str, ...] = ()
+    elsewhere: tuple[HeldOutRecord, ...] = ()
     model: str | None = None
 
     def _rows(self) -> dict[str, Any]:
@@ -110,6 +125,7 @@ class Diagnosis:
 
     def document(self) -> dict[str, Any]:
         """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
+        rooms: Sequence[float | None] = self.rooms_degC or [None] * len(self.sources)
         return {
             "format": "peltier-diagnosis/1",
             "verdict": self.verdict,
@@ -151,9 +167,9 @@ class Diagnosis:
             "upper_limits": [limit.document() for limit in self.limits],
             "rows": self._rows(),
             "records": [
-                {"source": source, "ambient_degC": room}
-                for source, room in zip(self.sources, self.rooms_degC, strict=False)
+                {"source": source, "ambient_degC": room} for source, room in zip(self.sources, rooms, strict=False)
             ],
+            "holdouts": [record.document() for record in self.elsewhere],
             "warnings": [w.document() for w in self.warnings],
             "next_experiment": self.next_experiment,
             "model": self.model,

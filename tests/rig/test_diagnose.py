@@ -34,7 +34,7 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
         "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "assumed", "candidates",
-        "upper_limits", "rows", "records", "warnings", "next_experiment", "model",
+        "upper_limits", "rows", "records", "holdouts", "warnings", "next_experiment", "model",
     }  # fmt: skip
     rows = said["rows"]
     assert rows["fitted"] + rows["deciding"] + rows["judging"] == hidden.columns["time_s"].size

@@ -201,6 +201,11 @@ class Record:
         """The median step."""
         return float(np.median(np.diff(self.time_s)))
 
+    def interval_of(self, part: slice) -> float:
+        """That of one of the records that it is made of, s; 0 of a single row."""
+        steps = np.diff(self.time_s[part])
+        return float(np.median(steps)) if steps.size else 0.0
+
 
 def _largest(effect: Effect) -> Array:
     """Its parameters, as large as any that one meets."""
