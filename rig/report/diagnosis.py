@@ -17,6 +17,7 @@ from rig.report.diagnosis_words import (
     limit_rows,
     listed,
     not_named,
+    nothing_left,
     number,
     parameters,
     sentence,
@@ -162,7 +163,7 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = left_over(diagnosis)
-    parts = [bullets(left)] if left else [paragraph("Nothing is left beyond the noise.")]
+    parts = [bullets(left)] if left else [paragraph(nothing_left(diagnosis))]
     warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))

@@ -15,6 +15,7 @@ NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves not
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
 NOT_FIXED = "not fixed by this record"
+BETWEEN_ROWS = "the film between two of them may do what any effect of film or ohmmeter does"
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
 UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 
@@ -100,6 +101,14 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
     return lines
 
 
+def nothing_left(diagnosis: Diagnosis) -> str:
+    """What is said where nothing is left."""
+    nothing = "Nothing is left beyond the noise"
+    if diagnosis.verdict == "too_short":
+        return f"{nothing} in the rows that there are; {BETWEEN_ROWS}."
+    return f"{nothing}."
+
+
 def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
     """Whether the fit is worse on held-out rows than is to be foreseen."""
     return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)[0]
@@ -129,9 +138,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "explained":
         these = "them" if len(names) > 1 else "it"
         return f"Explained: {listed(names)}; with {these} {nothing}."
+    if diagnosis.verdict == "too_short" and not left:
+        return f"Too few rows: {BETWEEN_ROWS}; none was looked for."
     if diagnosis.verdict == "too_short":
-        what = f" ({'; '.join(left)})" if left else ""
-        return f"Too few rows: what is left may be the film between two of them{what}; none is blamed."
+        return f"Too few rows: what is left may be the film between two of them ({'; '.join(left)}); none is blamed."
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."

@@ -63,6 +63,23 @@ def test_a_saturated_sink_has_the_time_of_its_file() -> None:
     assert caution.to_s == pytest.approx(BEGINS_S + 398.0)
 
 
+def test_only_what_is_left_out_is_called_so() -> None:
+    """A fit takes one of two bad readings for an outlier; on a lattice nothing else does."""
+    coarse = columns(1.0)
+    coarse["temperature_degC"] = 0.25 * np.round(coarse["temperature_degC"] / 0.25)
+    coarse["temperature_degC"][[72, 120]] += 30.0
+    record = read_records([coarse], FALLING_OHM, held_out=True)
+    assert record.left_out == ()
+    (none,) = row_warnings(record)
+    assert "rows 73, 121 stand off" in none.text
+    assert "not left out: they count" in none.text
+    outliers, odd = row_warnings(record.without(np.array([72]), np.array([], dtype=np.int64)))
+    assert outliers.text == "temperature_degC: 1 reading was left out as an outlier, row 73"
+    assert "bad readings, of which only row 73 was left out" in odd.text
+    _, both = row_warnings(record.without(np.array([72, 120]), np.array([], dtype=np.int64)))
+    assert "bad readings, left out." in both.text
+
+
 @pytest.mark.parametrize("record", [1, 2])
 def test_what_begins_late_begins_at_a_time_of_its_file(record: int) -> None:
     rows, z = np.arange(200 * record), np.full(200 * record, 0.1)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from compensator.identification.odd_readings import Column, odd_readings, of_output
+from compensator.identification.odd_readings import Column, odd_readings, of_output, rows_told
 from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
 from sim.diagnosis.report.caution import Caution
 
@@ -83,8 +83,10 @@ def _uneven(record: Record, part: slice) -> Iterator[Caution]:
 
 def _outliers(record: Record, part: slice) -> Iterator[Caution]:
     for column in dict.fromkeys(out.column for out in record.left_out):
-        if count := len(_left_out(record, part, column)):
-            yield Caution("outliers", f"{column}: {count} readings were left out as outliers")
+        if rows := _left_out(record, part, column):
+            one = len(rows) == 1
+            text = "1 reading was left out as an outlier" if one else f"{len(rows)} readings were left out as outliers"
+            yield Caution("outliers", f"{column}: {text}, {rows_told(rows)}")
 
 
 def _left_out(record: Record, part: slice, column: str) -> list[int]:
@@ -97,9 +99,11 @@ def _odd_readings(record: Record, part: slice) -> Iterator[Caution]:
     """Of readings that cannot be what was measured: bad rows, a unit that changes."""
     time, degC = record.file_s[part], record.temperature_degC[part]
     degC = np.where(np.isfinite(degC), degC, np.nan)
-    lines = odd_readings(Column("temperature_degC", time, degC, "degC"))
+    column, gone = Column("temperature_degC", time, degC, "degC"), _left_out(record, part, "temperature_degC")
+    lines = odd_readings(column, left_out=gone)
     if record.output is not None and record.quantity.is_resistance:
-        lines += odd_readings(of_output(time, record.output[part], record.quantity.name), degC)
+        film = of_output(time, record.output[part], record.quantity.name)
+        lines += odd_readings(film, degC, _left_out(record, part, film.name))
     yield from (Caution("odd_readings", line) for line in lines)
 
 
