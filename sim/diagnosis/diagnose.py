@@ -99,7 +99,7 @@ def diagnose(
         budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
-        cut = "searching" if budget.over(SEARCHING) else None
+        cut = ("the search", SEARCHING) if budget.over(SEARCHING) else None
         say("evidence")
         chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)
         chain, judged = on_a_smoothed_path(chain, names, judged)
@@ -110,10 +110,10 @@ def diagnose(
         told = borne_out(chain, judged, others)
         first = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
         held_out = HeldOutRows(chain, first, told.halves)
-        cut = cut or ("judging" if budget.over(JUDGING) else None)
+        cut = cut or (("the judging of what was found", JUDGING) if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
-            found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
+            found = replace(found, warnings=[*found.warnings, out_of_time(*cut, budget.seconds)])
         if base == "generalized_pi" and chain.record.output is not None and not budget.over():
             found = _restricted(found, held_out)
         return in_its_unit(found)

@@ -108,9 +108,12 @@ def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Caution]:
     return [Caution("film_not_described", text)]
 
 
-def out_of_time(doing: str, seconds: float) -> Caution:
-    """Of a diagnosis that its time cut short."""
-    text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
+def out_of_time(doing: str, share: float, seconds: float) -> Caution:
+    """Of a diagnosis that its time cut short. doing: what was ended when this share of the time was over."""
+    text = (
+        f"{doing} was ended {share * seconds:.3g} s after the beginning, its share of the {seconds:.3g} s allowed: "
+        "this is the best until then; more time may say more"
+    )
     return Caution("out_of_time", text)
 
 
