@@ -190,6 +190,14 @@ def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     return [(what, listed(sorted(s)) if s else "none", behind) for what, s, behind in found]
 
 
+def behind_the_verdict(behind: float) -> str:
+    """A log-likelihood that a set of effects is behind in words: 12.3, as good, better by 2.1."""
+    tenths = round(behind, 1)
+    if tenths == 0.0:
+        return "as good"
+    return f"{tenths:,.1f}" if tenths > 0.0 else f"better by {-tenths:.1f}"
+
+
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
     others, parts = alternatives(diagnosis), []
     for what, _ in channels_of(diagnosis).values():
@@ -198,7 +206,7 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
             continue
         bare = [o for o in mine if o[1] == "none"]
         chosen = mine[:RUNNERS_UP] + [o for o in bare if o not in mine[:RUNNERS_UP]]
-        rows = [[name, f"{behind:,.1f}" if behind > 0.0 else f"better by {-behind:.1f}"] for _, name, behind in chosen]
+        rows = [[name, behind_the_verdict(behind)] for _, name, behind in chosen]
         parts.append(paragraph(f"{what}:"))
         parts.append(table(["effects", "log-likelihood behind the verdict"], rows))
     note = (

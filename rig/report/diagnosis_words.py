@@ -6,11 +6,14 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from sim.diagnosis.data.rough_number import rough
+
 if TYPE_CHECKING:
     from sim.diagnosis.report.upper_limits import UpperLimit
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
+EXACT = 1e-5  # of a value: an interval that is narrower is told by its digits
 NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
@@ -40,18 +43,15 @@ def number(value: float, width: float = 0.0) -> str:
     return f"{value:.{digits}g}"
 
 
-def rough(value: float) -> str:
-    """Two digits that matter; 4,700,000 in full."""
-    if not 100.0 <= abs(value) < 1e8:
-        return f"{value:.2g}"
-    return f"{float(f'{value:.2g}'):,.0f}"
-
-
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
-    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix."""
+    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix. An interval whose ends
+    would say nothing more is told by its digits: step_K 0.25 (to 6 digits)."""
     if interval is None:
         return f"{name} {number(value)} ({NOT_FIXED})"
     low, high = interval
+    if 0.0 < high - low < EXACT * abs(value):
+        digits = min(math.floor(math.log10(2.0 * abs(value) / (high - low)) + 0.01), MOST_DIGITS)
+        return f"{name} {value:.{digits}g} (to {digits} digits)"
     value_text, *ends = (number(each, high - low) for each in (value, low, high))
     return f"{name} {value_text} ({ends[0]} to {ends[1]})"
 

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from sim.diagnosis.data.joined import read_records
 from sim.diagnosis.data.quantity import FALLING_OHM, Quantity
 from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.carried_over import carried_over
 from sim.diagnosis.judge.coloured_noise import beside_coloured_noise
@@ -317,7 +318,7 @@ def _unexplained(
         if found is None or unexplained[name] is not None:
             continue
         if times[name] > UNSEEN:
-            unexplained[name] = f"{ONLY_UNSEEN} {times[name]:.2g} times worse than {found.foreseen}"
+            unexplained[name] = f"{ONLY_UNSEEN} {rough(times[name])} times worse than {found.foreseen}"
     return unexplained
 
 

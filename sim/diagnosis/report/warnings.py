@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.carried_over import CarriedOver
 from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.report.row_warnings import row_warnings
@@ -43,7 +44,7 @@ def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Caution:
     known = next((limit for limit in limits if (limit.name, limit.parameter) == (name, parameter)), None)
     text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
     if known is not None and known.limit is not None:
-        size = f"{parameter} {'above' if known.from_below else 'below'} {known.limit:.2g}"
+        size = f"{parameter} {'above' if known.from_below else 'below'} {rough(known.limit)}"
         text = f"{name}: would not have shown with {size}: the film's own shape absorbs it"
     return Caution("absorbed_by_the_film", text)
 

@@ -1,0 +1,30 @@
+"""Numbers and sentences of a diagnosis, as people read them."""
+
+from __future__ import annotations
+
+import pytest
+
+from rig.report.diagnosis import behind_the_verdict
+from rig.report.diagnosis_words import parameter
+from sim.diagnosis.data.rough_number import rough
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0.0621, "0.062"), (2.44, "2.4"), (99.7, "100"), (230.4, "230"), (-1234.0, "-1,200"), (4.7e6, "4,700,000")],
+)
+def test_two_digits_have_no_exponent(value: float, said: str) -> None:
+    assert rough(value) == said
+
+
+@pytest.mark.parametrize(
+    ("behind", "said"),
+    [(-0.0, "as good"), (0.04, "as good"), (-0.04, "as good"), (-2.1, "better by 2.1"), (7.0, "7.0")],
+)
+def test_nothing_is_better_by_nothing(behind: float, said: str) -> None:
+    assert behind_the_verdict(behind) == said
+
+
+def test_an_interval_that_says_nothing_more_is_told_by_its_digits() -> None:
+    assert parameter("step_K", 0.25, (0.25 - 2.5e-7, 0.25 + 2.5e-7)) == "step_K 0.25 (to 6 digits)"
+    assert parameter("tau_s", 2.27, (2.25, 2.29)) == "tau_s 2.27 (2.25 to 2.29)"
