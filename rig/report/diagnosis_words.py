@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from sim.diagnosis.data.rough_number import rough
 
 if TYPE_CHECKING:
+    from sim.diagnosis.report.candidates import Candidate
     from sim.diagnosis.report.upper_limits import UpperLimit
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
@@ -172,21 +173,33 @@ def gain_line(what: str, unit: str, channel: Channel) -> str:
     )
 
 
+def candidate_set(candidate: Candidate, named: frozenset[str]) -> str:
+    """What a set of effects has that is not named, beside what of those named, and without which of them: it was fitted
+    in their place, so that an effect that is named may have another size in it."""
+    sizes = {
+        name: ", ".join(f"{p} {value:.3g}" for p, value in own.items()) for name, own in candidate.parameters.items()
+    }
+    text = "; ".join(f"{name} ({sizes[name]})" for name in sizes if name not in named) or "fewer effects"
+    if beside := [f"{name} (named above, here with {sizes[name]})" for name in sizes if name in named]:
+        text += f", beside {listed(beside)}"
+    if without := sorted(named - sizes.keys()):
+        text += f", without {listed(without)}"
+    return text
+
+
 def not_named(diagnosis: Diagnosis) -> list[str]:
     """Sets of effects that predict held-out rows better than what is named, and why they are not named."""
     found = []
     for c in diagnosis.candidates:
-        sizes = "; ".join(
-            f"{name} ({', '.join(f'{p} {value:.3g}' for p, value in own.items())})"
-            for name, own in c.parameters.items()
-        )
         gains = ", ".join(
             f"{what} {number(c.rmse_named[key])} to {number(c.rmse_holdout[key])} {unit} "
             f"({100.0 * c.reduction_ci95[key][0]:.0f} to {100.0 * c.reduction_ci95[key][1]:.0f} % less)"
             for key, (what, unit) in channels_of(diagnosis).items()
             if key in c.rmse_named and c.rmse_holdout[key] < LESS * c.rmse_named[key]
         )
-        found.append(f"{sizes}: {gains} on held-out rows. Not named: {c.why_not_named}")
+        found.append(
+            f"{candidate_set(c, diagnosis.judged.fitted)}: {gains} on held-out rows. Not named: {c.why_not_named}"
+        )
     return found
 
 

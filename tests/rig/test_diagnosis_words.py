@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from rig.report.diagnosis import behind_the_verdict
-from rig.report.diagnosis_words import parameter
+from rig.report.diagnosis_words import candidate_set, parameter
 from sim.diagnosis.data.rough_number import rough
+from sim.diagnosis.report.candidates import Candidate
 
 
 @pytest.mark.parametrize(
@@ -28,3 +29,17 @@ def test_nothing_is_better_by_nothing(behind: float, said: str) -> None:
 def test_an_interval_that_says_nothing_more_is_told_by_its_digits() -> None:
     assert parameter("step_K", 0.25, (0.25 - 2.5e-7, 0.25 + 2.5e-7)) == "step_K 0.25 (to 6 digits)"
     assert parameter("tau_s", 2.27, (2.25, 2.29)) == "tau_s 2.27 (2.25 to 2.29)"
+
+
+@pytest.mark.parametrize(
+    ("named", "said"),
+    [
+        (set(), "sensor_lag (tau_s 30); radiative_loss (loss_per_K3_s 2e-11)"),
+        ({"sensor_lag"}, "radiative_loss (loss_per_K3_s 2e-11), beside sensor_lag (named above, here with tau_s 30)"),
+        ({"actuator_delay"}, "sensor_lag (tau_s 30); radiative_loss (loss_per_K3_s 2e-11), without actuator_delay"),
+    ],
+)
+def test_an_effect_that_is_named_is_not_called_unnamed(named: set[str], said: str) -> None:
+    sizes = {"sensor_lag": {"tau_s": 30.0}, "radiative_loss": {"loss_per_K3_s": 2e-11}}
+    candidate = Candidate(tuple(sizes), sizes, {}, {}, {}, "")
+    assert candidate_set(candidate, frozenset(named)) == said
