@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rig.report.diagnosis_words import channels_of, listed, number
+from rig.report.diagnosis_words import channels_of, file_names, listed, number
 
 if TYPE_CHECKING:
     from sim.diagnosis.report.caution import Caution
@@ -16,12 +15,7 @@ MOST_NAMED = 4  # records in a title
 
 def record_names(diagnosis: Diagnosis) -> list[str]:
     """The files that were diagnosed, as one where they are several; with their folders where names are alike."""
-    return _names(list(diagnosis.sources))
-
-
-def _names(sources: list[str]) -> list[str]:
-    short = [Path(source).name for source in sources]
-    return short if len(set(short)) == len(short) else sources
+    return file_names(list(diagnosis.sources))
 
 
 def together(diagnosis: Diagnosis) -> str:
@@ -56,7 +50,7 @@ def room_line(diagnosis: Diagnosis) -> list[str]:
 def held_out_lines(diagnosis: Diagnosis) -> list[str]:
     """The extended model's error on each of the other records, in the rows that judge."""
     lines = []
-    for name, held in zip(_names([one.source for one in diagnosis.elsewhere]), diagnosis.elsewhere, strict=True):
+    for name, held in zip(file_names([one.source for one in diagnosis.elsewhere]), diagnosis.elsewhere, strict=True):
         errors = [
             f"{what} {number(held.errors[key][0])} {unit} ({held.errors[key][1]} rows)"
             for key, (what, unit) in channels_of(diagnosis).items()

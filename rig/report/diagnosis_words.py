@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sim.diagnosis.data.rough_number import rough
@@ -15,19 +16,22 @@ if TYPE_CHECKING:
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
 EXACT = 1e-5  # of a value: an interval that is narrower is told by its digits
-NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
 NOT_FIXED = "not fixed by this record"
 BETWEEN_ROWS = "the film between two of them may do what any effect of film or ohmmeter does"
-SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
-UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 
 
 def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
     """(what, unit) of the temperature and of the film's output, by their keys in the diagnosis."""
     film = diagnosis.record.quantity
     return {"temperature_K": ("temperature", "K"), film.channel: (film.called, film.unit)}
+
+
+def file_names(sources: list[str]) -> list[str]:
+    """Files without their folders; with them where names are alike."""
+    short = [Path(source).name for source in sources]
+    return short if len(set(short)) == len(short) else sources
 
 
 def listed(words: list[str]) -> str:
@@ -88,18 +92,9 @@ def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
-    """What is left in each channel; and where held-out rows are worse than the noise though nothing was seen left."""
-    lines = []
-    for key, (what, _) in channels_of(diagnosis).items():
-        text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
-        if text is not None:
-            lines.append(f"{what}: {text}")
-        elif channel is not None and _off_elsewhere(diagnosis, channel):
-            foreseen, words = _foreseen(diagnosis, channel)
-            times = channel.rmse_extended / foreseen
-            why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
-            lines.append(f"{what}: held-out rows are off by {times:.1f} times {words}: {why}")
-    return lines
+    """What is left in each channel, as the JSON has it."""
+    left = diagnosis.left
+    return [f"{what}: {left[key]}" for key, (what, _) in channels_of(diagnosis).items() if left[key] is not None]
 
 
 def nothing_left(diagnosis: Diagnosis) -> str:
@@ -110,20 +105,9 @@ def nothing_left(diagnosis: Diagnosis) -> str:
     return f"{nothing}."
 
 
-def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
-    """Whether the fit is worse on held-out rows than is to be foreseen."""
-    return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)[0]
-
-
-def _foreseen(diagnosis: Diagnosis, channel: Channel) -> tuple[float, str]:
-    """The noise and what the record leaves open, and in words; where currents were not logged, the noise alone, so that
-    this is said."""
-    return (channel.noise, "the noise") if diagnosis.record.early > 0.0 else (channel.expected, channel.foreseen)
-
-
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict."""
-    from sim.diagnosis.result import ONLY_UNSEEN
+    from sim.diagnosis.result import ONLY_UNSEEN, SHORTFALL
 
     names_of = channels_of(diagnosis)
     left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
@@ -132,13 +116,13 @@ def sentence(diagnosis: Diagnosis) -> str:
     if all(text is None or text.startswith(ONLY_UNSEEN) for text in diagnosis.unexplained.values()):
         rest = f"{'; '.join(left)}, though nothing is left in the fitted rows: what was fitted {SHORTFALL}"
     nothing = f"nothing is left beyond the noise{_own_steps(diagnosis)}"
-    if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):
-        nothing += " in the fitted rows; held-out rows are off by more, as said below"
+    if diagnosis.missed:
+        nothing += " in the fitted rows"
     if diagnosis.verdict == "clean":
-        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}."
+        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}.{_elsewhere(diagnosis)}"
     if diagnosis.verdict == "explained":
         these = "them" if len(names) > 1 else "it"
-        return f"Explained: {listed(names)}; with {these} {nothing}."
+        return f"Explained: {listed(names)}; with {these} {nothing}.{_elsewhere(diagnosis)}"
     if diagnosis.verdict == "too_short" and not left:
         return f"Too few rows: {BETWEEN_ROWS}; none was looked for."
     if diagnosis.verdict == "too_short":
@@ -146,6 +130,16 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
+
+
+def _elsewhere(diagnosis: Diagnosis) -> str:
+    """That a verdict holds for the fitted rows and not for those held out, where it is so."""
+    if not diagnosis.missed:
+        return ""
+    names_of, names = channels_of(diagnosis), file_names([held.source for held in diagnosis.elsewhere])
+    which = f"the held-out record{'s' * (len(names) > 1)} {listed(names)}" if names else "the held-out rows"
+    off = "; ".join(f"{names_of[key][0]} is {text}" for key, text in diagnosis.missed.items())
+    return f" That holds for what was fitted, not for {which}: {off} there."
 
 
 def _own_steps(diagnosis: Diagnosis) -> str:

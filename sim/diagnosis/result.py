@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.candidates import Candidate
 from sim.diagnosis.report.caution import Caution
@@ -19,6 +20,9 @@ from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
 
 MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
+NOISY = 1.3  # times what is foreseen of held-out rows, from which a fit that leaves nothing else does not carry over
+SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
+UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
 
 
@@ -101,6 +105,32 @@ class Diagnosis:
     elsewhere: tuple[HeldOutRecord, ...] = ()
     model: str | None = None
 
+    @property
+    def left(self) -> dict[str, str | None]:
+        """By channel what is left, in words: what the verdict counts (`unexplained`); or, where that is nothing, by how
+        much held-out rows are missed. None: nothing."""
+        found = dict(self.unexplained)
+        for key, off in self.missed.items():
+            if found[key] is None:
+                why = UNLOGGED if self.record.early > 0.0 else f"what was fitted {SHORTFALL}"
+                found[key] = f"held-out rows are {off}: {why}"
+        return found
+
+    @property
+    def missed(self) -> dict[str, str]:
+        """By channel, where held-out rows are missed by more than is foreseen: off by 2.4 times the noise. Where
+        currents were not logged, more than the noise alone, so that this is said."""
+        found = {}
+        for key, channel in self.channels.items():
+            if channel is None:
+                continue
+            foreseen, words = channel.expected, channel.foreseen
+            if self.record.early > 0.0:
+                foreseen, words = channel.noise, "the noise"
+            if channel.rmse_extended > NOISY * foreseen:
+                found[key] = f"off by {rough(channel.rmse_extended / foreseen)} times {words}"
+        return found
+
     def _rows(self) -> dict[str, Any]:
         """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left
         out, by the number of their record and the time of its file. Of the record itself all rows are fitted where
@@ -160,6 +190,7 @@ class Diagnosis:
                 for name, c in self.channels.items()
             },
             "unexplained": self.unexplained,
+            "left": self.left,
             "film": self.film,
             "plate": None if self.plate is None else self.plate.document(),
             "assumed": [{"name": name, "parameters": _values(own)} for name, own in self.assumed.items()],

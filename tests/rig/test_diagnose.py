@@ -33,7 +33,7 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     _, hidden, said = diagnosed
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
-        "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "assumed", "candidates",
+        "format", "verdict", "effects", "channels", "unexplained", "left", "film", "plate", "assumed", "candidates",
         "upper_limits", "rows", "records", "holdouts", "warnings", "next_experiment", "model",
     }  # fmt: skip
     rows = said["rows"]

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from rig.analysis.one_row import of_diagnosis
 from rig.report.diagnosis import behind_the_verdict
+from rig.report.diagnosis_lines import lines
 from rig.report.diagnosis_words import candidate_set, parameter
 from sim.diagnosis.data.rough_number import rough
+from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.report.candidates import Candidate
+from sim.diagnosis.result import HeldOutRecord
+from tests.diagnosis.plate_record import levels, record
 
 
 @pytest.mark.parametrize(
@@ -43,3 +50,22 @@ def test_an_effect_that_is_named_is_not_called_unnamed(named: set[str], said: st
     sizes = {"sensor_lag": {"tau_s": 30.0}, "radiative_loss": {"loss_per_K3_s": 2e-11}}
     candidate = Candidate(tuple(sizes), sizes, {}, {}, {}, "")
     assert candidate_set(candidate, frozenset(named)) == said
+
+
+def test_what_is_left_is_the_same_in_text_json_and_table() -> None:
+    """Of a verdict that holds for the fitted rows, and not for another record."""
+    clean = diagnose(record(24.0, levels(1, 10), 1))
+    assert clean.document()["left"] == {"temperature_K": None, "resistance_dec": None}
+    channel = clean.channels["temperature_K"]
+    assert channel is not None
+    missed = replace(channel, rmse_extended=2.4 * channel.expected)
+    held = (HeldOutRecord("runs/other.csv", {"temperature_K": (missed.rmse_extended, 100)}),)
+    found = replace(clean, channels={**clean.channels, "temperature_K": missed}, elsewhere=held)
+    said, told = found.document(), lines(found)
+    assert said["verdict"] == clean.verdict == "clean"
+    assert said["unexplained"]["temperature_K"] is None
+    left = said["left"]["temperature_K"]
+    assert left.startswith("held-out rows are off by 2.4 times the noise")
+    assert f"left: temperature: {left}" in told
+    assert of_diagnosis(said)["left"] == f"temperature_K: {left}"
+    assert "not for the held-out record other.csv: temperature is off by 2.4 times the noise there" in told[0]
