@@ -58,9 +58,11 @@ def of_output(time_s: Array, output: Array, output_name: str) -> Column:
     return Column(output_name, time_s, output)
 
 
-def odd_readings(column: Column, temperature_degC: Array | None = None) -> list[str]:
+def odd_readings(
+    column: Column, temperature_degC: Array | None = None, left_out: Sequence[int] | None = None
+) -> list[str]:
     """A line for bad readings, and one for a unit that changes. temperature_degC: in the same rows, where the column is
-    a film's."""
+    a film's; left_out: the rows that count for nothing, None: all that are bad."""
     changes = _unit_changes(column, temperature_degC)
     lines = [
         f"{column.name}: {_place(column, row)}: the reading goes from {column.at(before)} to {column.at(row)} at once "
@@ -70,7 +72,7 @@ def odd_readings(column: Column, temperature_degC: Array | None = None) -> list[
     ]
     bad = bad_rows(column)
     if bad.size:
-        lines.append(_bad(column, bad))
+        lines.append(_bad(column, bad, bad if left_out is None else np.intersect1d(bad, left_out)))
     return lines
 
 
@@ -91,7 +93,14 @@ def bad_rows(column: Column) -> NDArray[np.int64]:
     return np.asarray(found[inside & (off > STEPS * usual)], dtype=np.int64)
 
 
-def _bad(column: Column, bad: NDArray[np.int64]) -> str:
+def rows_told(rows: Sequence[int] | NDArray[np.int64]) -> str:
+    """Numbers of rows in words, from 1 on; of many the first ones."""
+    told = ", ".join(str(int(row) + 1) for row in rows[:ROWS_TOLD])
+    more = f" and {len(rows) - ROWS_TOLD} more" if len(rows) > ROWS_TOLD else ""
+    return f"row{'s' * (len(rows) > 1)} {told}{more}"
+
+
+def _bad(column: Column, bad: NDArray[np.int64], left_out: NDArray[np.int64]) -> str:
     rows = np.flatnonzero(np.isfinite(column.values))
     first = int(bad[0])
     place = int(np.searchsorted(rows, first))
@@ -99,17 +108,19 @@ def _bad(column: Column, bad: NDArray[np.int64]) -> str:
     if bad.size == 1:
         text = f"{_place(column, first)} reads {column.at(first)} between {beside}: a bad reading"
     else:
-        told = ", ".join(str(int(row) + 1) for row in bad[:ROWS_TOLD])
-        more = f" and {bad.size - ROWS_TOLD} more" if bad.size > ROWS_TOLD else ""
-        text = f"rows {told}{more} stand off the rows beside them, {_place(column, first)} reads {column.at(first)} "
+        text = f"{rows_told(bad)} stand off the rows beside them, {_place(column, first)} reads {column.at(first)} "
         text += f"between {beside}: bad readings"
+    counts = "left out"
+    if left_out.size < bad.size:  # a fit may be as far off there, or know better
+        gone = f"{rows_told(left_out)} {'were' if left_out.size > 1 else 'was'} left out" if left_out.size else ""
+        counts = f"of which only {gone}" if gone else f"not left out: {'it counts' if bad.size == 1 else 'they count'}"
     return (
-        f"{column.name}: {text}, left out. If it was none, the record is too sparse there; else look at the contacts."
+        f"{column.name}: {text}, {counts}. If it was none, the record is too sparse there; else look at the contacts."
     )
 
 
 def _place(column: Column, row: int) -> str:
-    return f"row {row + 1} ({column.time_s[row]:g} s)"
+    return f"row {row + 1} ({column.time_s[row]:.12g} s)"  # a time since 1970 has that many digits
 
 
 def _unit_changes(column: Column, temperature_degC: Array | None) -> list[tuple[int, int, str, str]]:

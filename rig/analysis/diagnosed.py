@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.model_selection import rms
 from rig.analysis.film_sense import rising
 from rig.analysis.given_twice import require_different
 from rig.analysis.held_out import require_judging
@@ -27,7 +28,7 @@ from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.diagnose import diagnose
 from sim.diagnosis.extended_model import ExtendedModel, extended_model, with_film
 from sim.diagnosis.of_full_drive import of_full_drive
-from sim.diagnosis.result import Diagnosis
+from sim.diagnosis.result import Diagnosis, HeldOutRecord
 from sim.diagnosis.search.chain import FALSE_ALARM
 from sim.model.inputs import NAMES as INPUTS
 
@@ -117,23 +118,27 @@ def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record
     """The diagnosis with the extended model's errors on other records as `predict --initial fitted` measures them, in
     the rows that judge."""
     errors: dict[str, list[Array]] = {}
+    elsewhere = []
     judging = diagnosis.halves.judging if diagnosis.halves is not None else []
     for record, judges in zip(holdout, judging, strict=True):
         found = predicted(model, record, record.source, initial="fitted")
+        left = {}
         if found.temperature_degC is not None:
-            left = found.temperature_degC - record["temperature_degC"]
-            errors.setdefault("temperature_K", []).append(left[~found.fitted_rows & judges])
+            left["temperature_K"] = found.temperature_degC - record["temperature_degC"]
         if found.output is not None and model.film is not None:
-            left = found.output - record.output(model.film.output)
-            errors.setdefault(diagnosis.record.quantity.channel, []).append(left[~found.fitted_rows & judges])
+            left[diagnosis.record.quantity.channel] = found.output - record.output(model.film.output)
+        counted = judges & ~found.fitted_rows
+        scored = {name: values[counted & np.isfinite(values)] for name, values in left.items()}
+        elsewhere.append(HeldOutRecord(record.source, {n: (rms(v), v.size) for n, v in scored.items() if v.size}))
+        for name, values in scored.items():
+            errors.setdefault(name, []).append(values)
     channels = dict(diagnosis.channels)
     for name, parts in errors.items():
         error = np.concatenate(parts)
-        channel, scored = channels.get(name), error[np.isfinite(error)]
-        if channel is not None and scored.size:
-            rmse = float(np.sqrt(np.mean(scored**2)))
-            channels[name] = replace(channel, rmse_extended=rmse, samples_holdout=int(scored.size))
-    return replace(diagnosis, channels=channels)
+        channel = channels.get(name)
+        if channel is not None and error.size:
+            channels[name] = replace(channel, rmse_extended=rms(error), samples_holdout=int(error.size))
+    return replace(diagnosis, channels=channels, elsewhere=tuple(elsewhere))
 
 
 def possible_kinds(records: Sequence[Record], plate: str | None) -> tuple[str, ...]:

@@ -14,7 +14,8 @@ def of_diagnosis(document: dict[str, Any]) -> dict[str, Any]:
     NAME.PARAMETER with .low and .high of its 95 % interval, and NAME.evidence. document: peltier-diagnosis/1."""
     effects = document["effects"]
     row: dict[str, Any] = {"verdict": document["verdict"], "named": " ".join(sizes(effect) for effect in effects)}
-    row["left"] = " / ".join(f"{key}: {text}" for key, text in document["unexplained"].items() if text)
+    left = document.get("left", document["unexplained"])  # one of an earlier version has no more
+    row["left"] = " / ".join(f"{key}: {text}" for key, text in left.items() if text)
     for key, unit in CHANNELS.items():
         channel = document["channels"].get(key)
         if channel is not None:

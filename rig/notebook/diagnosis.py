@@ -15,7 +15,7 @@ from rig.files.model_file import Model
 from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
-from rig.report.diagnosis_words import lines
+from rig.report.diagnosis_lines import lines
 from sim.diagnosis.result import Diagnosis
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ class RecordDiagnosis(Shown):
 
         place = Path(folder)
         place.mkdir(parents=True, exist_ok=True)
-        write_model(place / "model.toml", self.model, model_comment(self.found, self.found.sources[0]))
-        write_diagnosis_report(place, self.found, self.found.sources[0])
+        write_model(place / "model.toml", self.model, model_comment(self.found))
+        write_diagnosis_report(place, self.found)
         return place / "report.html"
 
 

@@ -20,7 +20,8 @@ from rig.files.model_file import Model, write_model
 from rig.files.record_file import Record
 from rig.many.engine import given
 from rig.report.diagnosis import write_diagnosis_report
-from rig.report.diagnosis_words import lines
+from rig.report.diagnosis_lines import lines
+from rig.report.diagnosis_records import together as records_of
 from rig.report.many_records import Task
 from rig.report.model_comment import model_comment, unit_lines
 from rig.report.told import CANDIDATE, MODEL, Told, files_in
@@ -93,14 +94,14 @@ def told(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if model is not None:
-            write_model(folder / MODEL, _of_records(extended, together, before), model_comment(diagnosis, one.source))
+            write_model(folder / MODEL, _of_records(extended, together, before), model_comment(diagnosis))
         if reported:
             if tried is not None:
                 names = ", ".join(diagnosis.candidates[0].names)
-                comment = f"with what was found in {Path(one.source).name} and is not named: {names}"
+                comment = f"with what was found in {records_of(diagnosis)} and is not named: {names}"
                 comment = "\n".join([comment, *unit_lines(diagnosis)])
                 write_model(folder / CANDIDATE, _of_records(tried, together, before), comment)
-            write_diagnosis_report(folder, diagnosis, one.source)
+            write_diagnosis_report(folder, diagnosis)
         files = files_in(folder)
     return Told(diagnosis.document(), tuple(lines(diagnosis)), files)
 

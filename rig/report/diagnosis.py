@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from rig.files.run_folder import plain_json
 from rig.files.written import write_text
 from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
+from rig.report.diagnosis_records import held_out_lines, record_lines, room_line, together, warning_line
 from rig.report.diagnosis_words import (
     NOT_FIXED,
     assumed_lines,
@@ -17,6 +18,7 @@ from rig.report.diagnosis_words import (
     limit_rows,
     listed,
     not_named,
+    nothing_left,
     number,
     parameters,
     sentence,
@@ -32,12 +34,12 @@ RUNNERS_UP = 6  # rows of a table that is read at a glance
 SLIGHTLY = 6.0  # log-likelihood, less than what the search follows up: a set that fits better by more is no runner-up
 
 
-def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> None:
+def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     """report.html and diagnosis.json in a folder that is there, with its models."""
     write_text(folder / "diagnosis.json", plain_json(diagnosis.document()) + "\n")
     residual = residual_figures(folder, diagnosis)
     parts = [
-        paragraph(_facts(diagnosis, source), "note"),
+        *_records(diagnosis),
         tiles(_numbers(diagnosis)),
         section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
         *_not_named(diagnosis, (folder / CANDIDATE).is_file()),
@@ -50,16 +52,15 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis, source: str) -> N
         parts.append(section("The loop", loop_figure(folder, diagnosis)))
     parts += _limits(diagnosis)
     parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
-    write_page(folder / "report.html", f"Diagnosis of {Path(source).name}", sentence(diagnosis), parts)
+    write_page(folder / "report.html", f"Diagnosis of {together(diagnosis)}", sentence(diagnosis), parts)
 
 
-def _facts(diagnosis: Diagnosis, source: str) -> str:
-    record = diagnosis.record
-    hours = record.time_s[-1] / 3600.0
-    length = f"{hours:.2g} h" if hours >= 1.0 else f"{record.time_s[-1]:.0f} s"
-    text = f"{source}: {record.rows} rows over {length}, one each {record.interval_s:.3g} s"
-    gaps = record.first_rows.size - 1
-    return f"{text}, {gaps} gap{'s' * (gaps > 1)}." if gaps else f"{text}."
+def _records(diagnosis: Diagnosis) -> list[str]:
+    """What was diagnosed, and what was held out."""
+    parts = [paragraph(f"{line}.", "note") for line in record_lines(diagnosis)]
+    if held := held_out_lines(diagnosis):
+        parts += [paragraph("Held out, with the extended model's error there:", "note"), bullets(held)]
+    return parts
 
 
 def _numbers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
@@ -139,8 +140,9 @@ def _plate(diagnosis: Diagnosis) -> list[str]:
         width = 0.0 if ci is None else ci[1] - ci[0]
         interval = NOT_FIXED if ci is None else f"{number(ci[0], width)} to {number(ci[1], width)}"
         rows.append([name, number(value, width), interval])
+    rooms = [paragraph(f"Each record's room: {line}.", "note") for line in room_line(diagnosis)]
     doubts = [paragraph("Doubtful:"), bullets(plate.doubts)] if plate.doubts else []
-    return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *doubts)]
+    return [section(f"The plate ({plate.kind})", table(["parameter", "value", "95 % interval"], rows), *rooms, *doubts)]
 
 
 def _changes(diagnosis: Diagnosis) -> list[str]:
@@ -161,11 +163,8 @@ def _changes(diagnosis: Diagnosis) -> list[str]:
 
 def _left(diagnosis: Diagnosis) -> list[str]:
     left = left_over(diagnosis)
-    parts = [bullets(left)] if left else [paragraph("Nothing is left beyond the noise.")]
-    warnings = []
-    for w in diagnosis.warnings:
-        when = f" ({w.from_s:.0f} to {w.to_s:.0f} s)" if w.from_s is not None and w.to_s is not None else ""
-        warnings.append(f"Warning, {w.code.replace('_', ' ')}{when}: {w.text}")
+    parts = [bullets(left)] if left else [paragraph(nothing_left(diagnosis))]
+    warnings = [f"Warning, {w.code.replace('_', ' ')}: {warning_line(diagnosis, w)}" for w in diagnosis.warnings]
     if warnings:
         parts.append(bullets(warnings))
     if diagnosis.next_experiment:
@@ -191,6 +190,14 @@ def alternatives(diagnosis: Diagnosis) -> list[tuple[str, str, float]]:
     return [(what, listed(sorted(s)) if s else "none", behind) for what, s, behind in found]
 
 
+def behind_the_verdict(behind: float) -> str:
+    """A log-likelihood that a set of effects is behind in words: 12.3, as good, better by 2.1."""
+    tenths = round(behind, 1)
+    if tenths == 0.0:
+        return "as good"
+    return f"{tenths:,.1f}" if tenths > 0.0 else f"better by {-tenths:.1f}"
+
+
 def _runners_up(diagnosis: Diagnosis) -> list[str]:
     others, parts = alternatives(diagnosis), []
     for what, _ in channels_of(diagnosis).values():
@@ -199,7 +206,7 @@ def _runners_up(diagnosis: Diagnosis) -> list[str]:
             continue
         bare = [o for o in mine if o[1] == "none"]
         chosen = mine[:RUNNERS_UP] + [o for o in bare if o not in mine[:RUNNERS_UP]]
-        rows = [[name, f"{behind:,.1f}" if behind > 0.0 else f"better by {-behind:.1f}"] for _, name, behind in chosen]
+        rows = [[name, behind_the_verdict(behind)] for _, name, behind in chosen]
         parts.append(paragraph(f"{what}:"))
         parts.append(table(["effects", "log-likelihood behind the verdict"], rows))
     note = (

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from compensator.hysteresis.functions import Array
 from rig.report.diagnosis_words import channels_of, judged_channels
@@ -16,6 +17,7 @@ from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure
 
 if TYPE_CHECKING:
+    from sim.diagnosis.data.record import Record
     from sim.diagnosis.result import Diagnosis
 
 BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
@@ -96,18 +98,41 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
     """What residuals are shown against."""
     record = diagnosis.record
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
-    good = np.isfinite(temperature)
-    even = np.interp(record.time_s, record.time_s[good], temperature[good])
-    width = 9 if record.rows > 200 else 3
-    smooth = np.convolve(np.pad(even, width // 2, mode="edge"), np.ones(width) / width, "valid")
-    rate = np.gradient(smooth, record.time_s)
-    found = [("time / s", record.time_s), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
+    rate = np.concatenate([_rate(temperature[part], record.file_s[part]) for part in record.parts])
+    time = ("time / s", record.file_s)
+    if record.joined.size:
+        time = ("time / s, one record after the other, each with its own times", record.time_s)
+    found = [time, ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
     if record.current_A is not None:
         share = diagnosis.drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
         found.append(("drive / of full drive" if share else "current / A", record.current_A))
     elif record.test_current_A is not None:
         found.append(("test current / A", record.test_current_A))
     return found
+
+
+def _rate(temperature_degC: Array, time_s: Array) -> Array:
+    """Of one record, K/s, smoothed over a few rows; nan where too few were read."""
+    good = np.isfinite(temperature_degC)
+    if np.sum(good) < 2:
+        return np.full(time_s.size, np.nan)
+    even = np.interp(time_s, time_s[good], temperature_degC[good])
+    width = 9 if time_s.size > 200 else 3
+    smooth = np.convolve(np.pad(even, width // 2, mode="edge"), np.ones(width) / width, "valid")
+    return np.asarray(np.gradient(smooth, time_s), dtype=np.float64)
+
+
+def _times_of_each(axis: Axes, record: Record) -> None:
+    """Records one after the other along an axis: a line where each begins, and the times of its own file."""
+    places, labels = [], []
+    for part in record.parts:
+        time, begin_s = record.file_s[part], float(record.time_s[part.start])
+        ticks = [t for t in MaxNLocator(3).tick_values(time[0], time[-1]) if time[0] <= t <= time[-1]]
+        places += [begin_s + t - time[0] for t in ticks]
+        labels += [f"{t:.12g}" for t in ticks]
+        if part.start:
+            axis.axvline(begin_s, color=BASE, linewidth=0.8)
+    axis.set_xticks(places, labels)
 
 
 def _residual(
@@ -133,6 +158,8 @@ def _residual(
                 axis.plot(x[there], np.full(there.size, 0.97 * sign * limit), mark, color=colour, markersize=4)
         axis.set_xlabel(label)
         axis.set_ylim(-limit, limit)
+    if diagnosis.record.joined.size:
+        _times_of_each(axes[0, 0], diagnosis.record)
     for axis in list(axes.flat)[len(against) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:

@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sim.diagnosis.data.rough_number import rough
+
 if TYPE_CHECKING:
+    from sim.diagnosis.report.candidates import Candidate
     from sim.diagnosis.report.upper_limits import UpperLimit
     from sim.diagnosis.result import Channel, Diagnosis, Finding
 
 DIGITS, MOST_DIGITS = 4, 8  # of a number in words
-NOISY = 1.3  # times the noise on held-out rows: beyond it a fit that leaves nothing else does not carry over
+EXACT = 1e-5  # of a value: an interval that is narrower is told by its digits
 LESS = 0.98  # times an error: what a set of effects that is not named has to gain in a channel to be reported there
 PERCOLATES = 0.25  # percolation from which a film is told to percolate: half as steep as an effective medium
 NOT_FIXED = "not fixed by this record"
-SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
-UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
+BETWEEN_ROWS = "the film between two of them may do what any effect of film or ohmmeter does"
 
 
 def channels_of(diagnosis: Diagnosis) -> dict[str, tuple[str, str]]:
     """(what, unit) of the temperature and of the film's output, by their keys in the diagnosis."""
     film = diagnosis.record.quantity
     return {"temperature_K": ("temperature", "K"), film.channel: (film.called, film.unit)}
+
+
+def file_names(sources: list[str]) -> list[str]:
+    """Files without their folders; with them where names are alike."""
+    short = [Path(source).name for source in sources]
+    return short if len(set(short)) == len(short) else sources
 
 
 def listed(words: list[str]) -> str:
@@ -39,18 +48,15 @@ def number(value: float, width: float = 0.0) -> str:
     return f"{value:.{digits}g}"
 
 
-def rough(value: float) -> str:
-    """Two digits that matter; 4,700,000 in full."""
-    if not 100.0 <= abs(value) < 1e8:
-        return f"{value:.2g}"
-    return f"{float(f'{value:.2g}'):,.0f}"
-
-
 def parameter(name: str, value: float, interval: tuple[float, float] | None) -> str:
-    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix."""
+    """tau_s 2.27 (2.25 to 2.29); without an interval it is one that the record does not fix. An interval whose ends
+    would say nothing more is told by its digits: step_K 0.25 (to 6 digits)."""
     if interval is None:
         return f"{name} {number(value)} ({NOT_FIXED})"
     low, high = interval
+    if 0.0 < high - low < EXACT * abs(value):
+        digits = min(math.floor(math.log10(2.0 * abs(value) / (high - low)) + 0.01), MOST_DIGITS)
+        return f"{name} {value:.{digits}g} (to {digits} digits)"
     value_text, *ends = (number(each, high - low) for each in (value, low, high))
     return f"{name} {value_text} ({ends[0]} to {ends[1]})"
 
@@ -91,34 +97,22 @@ def judged_channels(diagnosis: Diagnosis) -> list[tuple[str, str, Channel]]:
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
-    """What is left in each channel; and where held-out rows are worse than the noise though nothing was seen left."""
-    lines = []
-    for key, (what, _) in channels_of(diagnosis).items():
-        text, channel = diagnosis.unexplained.get(key), diagnosis.channels[key]
-        if text is not None:
-            lines.append(f"{what}: {text}")
-        elif channel is not None and _off_elsewhere(diagnosis, channel):
-            foreseen, words = _foreseen(diagnosis, channel)
-            times = channel.rmse_extended / foreseen
-            why = UNLOGGED if diagnosis.record.early > 0.0 else f"what was fitted {SHORTFALL}"
-            lines.append(f"{what}: held-out rows are off by {times:.1f} times {words}: {why}")
-    return lines
+    """What is left in each channel, as the JSON has it."""
+    left = diagnosis.left
+    return [f"{what}: {left[key]}" for key, (what, _) in channels_of(diagnosis).items() if left[key] is not None]
 
 
-def _off_elsewhere(diagnosis: Diagnosis, channel: Channel) -> bool:
-    """Whether the fit is worse on held-out rows than is to be foreseen."""
-    return channel.rmse_extended > NOISY * _foreseen(diagnosis, channel)[0]
-
-
-def _foreseen(diagnosis: Diagnosis, channel: Channel) -> tuple[float, str]:
-    """The noise and what the record leaves open, and in words; where currents were not logged, the noise alone, so that
-    this is said."""
-    return (channel.noise, "the noise") if diagnosis.record.early > 0.0 else (channel.expected, channel.foreseen)
+def nothing_left(diagnosis: Diagnosis) -> str:
+    """What is said where nothing is left."""
+    nothing = "Nothing is left beyond the noise"
+    if diagnosis.verdict == "too_short":
+        return f"{nothing} in the rows that there are; {BETWEEN_ROWS}."
+    return f"{nothing}."
 
 
 def sentence(diagnosis: Diagnosis) -> str:
     """The verdict."""
-    from sim.diagnosis.result import ONLY_UNSEEN
+    from sim.diagnosis.result import ONLY_UNSEEN, SHORTFALL
 
     names_of = channels_of(diagnosis)
     left = [f"{names_of[key][0]}: {text}" for key, text in diagnosis.unexplained.items() if text is not None]
@@ -127,19 +121,30 @@ def sentence(diagnosis: Diagnosis) -> str:
     if all(text is None or text.startswith(ONLY_UNSEEN) for text in diagnosis.unexplained.values()):
         rest = f"{'; '.join(left)}, though nothing is left in the fitted rows: what was fitted {SHORTFALL}"
     nothing = f"nothing is left beyond the noise{_own_steps(diagnosis)}"
-    if any(_off_elsewhere(diagnosis, channel) for *_, channel in judged_channels(diagnosis)):
-        nothing += " in the fitted rows; held-out rows are off by more, as said below"
+    if diagnosis.missed:
+        nothing += " in the fitted rows"
     if diagnosis.verdict == "clean":
-        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}."
+        return f"Clean: no effect is seen, and {nothing}{_unseen(diagnosis)}.{_elsewhere(diagnosis)}"
     if diagnosis.verdict == "explained":
         these = "them" if len(names) > 1 else "it"
-        return f"Explained: {listed(names)}; with {these} {nothing}."
+        return f"Explained: {listed(names)}; with {these} {nothing}.{_elsewhere(diagnosis)}"
+    if diagnosis.verdict == "too_short" and not left:
+        return f"Too few rows: {BETWEEN_ROWS}; none was looked for."
     if diagnosis.verdict == "too_short":
-        what = f" ({'; '.join(left)})" if left else ""
-        return f"Too few rows: what is left may be the film between two of them{what}; none is blamed."
+        return f"Too few rows: what is left may be the film between two of them ({'; '.join(left)}); none is blamed."
     if diagnosis.verdict == "partly_unexplained":
         return f"Partly unexplained: {listed(names)}; besides, {rest}."
     return f"Unexplained: {rest}; none is blamed."
+
+
+def _elsewhere(diagnosis: Diagnosis) -> str:
+    """That a verdict holds for the fitted rows and not for those held out, where it is so."""
+    if not diagnosis.missed:
+        return ""
+    names_of, names = channels_of(diagnosis), file_names([held.source for held in diagnosis.elsewhere])
+    which = f"the held-out record{'s' * (len(names) > 1)} {listed(names)}" if names else "the held-out rows"
+    off = "; ".join(f"{names_of[key][0]} is {text}" for key, text in diagnosis.missed.items())
+    return f" That holds for what was fitted, not for {which}: {off} there."
 
 
 def _own_steps(diagnosis: Diagnosis) -> str:
@@ -167,21 +172,33 @@ def gain_line(what: str, unit: str, channel: Channel) -> str:
     )
 
 
+def candidate_set(candidate: Candidate, named: frozenset[str]) -> str:
+    """What a set of effects has that is not named, beside what of those named, and without which of them: it was fitted
+    in their place, so that an effect that is named may have another size in it."""
+    sizes = {
+        name: ", ".join(f"{p} {value:.3g}" for p, value in own.items()) for name, own in candidate.parameters.items()
+    }
+    text = "; ".join(f"{name} ({sizes[name]})" for name in sizes if name not in named) or "fewer effects"
+    if beside := [f"{name} (named above, here with {sizes[name]})" for name in sizes if name in named]:
+        text += f", beside {listed(beside)}"
+    if without := sorted(named - sizes.keys()):
+        text += f", without {listed(without)}"
+    return text
+
+
 def not_named(diagnosis: Diagnosis) -> list[str]:
     """Sets of effects that predict held-out rows better than what is named, and why they are not named."""
     found = []
     for c in diagnosis.candidates:
-        sizes = "; ".join(
-            f"{name} ({', '.join(f'{p} {value:.3g}' for p, value in own.items())})"
-            for name, own in c.parameters.items()
-        )
         gains = ", ".join(
             f"{what} {number(c.rmse_named[key])} to {number(c.rmse_holdout[key])} {unit} "
             f"({100.0 * c.reduction_ci95[key][0]:.0f} to {100.0 * c.reduction_ci95[key][1]:.0f} % less)"
             for key, (what, unit) in channels_of(diagnosis).items()
             if key in c.rmse_named and c.rmse_holdout[key] < LESS * c.rmse_named[key]
         )
-        found.append(f"{sizes}: {gains} on held-out rows. Not named: {c.why_not_named}")
+        found.append(
+            f"{candidate_set(c, diagnosis.judged.fitted)}: {gains} on held-out rows. Not named: {c.why_not_named}"
+        )
     return found
 
 
@@ -241,28 +258,6 @@ def limit_lines(diagnosis: Diagnosis) -> list[str]:
     return [f"{what}: {'; '.join(names)}" for what, names in kinds.items() if names]
 
 
-def lines(diagnosis: Diagnosis) -> list[str]:
-    """The whole diagnosis for a terminal."""
-    out = [sentence(diagnosis), *(f"  assumed: {text}" for text in assumed_lines(diagnosis))]
-    for f in diagnosis.findings:
-        other = f"; or {', '.join(f.indistinguishable_from)}" if f.indistinguishable_from else ""
-        evidence = f"evidence {f.evidence:.4g}, false alarms at most {f.false_alarm:.2g}"
-        out.append(f"  {f.name}: {parameters(f)}; {evidence}{other}")
-    out += [gain_line(*one) for one in judged_channels(diagnosis)]
-    out += plate_lines(diagnosis)
-    if diagnosis.film is not None:
-        film = diagnosis.film
-        form, operators = film["memoryless"], film["operators"]
-        out.append(f"film: D(T) of the form {form}, operators with weight: {operators}{told_by(film)}")
-        out += [f"film: {text}" for text in [mixing_in_words(diagnosis)] if text]
-    out += [f"not named: {text}" for text in not_named(diagnosis)]
-    out += limit_lines(diagnosis)
-    out += [f"left: {text}" for text in left_over(diagnosis)]
-    out += [f"warning: {w.text}{_when(w.from_s, w.to_s)}" for w in diagnosis.warnings]
-    out += [f"next: {text}" for text in diagnosis.next_experiment]
-    return out
-
-
 def told_by(film: Mapping[str, Any]) -> str:
     """Which records the film's model comes from, where it is not this one alone."""
     further = film.get("further_records", 0)
@@ -285,7 +280,3 @@ def mixing_in_words(diagnosis: Diagnosis) -> str:
         meaning += f"{1.0 / sharpness:.1g}"
     left_out = "model files leave out that the step between the phases changes"
     return f"its phases mix about as {how} ({values}; {meaning}); {left_out}"
-
-
-def _when(from_s: float | None, to_s: float | None) -> str:
-    return "" if from_s is None or to_s is None else f" (from {from_s:.0f} to {to_s:.0f} s)"

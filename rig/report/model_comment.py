@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rig.report.diagnosis_records import together
 from rig.report.diagnosis_words import NOT_FIXED, chosen_parameters
 from sim.diagnosis.of_full_drive import SHARE
 from sim.effects.memoryless_term import NAME as MEMORYLESS_TERM
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from sim.diagnosis.result import Diagnosis
 
 
-def model_comment(diagnosis: Diagnosis, source: str) -> str:
-    """Lines of the extended model of one record's diagnosis. source: the record's."""
-    lines = [f"extended model of the diagnosis of {Path(source).name}", *unit_lines(diagnosis)]
+def model_comment(diagnosis: Diagnosis) -> str:
+    """Lines of a diagnosis' extended model."""
+    lines = [f"extended model of the diagnosis of {together(diagnosis)}", *unit_lines(diagnosis)]
     if diagnosis.plate is not None:
         lines += [f"plate: {doubt}" for doubt in diagnosis.plate.doubts]
     for finding in diagnosis.findings:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from sim.diagnosis.data.joined import joined
-from sim.diagnosis.data.quantity import FALLING_OHM, Quantity, quantity_of
+from sim.diagnosis.data.joined import read_records
+from sim.diagnosis.data.quantity import FALLING_OHM, Quantity
 from sim.diagnosis.data.record import Record, read_columns
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.in_its_unit import in_its_unit
 from sim.diagnosis.judge.carried_over import carried_over
 from sim.diagnosis.judge.coloured_noise import beside_coloured_noise
@@ -92,14 +93,12 @@ def diagnose(
         raise ValueError(f"false alarm {chosen_false_alarm:g}: expected {SMALLEST:g} to {LARGEST:g}")
     began_s = clock()
     with threadpool_limits(limits=1):
-        together, begins = joined((columns, *further)) if further else (columns, None)
-        quantity = quantity_of(output, together)
-        record = read_columns(together, held_out=not holdout, quantity=quantity, joined=begins)
-        known = quantity.effects(catalogue() if effects is None else effects)
+        record = read_records((columns, *further), output, held_out=not holdout)
+        known = (quantity := record.quantity).effects(catalogue() if effects is None else effects)
         budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
-        cut = "searching" if budget.over(SEARCHING) else None
+        cut = ("the search", SEARCHING) if budget.over(SEARCHING) else None
         say("evidence")
         chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)
         chain, judged = on_a_smoothed_path(chain, names, judged)
@@ -110,10 +109,10 @@ def diagnose(
         told = borne_out(chain, judged, others)
         first = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
         held_out = HeldOutRows(chain, first, told.halves)
-        cut = cut or ("judging" if budget.over(JUDGING) else None)
+        cut = cut or (("the judging of what was found", JUDGING) if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
-            found = replace(found, warnings=[*found.warnings, out_of_time(cut, budget.seconds)])
+            found = replace(found, warnings=[*found.warnings, out_of_time(*cut, budget.seconds)])
         if base == "generalized_pi":
             found = without_memoryless(found, held_out, budget.over())
         return in_its_unit(found)
@@ -287,12 +286,12 @@ def _unexplained(
     ):
         if adequacy is not None and not adequacy.clean:
             z, rows = residual(chain, names)
-            unexplained[channel] = describe(z, record.time_s[rows], record.temperature_degC[rows], adequacy.left)
+            unexplained[channel] = describe(z, record, rows, adequacy.left)
     for name, found in channels.items():
         if found is None or unexplained[name] is not None:
             continue
         if times[name] > UNSEEN:
-            unexplained[name] = f"{ONLY_UNSEEN} {times[name]:.2g} times worse than {found.foreseen}"
+            unexplained[name] = f"{ONLY_UNSEEN} {rough(times[name])} times worse than {found.foreseen}"
     return unexplained
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sim.diagnosis.report.warnings import Caution
+from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.result import Diagnosis
 
 SHARE = "share_of_full_drive"

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.verdict import Verdict
 from sim.diagnosis.report.candidates import Candidate
+from sim.diagnosis.report.caution import Caution
 from sim.diagnosis.report.plate_numbers import PlateNumbers
 from sim.diagnosis.report.upper_limits import UpperLimit
-from sim.diagnosis.report.warnings import Caution
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.gain import Gain
 from sim.diagnosis.validate.halves import Halves
 
 MORE = 1.1  # times the noise, from which what the record leaves open is said beside it
+NOISY = 1.3  # times what is foreseen of held-out rows, from which a fit that leaves nothing else does not carry over
+SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
+UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
 ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
 
 
@@ -58,14 +62,28 @@ class Channel:
         return "the noise and what this record leaves open" if self.leaves_open else "the noise"
 
 
+@dataclass(frozen=True)
+class HeldOutRecord:
+    """Another record: its source, and by channel the extended model's RMSE in those of its rows that judge, with how
+    many they are; none where its rows decide."""
+
+    source: str
+    errors: dict[str, tuple[float, int]]
+
+    def document(self) -> dict[str, Any]:
+        """As in the JSON."""
+        channels = {name: {"rmse_extended": rmse, "samples_holdout": n} for name, (rmse, n) in self.errors.items()}
+        return {"source": self.source, "channels": channels}
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
     film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large what is not
     named may be, the parameters of what was assumed, each record's room (of a record with a current); sources: of the
-    records; halves: of other records held out; record and chain: for figures and for the extended model; drive: the
-    unit of a current that is a share of full drive, else None. The keys of channels, gains and what is left are
-    "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+    records; halves: of other records held out; elsewhere: the error on each of these; record and chain: for figures and
+    for the extended model; drive: the unit of a current that is a share of full drive, else None. The keys of channels,
+    gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]
@@ -84,16 +102,49 @@ class Diagnosis:
     rooms_degC: list[float]
     halves: Halves | None
     sources: tuple[str, ...] = ()
+    elsewhere: tuple[HeldOutRecord, ...] = ()
     model: str | None = None
     drive: str | None = None
 
+    @property
+    def left(self) -> dict[str, str | None]:
+        """By channel what is left, in words: what the verdict counts (`unexplained`); or, where that is nothing, by how
+        much held-out rows are missed. None: nothing."""
+        found = dict(self.unexplained)
+        for key, off in self.missed.items():
+            if found[key] is None:
+                why = UNLOGGED if self.record.early > 0.0 else f"what was fitted {SHORTFALL}"
+                found[key] = f"held-out rows are {off}: {why}"
+        return found
+
+    @property
+    def missed(self) -> dict[str, str]:
+        """By channel, where held-out rows are missed by more than is foreseen: off by 2.4 times the noise. Where
+        currents were not logged, more than the noise alone, so that this is said."""
+        found = {}
+        for key, channel in self.channels.items():
+            if channel is None:
+                continue
+            foreseen, words = channel.expected, channel.foreseen
+            if self.record.early > 0.0:
+                foreseen, words = channel.noise, "the noise"
+            if channel.rmse_extended > NOISY * foreseen:
+                found[key] = f"off by {rough(channel.rmse_extended / foreseen)} times {words}"
+        return found
+
     def _rows(self) -> dict[str, Any]:
         """How many rows fitted, decided and judged, of the first fold where there are two; and which readings were left
-        out. Of the record itself all rows are fitted where others are held out; `held_out` then says which of their
-        rows are in which half, `folds` how many of them decide and judge."""
+        out, by the number of their record and the time of its file. Of the record itself all rows are fitted where
+        others are held out; `held_out` then says which of their rows are in which half, `folds` how many of them decide
+        and judge."""
         record = self.record
         left_out = [
-            {"time_s": float(record.time_s[row]), "column": column, "rule": rule}
+            {
+                "record": record.number_of(row),
+                "time_s": float(record.file_s[row]),
+                "column": column,
+                "rule": rule,
+            }
             for row, column, rule in record.left_out
         ]
         fitted = int(np.sum(~record.held_out))
@@ -105,6 +156,7 @@ class Diagnosis:
 
     def document(self) -> dict[str, Any]:
         """The JSON of `peltier diagnose`, format peltier-diagnosis/1."""
+        rooms: Sequence[float | None] = self.rooms_degC or [None] * len(self.sources)
         return {
             "format": "peltier-diagnosis/1",
             "verdict": self.verdict,
@@ -139,6 +191,7 @@ class Diagnosis:
                 for name, c in self.channels.items()
             },
             "unexplained": self.unexplained,
+            "left": self.left,
             "film": self.film,
             "plate": None if self.plate is None else self.plate.document(),
             "assumed": [{"name": name, "parameters": _values(own)} for name, own in self.assumed.items()],
@@ -146,9 +199,9 @@ class Diagnosis:
             "upper_limits": [limit.document() for limit in self.limits],
             "rows": self._rows(),
             "records": [
-                {"source": source, "ambient_degC": room}
-                for source, room in zip(self.sources, self.rooms_degC, strict=False)
+                {"source": source, "ambient_degC": room} for source, room in zip(self.sources, rooms, strict=False)
             ],
+            "holdouts": [record.document() for record in self.elsewhere],
             "warnings": [w.document() for w in self.warnings],
             "next_experiment": self.next_experiment,
             "model": self.model,

@@ -36,8 +36,8 @@ def test_the_json_is_that_of_the_interface(diagnosed: tuple[Path, Any, Any]) -> 
     _, hidden, said = diagnosed
     assert said["format"] == "peltier-diagnosis/1"
     assert set(said) == {
-        "format", "verdict", "effects", "channels", "unexplained", "film", "plate", "assumed", "candidates",
-        "upper_limits", "rows", "records", "warnings", "next_experiment", "model",
+        "format", "verdict", "effects", "channels", "unexplained", "left", "film", "plate", "assumed", "candidates",
+        "upper_limits", "rows", "records", "holdouts", "warnings", "next_experiment", "model",
     }  # fmt: skip
     rows = said["rows"]
     assert rows["fitted"] + rows["deciding"] + rows["judging"] == hidden.columns["time_s"].size
@@ -237,9 +237,12 @@ def test_the_saturated_heat_sink_is_a_warning(measured: Path, tmp_path: Path, pe
 
 def test_a_measured_film_has_a_memoryless_part(measured: Path, tmp_path: Path, peltier: Peltier) -> None:
     columns = ["--column", "time_s=t_s", "--column", "temperature_degC=T_K@K", "--column", "resistance_ohm=R_ohm"]
-    words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml")
-    status, _, _ = peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)
+    words = (*columns, "--json", tmp_path / "out.json", "--out", tmp_path / "model.toml", "--report", tmp_path / "r")
+    status, out, _ = peltier("diagnose", measured / "vo2_film_major_loop.tsv", *words)
     assert status == 0
+    assert "may do what any effect of film or ohmmeter does; none was looked for" in out
+    page = (tmp_path / "r" / "report.html").read_text(encoding="utf-8")
+    assert "Nothing is left beyond the noise in the rows that there are" in page
     said = json.loads((tmp_path / "out.json").read_text())
     assert said["film"]["memoryless"] != "none"
     assert said["verdict"] == "too_short"  # one loop, whose rows are 0.6 K apart on its flanks

@@ -10,7 +10,7 @@ from compensator.identification.gaps import gap_threshold
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.segments import off_after_missing_rows
-from sim.diagnosis.report.warnings import gaps_in
+from sim.diagnosis.report.row_warnings import row_warnings
 from sim.diagnosis.search.chain import temperature_search
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched
@@ -226,5 +226,6 @@ def test_a_gap_is_said_to_be_where_it_is(untold: list[int], lacking: list[int], 
     current = np.where(np.isin(time, untold), np.nan, np.sin(time / 9.0))
     columns = {"time_s": time, "temperature_degC": 25.0 + np.sin(time / 20.0), "current_A": current}
     there = ~np.isin(time, lacking)
-    found = gaps_in(read_columns({name: values[there] for name, values in columns.items()}))
+    warnings = row_warnings(read_columns({name: values[there] for name, values in columns.items()}))
+    found = [caution for caution in warnings if caution.code == "gaps"]
     assert [caution.text.startswith(said) for caution in found] == [True] if said else not found

@@ -17,7 +17,7 @@ from sim.diagnosis.data.record import read_columns
 from sim.diagnosis.data.segments import first_rows, gaps
 from sim.diagnosis.extended_model import ExtendedModel
 from sim.diagnosis.judge.plate_kind import of_no_kind
-from sim.diagnosis.report.warnings import saturated_sink
+from sim.diagnosis.report.row_warnings import row_warnings
 from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.temperature_search import beside_misfit
 from sim.diagnosis.validate.held_out import residuals_on
@@ -70,7 +70,7 @@ def test_an_error_is_kept_in_a_model_file(tmp_path: Path) -> None:
 
 def test_a_measured_sink_saturates(measured: Path) -> None:
     record = read_columns(_run(measured, "runaway").columns)
-    (warning,) = saturated_sink(Chain(record, {}))
+    (warning,) = (found for found in row_warnings(record) if found.code == "heat_sink_saturated")
     assert warning.from_s is not None
     assert warning.to_s is not None
     assert 340.0 < warning.from_s < warning.to_s < 520.0

@@ -7,17 +7,29 @@ between two of them. Time goes on through all of them: a drift over hours has no
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from compensator.hysteresis.functions import Array
-from sim.diagnosis.data.record import Rows
+from sim.diagnosis.data.quantity import quantity_of
+from sim.diagnosis.data.record import Record, Rows, read_columns
 
 APART_S: Final = 60.0  # ten times the longest delay that one meets; plate, sink and lags begin anew anyway
 APART_ROWS: Final = 20.0  # the same in rows of a record that was read slowly: no row is taken for a missing one
 TIMES: Final = ("time_s", "resistance_time_s", "current_time_s", "meter_current_time_s")
+
+
+def read_records(records: Sequence[Mapping[str, ArrayLike]], output: str, *, held_out: bool) -> Record:
+    """One record, or several of one rig as one, from their columns. output: the film's, as `quantity_of` has it;
+    held_out: whether every fourth block of rows is. Raises ValueError, a line a fault."""
+    if len(records) == 1:
+        return read_columns(records[0], held_out=held_out, quantity=quantity_of(output, records[0]))
+    columns, begins = joined(records)
+    record = read_columns(columns, held_out=held_out, quantity=quantity_of(output, columns), joined=begins)
+    return replace(record, file_s=np.concatenate([np.asarray(one["time_s"], dtype=np.float64) for one in records]))
 
 
 def joined(records: Sequence[Mapping[str, ArrayLike]]) -> tuple[dict[str, Array], Rows]:

@@ -1,4 +1,7 @@
-"""A record as the diagnosis takes it: columns checked, times from the first row, gaps, outliers, held-out rows."""
+"""A record as the diagnosis takes it: columns checked, times from the first row, gaps, outliers, held-out rows.
+
+What is said to people has the time as the record's file has it (`file_s`).
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,8 @@ class LeftOut(NamedTuple):
 class Record:
     """One record; arrays of shape (rows,).
 
-    time_s: from the first row. temperature_degC; temperature_used: readings that count. step_K: of the lattice that the
+    time_s: from the first row; file_s: the same times as the record's own file has them, of several records as each of
+    them has. temperature_degC; temperature_used: readings that count. step_K: of the lattice that the
     readings lie on, 0 where there is none. current_A: None where the record has none. output: -log10(R / 1 ohm), or
     another quantity of the film in the fit's decades, None where there is none; output_used; taken_s: when it was read;
     commanded_s: when the row's current began to act. test_current_A: of the ohmmeter, 0 where it is not known;
@@ -67,6 +71,7 @@ class Record:
     """
 
     time_s: Array
+    file_s: Array
     temperature_degC: Array
     temperature_used: Mask
     step_K: float
@@ -81,7 +86,6 @@ class Record:
     first_rows: Rows
     held_out: Mask
     left_out: tuple[LeftOut, ...]
-    uneven: bool
     quantity: Quantity = RESISTANCE
     early: float = 0.0
     joined: Rows = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -91,6 +95,21 @@ class Record:
     @property
     def rows(self) -> int:
         return int(self.time_s.size)
+
+    @property
+    def parts(self) -> list[slice]:
+        """The rows of each of the records that it is made of, one after the other; of a single one all rows."""
+        edges = [0, *self.joined.tolist(), self.rows]
+        return [slice(first, last) for first, last in itertools.pairwise(edges)]
+
+    def number_of(self, row: int) -> int:
+        """Which of these records a row belongs to, from 1 on."""
+        return int(np.searchsorted(self.joined, row, side="right")) + 1
+
+    def gaps_in(self, part: slice) -> Rows:
+        """The rows after the gaps within one of them: between two records nothing is missing."""
+        first, last = np.searchsorted(self.after_gaps, [part.start + 1, part.stop])
+        return self.after_gaps[first:last]
 
     @property
     def judging(self) -> Mask:
@@ -183,6 +202,11 @@ class Record:
         """The median step."""
         return float(np.median(np.diff(self.time_s)))
 
+    def interval_of(self, part: slice) -> float:
+        """That of one of the records that it is made of, s; 0 of a single row."""
+        steps = np.diff(self.time_s[part])
+        return float(np.median(steps)) if steps.size else 0.0
+
 
 def _largest(effect: Effect) -> Array:
     """Its parameters, as large as any that one meets."""
@@ -235,12 +259,13 @@ def read_columns(
         current = np.interp(time, time[told], current[told])
     test = data.get("meter_current_A")
     begins = first_rows(time, np.interp(time, time[used], temperature[used]), current, told, after)
-    steps, early = np.diff(time), 0.0
+    early = 0.0
     if current is not None and "current_time_s" not in data:
         readings = np.where(used, temperature, np.nan)
         early = acted_before(time, readings, np.where(told, current, np.nan), np.union1d(after, _none(joined)))
     return Record(
         time - time[0],
+        time,
         temperature,
         used,
         step,
@@ -255,7 +280,6 @@ def read_columns(
         begins,
         held_out_rows(time.size, begins) if held_out else np.zeros(time.size, dtype=np.bool_),
         tuple(left_out),
-        bool(np.mean(steps > 1.5 * np.median(steps)) > 0.1) if steps.size else False,
         quantity,
         early,
         _none(joined),

@@ -22,8 +22,8 @@ FLANK: Final = 0.9  # quantile of the readings by how far off the chord they are
 
 @dataclass(frozen=True)
 class SparseLoop:
-    """apart, noise: how far a reading on the flank is off its neighbours' mean, and the noise, in the unit; step_K:
-    between two rows there; wanted_K: the step at which both would be alike."""
+    """apart, noise: how far a reading on the flank is off its neighbours' mean, and the noise where the film hardly
+    changes, in the unit; step_K: between two rows there; wanted_K: the step at which both would be alike."""
 
     apart: float
     noise: float
@@ -36,7 +36,8 @@ class SparseLoop:
         """What an experiment would have to have."""
         return (
             f"minor loops, and the flanks with a row each {self.wanted_K:.2g} K: here they are {self.step_K:.2g} K "
-            f"apart, and neighbours tell a reading to {self.apart:.2g} {self.unit} only (noise {self.noise:.2g})"
+            f"apart, and neighbours tell a reading to {self.apart:.2g} {self.unit} only (noise where the film hardly "
+            f"changes: {self.noise:.2g} {self.unit})"
         )
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.misfit import correlated_rows
 from sim.diagnosis.data.record import Mask, Record
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity
 from sim.diagnosis.judge.verdict import UNSEEN, Verdict, is_prandtl_ishlinskii, judge
 from sim.diagnosis.search.chain import Chain
@@ -126,7 +127,7 @@ def _less(
             worst = min(without, key=lambda name: without[name])
             if with_all < grows * without[worst] or with_all == 0.0:
                 break
-            fewer = f"from {without[worst]:.2g} to {with_all:.2g} {UNITS[channel]}"
+            fewer = f"from {rough(without[worst])} to {rough(with_all)} {UNITS[channel]}"
             why = f"on another record the error grows with it {fewer}"
             judged = judge(chain, judged.fitted - {worst}, judged, why)
     return judged

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.diagnosis.data.misfit import correlated_rows
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.false_alarm import candidates, evidence_for
 from sim.diagnosis.judge.held_out_evidence import held_out_evidence, held_out_square
 from sim.diagnosis.judge.output_nonlinearity import is_output_nonlinearity, no_other_sharpness_is_better
@@ -144,10 +145,10 @@ def _worth(
     weak = min(evidence, evidence_by_chance(chain))
     if (all_rows := evidence + (unseen or 0.0)) < least:
         if told is not None and evidence > 0.0 > all_rows:
-            return evidence, (weak, f"{AGAINST} {told.gain:.2g}")
-        return evidence, (weak, f"it brings {all_rows:.2g} of log-likelihood, a name needs {least:.2g}")
+            return evidence, (weak, f"{AGAINST} {rough(told.gain)}")
+        return evidence, (weak, f"it brings {rough(all_rows)} of log-likelihood, a name needs {least:.2g}")
     if told is not None and told.gain < -largest_loss_by_chance(evidence, told.changed):
-        return evidence, (weak, f"{AGAINST} {told.gain:.2g}")
+        return evidence, (weak, f"{AGAINST} {rough(told.gain)}")
     certain = resistance is not None and resistance.clean and evidence >= CERTAIN
     certain = certain and (unseen is None or unseen >= SEEN_BESIDE * evidence)
     if too_small(chain, names, name, certain):

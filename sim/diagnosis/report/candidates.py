@@ -14,6 +14,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.record import Mask
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.judge.verdict import UNSEEN, Verdict
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.search.fitted_better import fitted_better
@@ -107,7 +108,7 @@ def _why(judged: Verdict, names: frozenset[str], left: float) -> str:
     if refused:
         return "; ".join(refused)
     if left > UNSEEN:
-        return f"held-out rows are still off by {left:.2g} times the noise: another cause may do as much"
+        return f"held-out rows are still off by {rough(left)} times the noise: another cause may do as much"
     return "fitted on the way to what is named, and not judged by itself"
 
 

@@ -16,6 +16,7 @@ from compensator.identification.constant_drive import constant_drive
 from compensator.identification.covariance import NORMAL_95
 from compensator.identification.heat_balance import Kind
 from sim.diagnosis.data.noise_model import root_mean_square
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.fit.unknowns import Unknown
 from sim.diagnosis.report.intervals import MEANINGLESS, first_deviations
 from sim.diagnosis.search.chain import Chain
@@ -76,7 +77,7 @@ def plate_numbers(chain: Chain, names: frozenset[str]) -> PlateNumbers | None:
     found: dict[str, tuple[float, Interval]] = {}
     doubts = []
     if left > MISSES_MUCH:
-        text = f"the plate leaves {left:.2g} times the noise of the temperature"
+        text = f"the plate leaves {rough(left)} times the noise of the temperature"
         doubts.append(f"every number: {text}, and what it lacks may have moved them by more than these intervals")
     assert chain.record.current_A is not None
     kind: Kind = "heater" if p.kind == "heater" else "peltier"
@@ -120,4 +121,4 @@ def _doubt(name: str, value: float, ci: Interval) -> str | None:
     if ci is None:
         return f"{name}: not known"
     factor = math.sqrt(ci[1] / ci[0])
-    return f"{name}: known to within a factor of {factor:.2g} only" if factor > math.sqrt(WIDE) else None
+    return f"{name}: known to within a factor of {rough(factor)} only" if factor > math.sqrt(WIDE) else None

@@ -1,56 +1,29 @@
-"""What a user should know besides: a saturated heat sink, gaps, outliers, what the record lacks."""
+"""What a user should know besides: what the rows show by themselves, what the record lacks, what may be off."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-
-from compensator.identification.gaps import gap_threshold
-from compensator.identification.odd_readings import Column, odd_readings, of_output
 from sim.diagnosis.data.noise_model import root_mean_square
-from sim.diagnosis.data.record import OUTLYING, REPEATED, Record
+from sim.diagnosis.data.record import Record
+from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.fit.plate_parameters import ROOM
 from sim.diagnosis.judge.carried_over import CarriedOver
+from sim.diagnosis.report.caution import Caution
+from sim.diagnosis.report.row_warnings import row_warnings
 from sim.diagnosis.report.upper_limits import UpperLimit, film_not_described
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.halves import Halves
 
-FEWEST_S = 20.0  # of strong cooling: no sink warms up in less
 ALIKE = 0.1  # relative difference of two lags: instruments and films that do not know of each other differ by more
-LARGE = 0.8  # of the largest current
-
-
-@dataclass(frozen=True)
-class Caution:
-    """code, and from when to when (s, in the record's own time from its first row; None: all of it)."""
-
-    code: str
-    text: str
-    from_s: float | None = None
-    to_s: float | None = None
-
-    def document(self) -> dict[str, Any]:
-        """As in the JSON."""
-        return {"code": self.code, "from_s": self.from_s, "to_s": self.to_s, "text": self.text}
 
 
 def warnings_of(
     chain: Chain, names: frozenset[str], hidden: Mapping[str, tuple[str, float]], limits: list[UpperLimit]
 ) -> list[Caution]:
     """All that apply. names: of the effects fitted; hidden: as `hidden_by_the_film` has it; limits: of the others."""
-    record, found = chain.record, []
-    found += saturated_sink(chain)
-    found += gaps_in(record)
-    if record.uneven:
-        found.append(Caution("uneven_sampling", "more than a tenth of the steps are longer than 1.5 times the median"))
-    for name, count in Counter(out.column for out in record.left_out if out.rule in OUTLYING).items():
-        found.append(Caution("outliers", f"{name}: {count} readings were left out as outliers"))
-    found += odd_columns(record)
-    found += constant_columns(record)
+    record = chain.record
+    found = [*row_warnings(record), *constant_columns(record)]
     if record.current_A is None:
         found.append(Caution("no_current", "no current_A: plate, driver and thermometer were not judged"))
     if record.output is None:
@@ -66,33 +39,6 @@ def warnings_of(
     return found + coloured_noise(chain) + film_in_steps(chain) + film_is_not_described(chain, names)
 
 
-def gaps_in(record: Record) -> list[Caution]:
-    """Of rows that are missing, and of rows that do not tell the current: what was commanded there is not known."""
-    own = np.setdiff1d(record.after_gaps, record.joined)  # between two records nothing is missing
-    gaps, anew = own.size, np.setdiff1d(record.first_rows[1:], record.joined).size
-    if not gaps:
-        return []
-    steps = np.diff(record.time_s)
-    missing = int(np.sum(steps[own - 1] > gap_threshold(steps)))
-    where = "the rows" if missing == gaps else "the rows or in their currents" if missing else "the rows' currents"
-    longest = f"the longest of {float(np.max(steps[own - 1])):.3g} s"
-    return [Caution("gaps", f"{gaps} gap{'s' * (gaps > 1)} in {where}, {longest}{_begun_anew(gaps, anew)}")]
-
-
-def odd_columns(record: Record) -> list[Caution]:
-    """Of readings that cannot be what was measured: bad rows, a unit that changes; and of a meter slower than rows."""
-    degC = np.where(np.isfinite(record.temperature_degC), record.temperature_degC, np.nan)
-    lines = odd_readings(Column("temperature_degC", record.time_s, degC, "degC"))
-    if record.output is not None and record.quantity.is_resistance:
-        lines += odd_readings(of_output(record.time_s, record.output, record.quantity.name), degC)
-    found = [Caution("odd_readings", line) for line in lines]
-    if repeated := sum(out.rule == REPEATED for out in record.left_out):
-        text = f"{repeated} rows repeat the meter's reading before, which counts once, where it comes first: the meter "
-        text += "is slower than the rows, and averages over some of them, which looks like a lag; ask it less often"
-        found.append(Caution("repeated_readings", f"{record.quantity.column}: {text}"))
-    return found
-
-
 def constant_columns(record: Record) -> list[Caution]:
     """Of what is logged about the plate and does not change."""
     found = []
@@ -105,21 +51,13 @@ def constant_columns(record: Record) -> list[Caution]:
     return found
 
 
-def _begun_anew(gaps: int, anew: int) -> str:
-    """After how many of the gaps the plate's temperature is begun anew; across the others it is simulated."""
-    if not anew:
-        return ", simulated across"
-    after = "it" if gaps == 1 else "each" if anew == gaps else f"{anew} of them"
-    return f": after {after} the temperature is begun anew"
-
-
 def absorbed(name: str, parameter: str, limits: list[UpperLimit]) -> Caution:
     """Of an effect that the film's own shape hides at a usual size: what the record allows of it is one number, here
     and among the limits."""
     known = next((limit for limit in limits if (limit.name, limit.parameter) == (name, parameter)), None)
     text = f"{name}: would not have shown at any usual size: the film's own shape absorbs it"
     if known is not None and known.limit is not None:
-        size = f"{parameter} {'above' if known.from_below else 'below'} {known.limit:.2g}"
+        size = f"{parameter} {'above' if known.from_below else 'below'} {rough(known.limit)}"
         text = f"{name}: would not have shown with {size}: the film's own shape absorbs it"
     return Caution("absorbed_by_the_film", text)
 
@@ -184,9 +122,12 @@ def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Caution]:
     return [Caution("film_not_described", text)]
 
 
-def out_of_time(doing: str, seconds: float) -> Caution:
-    """Of a diagnosis that its time cut short."""
-    text = f"the {seconds:.3g} s allowed were over while {doing}: this is the best until then; more time may say more"
+def out_of_time(doing: str, share: float, seconds: float) -> Caution:
+    """Of a diagnosis that its time cut short. doing: what was ended when this share of the time was over."""
+    text = (
+        f"{doing} was ended {share * seconds:.3g} s after the beginning, its share of the {seconds:.3g} s allowed: "
+        "this is the best until then; more time may say more"
+    )
     return Caution("out_of_time", text)
 
 
@@ -239,41 +180,6 @@ def decided_elsewhere(halves: Halves | None) -> list[Caution]:
                 "them together need: it is said, and errors are of those that speak against it"
             )
     return [Caution("held_out_rows_decided", text)]
-
-
-def saturated_sink(chain: Chain) -> list[Caution]:
-    """Stretches in which the plate warms for long while the current cools at nearly its largest."""
-    record = chain.record
-    if record.current_A is None or np.min(record.current_A) >= 0.0:
-        return []
-    largest = float(np.max(np.abs(record.current_A)))
-    cooling = record.current_A < -LARGE * largest
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], cooling.astype(np.int8), [0]))))
-    found = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        last = min(int(last), record.rows - 1)
-        t = record.time_s[first:last]
-        v = record.temperature_degC[first:last]
-        if t.size < 8 or t[-1] - t[0] < FEWEST_S:  # fewer rows have no slope, as fewer readings below
-            continue
-        half = t.size // 3  # until then it may still be cooling
-        tail = slice(half, None)
-        good = np.isfinite(v[tail])
-        if np.sum(good) < 5:
-            continue
-        slope = np.polyfit(t[tail][good], v[tail][good], 1)[0]
-        rise = slope * (t[-1] - t[half])
-        if rise > max(0.3, 2.0 * record.step_K):  # less is the end of the plate's own transient
-            found.append(
-                Caution(
-                    "heat_sink_saturated",
-                    f"the current cools with {LARGE:.0%} of its largest or more, and the plate warms by {rise:.2g} K: "
-                    "the heat sink is saturated; more current cools less",
-                    float(t[half]),
-                    float(t[-1]),
-                )
-            )
-    return found
 
 
 def decided_by_records(names: frozenset[str]) -> list[Caution]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from compensator.hysteresis.functions import Array
+from sim.diagnosis.data.record import Record, Rows
 
 LEAST_SHARE = 0.02  # of the noise's variance: less is no matter
 SURE = 1e-6  # probability of so much by chance, over all questions
@@ -124,9 +125,10 @@ def adequacy(
     return Adequacy(tuple(questions), scale)
 
 
-def describe(z: Array, time_s: Array, temperature_degC: Array, left: tuple[Question, ...]) -> str:
-    """What is left in words: its period, its direction, its range of temperature, when."""
-    parts = []
+def describe(z: Array, record: Record, rows: Rows, left: tuple[Question, ...]) -> str:
+    """What is left in words: its period, its direction, its range of temperature, when. z: residuals over noise in
+    these rows of the record, (rows,)."""
+    parts, time_s, temperature_degC = [], record.time_s[rows], record.temperature_degC[rows]
     period = main_period_s(z, time_s)
     if period is not None:
         parts.append(f"period {period:.3g} s")
@@ -143,7 +145,10 @@ def describe(z: Array, time_s: Array, temperature_degC: Array, left: tuple[Quest
     k = int(np.argmax(square))
     if square[k] > 2.5 * float(np.mean(square)):  # a fifth of all in a twelfth of the rows
         parts.append(f"between {edges[k]:.1f} and {edges[k + 1]:.1f} degC")
-    parts += [f"from {when:.0f} s on" for when in [onset_s(z, time_s)] if when is not None]
+    if (place := onset(z)) is not None:
+        row = int(rows[place])
+        of = f" of record {record.number_of(row)}" if record.joined.size else ""
+        parts.append(f"from {record.file_s[row]:.0f} s{of} on")
     return ", ".join(parts) if parts else f"structure in {left[0].name}" if left else "structure"
 
 
@@ -161,8 +166,8 @@ def main_period_s(z: Array, time_s: Array) -> float | None:
     return count * step / k
 
 
-def onset_s(z: Array, time_s: Array) -> float | None:
-    """The time from which on the residual is several times larger, None where there is none."""
+def onset(z: Array) -> int | None:
+    """The place from which on the residual is several times larger, None where there is none."""
     n = z.size
     total = np.cumsum(z * z)
     k = np.arange(n // 10, n - n // 10)  # with a tenth of the record at least on either side
@@ -170,4 +175,4 @@ def onset_s(z: Array, time_s: Array) -> float | None:
     ratio = after / np.maximum(before, 0.5)
     best = int(np.argmax(ratio * np.minimum(k, n - k)))
     sudden = ratio[best] > 4.0 and before[best] < 1.5  # four times the mean square, and about the noise's before
-    return float(time_s[k[best]]) if sudden else None
+    return int(k[best]) if sudden else None

@@ -62,14 +62,14 @@ class Halves:
         return folds or [{"deciding": a + b, "judging": 0}]
 
     def document(self) -> list[dict[str, Any]]:
-        """Which rows of which record (the first one given is 1) are in which half, in the record's own time."""
+        """Which rows of which record (the first one given is 1) are in which half, in the time of its file."""
         found = []
         for k, other in enumerate(self.others):
             half = np.where(self.first[k], 1, np.where(self.second[k], 2, 0))
             edges = np.flatnonzero(np.diff(half, prepend=-1, append=-1))
             for begin, end in itertools.pairwise(edges):
                 if half[begin]:
-                    time = other.time_s[[begin, end - 1]].tolist()
+                    time = other.file_s[[begin, end - 1]].tolist()
                     found.append({"record": k + 1, "half": int(half[begin]), "from_s": time[0], "to_s": time[1]})
         return found
 
