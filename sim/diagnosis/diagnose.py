@@ -15,7 +15,7 @@ from sim.diagnosis.data.quantity import FALLING_OHM, Quantity
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.in_its_unit import in_its_unit
-from sim.diagnosis.judge.carried_over import carried_over
+from sim.diagnosis.judge.carried_over import CarriedOver, carried_over
 from sim.diagnosis.judge.coloured_noise import beside_coloured_noise
 from sim.diagnosis.judge.domains import beside_domains
 from sim.diagnosis.judge.elsewhere import borne_out
@@ -181,7 +181,7 @@ def _diagnosis(chain: Chain, judged: Verdict, held_out: HeldOutRows, say: Progre
     held_out = replace(held_out, on_lattice=lattice is not None)
     noise = held_out.noise(names)
     carried = carried_over(held_out, names)
-    channels = _channels(held_out, names, noise, carried.expected)
+    channels = _channels(held_out, names, noise, carried)
     say("candidates")
     candidates = candidates_of(chain, judged, held_out.left, held_out.parts, held_out.rows, noise)
     say("intervals")
@@ -245,7 +245,7 @@ def _rooms_degC(chain: Chain, names: frozenset[str]) -> list[float]:
 
 
 def _channels(
-    held_out: HeldOutRows, names: frozenset[str], noise: dict[str, float], expected: dict[str, float]
+    held_out: HeldOutRows, names: frozenset[str], noise: dict[str, float], carried: CarriedOver
 ) -> dict[str, Channel | None]:
     """Of the base model, which has the effects assumed and stays as if no reading were rounded, and of the extended
     one."""
@@ -254,7 +254,9 @@ def _channels(
     for name, residual in held_out.left(names).items():
         counted = held_out.rows & np.isfinite(residual)
         before, after = rmse(bare[name][counted]), rmse(residual[counted])
-        channels[name] = Channel(noise[name], before, after, int(np.sum(counted)), expected[name])
+        channels[name] = Channel(
+            noise[name], before, after, int(np.sum(counted)), carried.expected[name], carried.times[name]
+        )
     return channels
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sim.diagnosis.report.candidates import Candidate
-from sim.diagnosis.result import Channel, Diagnosis, Finding
+from sim.diagnosis.result import Diagnosis, Finding
 from sim.diagnosis.validate.gain import Gain
 
 
@@ -38,7 +38,7 @@ def in_its_unit(found: Diagnosis) -> Diagnosis:
     channels, own = dict(found.channels), found.channels["resistance_dec"]
     if own is not None:
         noise, before, after, expected = (size * v for v in (own.noise, own.rmse_base, own.rmse_extended, own.expected))
-        own = Channel(noise, before, after, own.samples_holdout, expected)
+        own = replace(own, noise=noise, rmse_base=before, rmse_extended=after, expected=expected)
     channels |= {"resistance_dec": None, key: own}
     unexplained = {**found.unexplained, "resistance_dec": None, key: found.unexplained["resistance_dec"]}
     findings = [replace(f, gain=gains(f)) for f in found.findings]

@@ -23,6 +23,10 @@ MORE = 1.1  # times the noise, from which what the record leaves open is said be
 NOISY = 1.3  # times what is foreseen of held-out rows, from which a fit that leaves nothing else does not carry over
 SHORTFALL = "does not carry over to held-out rows; the record determines too little of the film or the plate"
 UNLOGGED = "the current changed between the rows, and a simulation from the record does not know how"
+FIRST_ROWS = (
+    "what is a held-out record's own (its room, first temperatures and the film's memory) was fitted to its first "
+    "rows, which leave it open; fitted to all of its rows, these are off by"
+)
 ONLY_UNSEEN = "held-out rows are predicted"  # so begins what is left of a channel whose fitted rows leave nothing
 
 
@@ -43,13 +47,15 @@ class Finding:
 class Channel:
     """One channel: its instrument's noise, the held-out RMSE of the base and of the extended model, how many rows were
     held; expected: RMSE with the true effects, the noise and what this record leaves open (a walk of the plate between
-    the rows, a film's steps, a film's course where the fitted rows never were)."""
+    the rows, a film's steps, a film's course where the fitted rows never were); all_told: how many times that is missed
+    where what belongs to another record is fitted to all of its rows."""
 
     noise: float
     rmse_base: float
     rmse_extended: float
     samples_holdout: int
     expected: float
+    all_told: float
 
     @property
     def leaves_open(self) -> bool:
@@ -113,9 +119,17 @@ class Diagnosis:
         found = dict(self.unexplained)
         for key, off in self.missed.items():
             if found[key] is None:
-                why = UNLOGGED if self.record.early > 0.0 else f"what was fitted {SHORTFALL}"
-                found[key] = f"held-out rows are {off}: {why}"
+                found[key] = f"held-out rows are {off}: {self._why_missed(key)}"
         return found
+
+    def _why_missed(self, key: str) -> str:
+        channel = self.channels[key]
+        assert channel is not None
+        if self.record.early > 0.0:
+            return UNLOGGED
+        if channel.all_told <= NOISY:
+            return f"{FIRST_ROWS} {rough(channel.all_told)} times"
+        return f"what was fitted {SHORTFALL}"
 
     @property
     def missed(self) -> dict[str, str]:

@@ -10,6 +10,7 @@ met.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -122,6 +123,21 @@ class FilmEquations:
             meter = MeterCurrent(self.record.time_s, test, self.record.test_on_s)
             power = MeterPower(meter, -own if self.record.quantity.rises else own)
         return links, film_nodes(self.record, self.path, links, late.tolist(), power, p.start, self.spacing)
+
+    def heated_by(self, p: FilmParameters, point: Point) -> Array:
+        """The film's own output with which the ohmmeter heats it from now on, rows: a part of the way from what it was
+        taken for to what the fit has. Resistance falls as the film is heated, and with it the heat: all of the way, a
+        film that is heated by 1.8 K on a flank of 0.4 decades/K would be taken for too warm and too cold in turns, by
+        1.6 times as much each time. The part is that of the steepest flank, so that no row goes beyond."""
+        before, after = self._film_output(p), self.film_output(p, point)
+        links, nodes = self.nodes(p, point.x)
+        _, late = self.split(p, point.x)
+        cold = film_nodes(self.record, self.path, links, late.tolist(), None, p.start, self.spacing)
+        degC = nodes.film_degC[nodes.taken]
+        heated_K, moved_K = degC - cold.film_degC[cold.taken], np.abs(np.diff(degC))
+        far = moved_K > 0.5 * float(np.median(moved_K))  # beside a turn what moved is a quotient of two small numbers
+        steepest = float(np.max(np.abs(np.diff(after))[far] / moved_K[far], initial=0.0))
+        return np.asarray(before + (after - before) / (1.0 + math.log(10.0) * steepest * np.maximum(heated_K, 0.0)))
 
     def film_degC(self, fit: ResistanceFit) -> Array:
         """The film's temperature when each row was read, (rows,)."""

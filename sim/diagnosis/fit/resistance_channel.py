@@ -261,7 +261,7 @@ class ResistanceChannel(FilmEquations):
             before, settled = loss(point), tolerance * self._misfit(point)
             point, damping = damped_step(point, loss, step, damping, DAMPING, PROMISED * settled)
             if links_of(p.effects).heated and 2.0 * point.cost < TRUSTED * self.rows.size:
-                p = replace(p, film_output=self.film_output(p, point))
+                p = replace(p, film_output=self.heated_by(p, point))
             if settle and iteration % EACH == EACH - 1:
                 point = self._about_itself(p, point)
                 p, point = self._settled(p, point, 1)
