@@ -26,11 +26,11 @@ def two_records() -> SimpleNamespace:
     """A plate that cools by 0.1 K/s from 60 degC, twice; the second begins at 1000 s."""
     columns = {"temperature_degC": 60.0 - 0.1 * ROW, "current_A": np.where(ROW < 50, -1.0, -0.5)}
     records = [{"time_s": begin + ROW, **columns} for begin in (0.0, 1000.0)]
-    return SimpleNamespace(record=read_records(records, FALLING_OHM, held_out=False), plate=None)
+    return SimpleNamespace(record=read_records(records, FALLING_OHM, held_out=False), plate=None, drive=None)
 
 
 def test_no_rate_is_taken_from_one_record_to_the_next() -> None:
-    shown = dict(_against(two_records(), None))  # type: ignore[arg-type]
+    shown = dict(_against(two_records()))  # type: ignore[arg-type]
     assert shown["rate / K/s"] == pytest.approx(np.full(200, -0.1), abs=0.06)
 
 
