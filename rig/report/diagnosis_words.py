@@ -144,6 +144,8 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     names_of, names = channels_of(diagnosis), file_names([held.source for held in diagnosis.elsewhere])
     which = f"the held-out record{'s' * (len(names) > 1)} {listed(names)}" if names else "the held-out rows"
     off = "; ".join(f"{names_of[key][0]} is {text}" for key, text in diagnosis.missed.items())
+    if all(diagnosis.open_at_first(key) for key in diagnosis.missed):
+        return f" It holds for {which} too, but for what first rows leave open of a room, of first temperatures and of a memory: {off} there."
     return f" That holds for what was fitted, not for {which}: {off} there."
 
 

@@ -122,12 +122,17 @@ class Diagnosis:
                 found[key] = f"held-out rows are {off}: {self._why_missed(key)}"
         return found
 
+    def open_at_first(self, key: str) -> bool:
+        """Whether a channel's held-out rows are missed by what their record's first rows leave open of what is its own
+        (room, first temperatures, memory), and met where that is fitted to all of its rows."""
+        channel = self.channels[key]
+        return key in self.missed and channel is not None and channel.all_told <= NOISY
+
     def _why_missed(self, key: str) -> str:
         channel = self.channels[key]
-        assert channel is not None
         if self.record.early > 0.0:
             return UNLOGGED
-        if channel.all_told <= NOISY:
+        if channel is not None and self.open_at_first(key):
             return f"{FIRST_ROWS} {rough(channel.all_told)} times"
         return f"what was fitted {SHORTFALL}"
 

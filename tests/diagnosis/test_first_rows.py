@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from rig.report.diagnosis_words import sentence
 from sim.diagnosis.diagnose import diagnose
 from tests.diagnosis.plate_record import levels, record
 
@@ -20,6 +21,7 @@ def test_what_first_rows_leave_open_is_said_to_be_that() -> None:
     assert channel.all_told == pytest.approx(1.0, abs=0.1)
     left = found.document()["left"]["temperature_K"]
     assert "was fitted to its first rows, which leave it open; fitted to all of its rows, these are off by 1" in left
+    assert "It holds for the held-out rows too, but for what first rows leave open" in sentence(found)
     told = diagnose(one, holdout=[other]).channels["temperature_K"]  # with all of its rows
     assert told is not None
     assert told.rmse_extended == pytest.approx(NOISE_K, rel=0.1)

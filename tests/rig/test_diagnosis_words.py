@@ -58,7 +58,7 @@ def test_what_is_left_is_the_same_in_text_json_and_table() -> None:
     assert clean.document()["left"] == {"temperature_K": None, "resistance_dec": None}
     channel = clean.channels["temperature_K"]
     assert channel is not None
-    missed = replace(channel, rmse_extended=2.4 * channel.expected)
+    missed = replace(channel, rmse_extended=2.4 * channel.expected, all_told=1.6)
     held = (HeldOutRecord("runs/other.csv", {"temperature_K": (missed.rmse_extended, 100)}),)
     found = replace(clean, channels={**clean.channels, "temperature_K": missed}, elsewhere=held)
     said, told = found.document(), lines(found)
