@@ -145,7 +145,8 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     which = f"the held-out record{'s' * (len(names) > 1)} {listed(names)}" if names else "the held-out rows"
     off = "; ".join(f"{names_of[key][0]} is {text}" for key, text in diagnosis.missed.items())
     if all(diagnosis.open_at_first(key) for key in diagnosis.missed):
-        return f" It holds for {which} too, but for what first rows leave open of a room, of first temperatures and of a memory: {off} there."
+        own = "of a room, of first temperatures and of a memory"
+        return f" It holds for {which} too, but for what first rows leave open {own}: {off} there."
     return f" That holds for what was fitted, not for {which}: {off} there."
 
 
