@@ -18,6 +18,7 @@ from rig.analysis.film_sense import rising
 from rig.analysis.given_twice import require_different
 from rig.analysis.held_out import require_judging
 from rig.analysis.predicted import missing_inputs, predicted
+from rig.analysis.prediction_error import fitted_values
 from rig.analysis.telling import telling_columns
 from rig.core.faults import Faults, fault
 from rig.files.film_output import FALLING_RESISTANCE
@@ -129,7 +130,8 @@ def with_prediction(diagnosis: Diagnosis, model: Model, holdout: Sequence[Record
             left[diagnosis.record.quantity.channel] = found.output - record.output(model.film.output)
         counted = judges & ~found.fitted_rows
         scored = {name: values[counted & np.isfinite(values)] for name, values in left.items()}
-        elsewhere.append(HeldOutRecord(record.source, {n: (rms(v), v.size) for n, v in scored.items() if v.size}))
+        errors_of_it = {n: (rms(v), v.size) for n, v in scored.items() if v.size}
+        elsewhere.append(HeldOutRecord(record.source, errors_of_it, fitted_values(found, model).get("ambient_degC")))
         for name, values in scored.items():
             errors.setdefault(name, []).append(values)
     channels = dict(diagnosis.channels)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rig.report.diagnosis_words import channels_of, file_names, listed, number
+from sim.diagnosis.report.plate_numbers import ROOM_DEGC
 
 if TYPE_CHECKING:
     from sim.diagnosis.report.caution import Caution
-    from sim.diagnosis.result import Diagnosis
+    from sim.diagnosis.result import Diagnosis, HeldOutRecord
 
 MOST_NAMED = 4  # records in a title
 
@@ -48,7 +49,7 @@ def room_line(diagnosis: Diagnosis) -> list[str]:
 
 
 def held_out_lines(diagnosis: Diagnosis) -> list[str]:
-    """The extended model's error on each of the other records, in the rows that judge."""
+    """The extended model's error on each of the other records, in the rows that judge, and the room found there."""
     lines = []
     for name, held in zip(file_names([one.source for one in diagnosis.elsewhere]), diagnosis.elsewhere, strict=True):
         errors = [
@@ -56,8 +57,15 @@ def held_out_lines(diagnosis: Diagnosis) -> list[str]:
             for key, (what, unit) in channels_of(diagnosis).items()
             if key in held.errors
         ]
-        lines.append(f"{name}: {', '.join(errors) or 'its rows decide, and judge nothing'}")
+        room = [] if held.ambient_degC is None else [f"with a room of {number(held.ambient_degC)} degC{_doubt(held)}"]
+        lines.append(f"{name}: {', '.join([*(errors or ['its rows decide, and judge nothing']), *room])}")
     return lines
+
+
+def _doubt(held: HeldOutRecord) -> str:
+    """Of a room that its first rows hardly tell, or that does what the model lacks."""
+    assert held.ambient_degC is not None
+    return "" if ROOM_DEGC[0] <= held.ambient_degC <= ROOM_DEGC[1] else ", which is none"
 
 
 def warning_line(diagnosis: Diagnosis, caution: Caution) -> str:

@@ -71,15 +71,16 @@ class Channel:
 @dataclass(frozen=True)
 class HeldOutRecord:
     """Another record: its source, and by channel the extended model's RMSE in those of its rows that judge, with how
-    many they are; none where its rows decide."""
+    many they are; none where its rows decide. ambient_degC: the room that its first rows tell; None without a plate."""
 
     source: str
     errors: dict[str, tuple[float, int]]
+    ambient_degC: float | None = None
 
     def document(self) -> dict[str, Any]:
         """As in the JSON."""
         channels = {name: {"rmse_extended": rmse, "samples_holdout": n} for name, (rmse, n) in self.errors.items()}
-        return {"source": self.source, "channels": channels}
+        return {"source": self.source, "channels": channels, "ambient_degC": self.ambient_degC}
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,6 +58,8 @@ def test_records_as_one_and_those_held_out_are_each_told(tmp_path: Path, peltier
     assert [found["source"] for found in said["holdouts"]] == [str(path) for path in others]
     errors = [found["channels"]["temperature_K"] for found in said["holdouts"]]
     held = [f"{path.name}: temperature {e['rmse_extended']:.4g} K" for path, e in zip(others, errors, strict=True)]
+    assert [found["ambient_degC"] for found in said["holdouts"]] == pytest.approx([24.0, 23.0], abs=0.3)
+    held += [f"with a room of {found['ambient_degC']:.4g} degC" for found in said["holdouts"]]
     rooms = ", ".join(f"{Path(r['source']).name} {r['ambient_degC']:.4g} degC" for r in said["records"])
     for text in (*rows, *held, rooms):
         assert text in page
