@@ -1,8 +1,8 @@
 """Whether a film's phases mix otherwise than in their logarithms.
 
 A resistance in series or in parallel bends the output, too: where one of them does as well, it is the simpler reason.
-An effect that is missing looks like a mixing: while much is left, none is tried, until all effects have been. By then
-those at the terminals may have stood in for it.
+An effect that is missing looks like a mixing: none is tried where an effect shows better, nor while much is left, until
+all effects have been. By then those at the terminals may have stood in for it.
 """
 
 from __future__ import annotations
@@ -33,11 +33,21 @@ FAR_FROM_NOISE: Final = 30.0  # the same, beyond which it is no mixing that is m
 def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
     """A fit with relays, or a better one with another mixing, while little is left; where much is, and no effect is
     there yet, one with a mixing that leaves next to nothing: a film that percolates, and no effect, does that. Beside
-    two effects at the terminals none is tried, as they bend the output both ways."""
+    two effects at the terminals none is tried, as they bend the output both ways; nor where an effect that is not there
+    shows better: a film's own mixing shows best of all."""
     left, bent = search.channel.mean_square(fit), sum(at_the_terminals(e.effect) for e in fit.effects)
     if fit.parameters.is_mixed or bent > 1 or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
         return fit
+    if _effect_shows_better(search, fit):
+        return fit
     return _otherwise(search, fit, NEARLY_NOTHING if left > MUCH_LEFT else np.inf) or fit
+
+
+def _effect_shows_better(search: ResistanceSearch, fit: ResistanceFit) -> bool:
+    """Whether one more effect may bring more than another mixing, by their score tests."""
+    others = search.effects.keys() - {e.name for e in fit.effects}
+    mixing = View(search.channel, fit).gain_of_mixing()
+    return any(search.score_test(fit, name).gain > mixing + WORTH for name in sorted(others))
 
 
 def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str] | None:
