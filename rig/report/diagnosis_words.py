@@ -138,7 +138,8 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
-    """That a verdict holds for the fitted rows and not for those held out, where it is so."""
+    """Where held-out rows are missed: whether the verdict holds for them too, but for what their first rows leave open,
+    or for the fitted rows alone."""
     if not diagnosis.missed:
         return ""
     names_of, names = channels_of(diagnosis), file_names([held.source for held in diagnosis.elsewhere])

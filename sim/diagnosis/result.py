@@ -134,7 +134,7 @@ class Diagnosis:
         if self.record.early > 0.0:
             return UNLOGGED
         if channel is not None and self.open_at_first(key):
-            return f"{FIRST_ROWS} {rough(channel.all_told)} times"
+            return f"{FIRST_ROWS} {rough(channel.all_told)} times {channel.foreseen}"
         return f"what was fitted {SHORTFALL}"
 
     @property

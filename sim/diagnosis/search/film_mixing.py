@@ -38,16 +38,16 @@ def mixed(search: ResistanceSearch, fit: ResistanceFit) -> ResistanceFit:
     left, bent = search.channel.mean_square(fit), sum(at_the_terminals(e.effect) for e in fit.effects)
     if fit.parameters.is_mixed or bent > 1 or (left > MUCH_LEFT and (fit.effects or left > FAR_FROM_NOISE)):
         return fit
-    if _effect_shows_better(search, fit):
+    gain = View(search.channel, fit).gain_of_mixing()
+    if gain < WORTH or _effect_shows_better(search, fit, gain):
         return fit
     return _otherwise(search, fit, NEARLY_NOTHING if left > MUCH_LEFT else np.inf) or fit
 
 
-def _effect_shows_better(search: ResistanceSearch, fit: ResistanceFit) -> bool:
-    """Whether one more effect may bring more than another mixing, by their score tests."""
+def _effect_shows_better(search: ResistanceSearch, fit: ResistanceFit, gain: float) -> bool:
+    """Whether one more effect may bring more than another mixing, whose gain this is, by their score tests."""
     others = search.effects.keys() - {e.name for e in fit.effects}
-    mixing = View(search.channel, fit).gain_of_mixing()
-    return any(search.score_test(fit, name).gain > mixing + WORTH for name in sorted(others))
+    return any(search.score_test(fit, name).gain > gain + WORTH for name in sorted(others))
 
 
 def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str] | None:
@@ -56,6 +56,8 @@ def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[
     fit = search.fit(names)
     p = fit.parameters
     if p.is_mixed or not p.has_relays or not MUCH_LEFT < search.channel.mean_square(fit) < FAR_FROM_NOISE:
+        return None
+    if View(search.channel, fit).gain_of_mixing() < WORTH:
         return None
     other = _otherwise(search, fit, MUCH_LEFT)
     if other is None:
@@ -70,8 +72,6 @@ def mixed_at_last(search: ResistanceSearch, names: frozenset[str]) -> frozenset[
 def _otherwise(search: ResistanceSearch, fit: ResistanceFit, most_left: float) -> ResistanceFit | None:
     """The fit with another mixing, where that is worth it and no effect at the terminals does as well. most_left: mean
     square residual over noise that it may leave."""
-    if View(search.channel, fit).gain_of_mixing() < WORTH:
-        return None
     begun = [_with(fit.parameters, *mixing) for mixing in BEGUN]
     best = max(begun, key=lambda p: search.channel.point(p, p.x).evidence)
     other = search.channel.descend(best, WHOLE_STEPS)

@@ -67,7 +67,7 @@ class TemperatureSearch:
         found = [self._added(fit, name) for fit in begin for name in sorted(names - {e.name for e in fit.effects})]
         if self.channel.misfit > 1.0 and not any(jumps(self.effects[name]) for name in names):
             found += self._begun_together(names)
-        return self.keep(self._exchanged(min(found, key=lambda fit: fit.minus_log)))
+        return self.keep(self._in_better_order(min(found, key=lambda fit: fit.minus_log)))
 
     def keep(self, fit: TemperatureFit) -> TemperatureFit:
         """Remember a fit, if it is the best with its effects."""
@@ -122,7 +122,7 @@ class TemperatureSearch:
             best = min((best, other), key=lambda trial: trial.minus_log)
         return best
 
-    def _exchanged(self, fit: TemperatureFit) -> TemperatureFit:
+    def _in_better_order(self, fit: TemperatureFit) -> TemperatureFit:
         """The better of a fit and the one with the plate's time constant and the thermometer's in each other's place;
         where the readings do not tell, as of a heater that begins at rest, that with the faster thermometer."""
         for effect in fit.effects:
