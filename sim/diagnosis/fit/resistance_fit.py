@@ -49,6 +49,13 @@ class FilmParameters:
         mixing = range(ENVELOPES, SHAPE) if self.is_mixed else ()
         return [*mixing, *(SHAPE + k for k, bent in enumerate(bends) if bent)]
 
+    @property
+    def unmixed(self) -> FilmParameters:
+        """The same with phases that mix in their logarithms."""
+        x = self.x.copy()
+        x[ENVELOPES:SHAPE] = 0.0
+        return replace(self, x=x, mixes=False)
+
     def with_relays(self, relay_dec: float) -> FilmParameters:
         """The same with relays of this prior's width, or none at 0."""
         return replace(self, prior=replace(self.prior, relay_dec=relay_dec))

@@ -23,11 +23,12 @@ from sim.diagnosis.search.delays import TIMING
 from sim.diagnosis.search.film_facts import LEAST_NOISE_DEC
 from sim.diagnosis.search.learned import with_domains
 from sim.diagnosis.search.stepwise import Progress
+from sim.diagnosis.validate.adequacies import adequacies
 from sim.diagnosis.validate.deviations import of_one_pass
 
 WORTH: Final = 20.0  # log-likelihood that two numbers more bring where a film has domains: chance brings 10
-WORTH_ASKING: Final = 2.0  # the same as below, of a fit without domains, from which they are fitted: its noise may be
-# too large for want of them, and hide that they come again (2.5 where it is 9.9 once they are fitted)
+WORTH_ASKING: Final = 2.0  # the same as below, from which they are fitted, and effects searched for beside them: the
+# noise of a fit without them may be too large, and hide that they come again (2.5 where it is 9.9 once they are fitted)
 DEVIATIONS: Final = 4.0  # of chance, that what is left of one pass and of another are alike: one record in 30,000
 SHARE: Final = 0.3  # their correlation: 0.28 to 0.68 with domains, 0.04 to 0.2 with what heats a film now and then
 CERTAIN: Final = 10.0  # deviations from which a smaller correlation does: small domains beside much noise
@@ -44,6 +45,8 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
         return chain, judged
     say("a film that switches in steps")
     other = with_domains(chain, names)
+    if not any(one.deviations > WORTH_ASKING for one in _repeated(other, names)):
+        return chain, judged
     for _ in range(ROUNDS):
         before = names
         other, names = select_anew(other, names, say)
@@ -51,6 +54,8 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
         if names == before:
             break
         other = with_domains(other, names)
+    if not _is_clean(other, names):  # fewer effects leave no less, and judging them takes the longest
+        return chain, judged
     found = _as_of_one_pass(other, judge(other, names))
     if found.resistance is None or not found.resistance.clean or not _come_again(_repeated(other, found.fitted)):
         return chain, judged
@@ -96,6 +101,12 @@ def _may_have_domains(chain: Chain, names: frozenset[str]) -> bool:
         return False
     domains = domain_noise(channel, b, LEAST_NOISE_DEC)
     return domains.gain > WORTH and any(one.deviations > WORTH_ASKING for one in repeated(channel, b, domains))
+
+
+def _is_clean(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether nothing is left of the film with these effects."""
+    resistance = adequacies(chain, names)[1]
+    return resistance is not None and resistance.clean
 
 
 def _repeated(chain: Chain, names: frozenset[str]) -> tuple[Repeated, Repeated]:

@@ -106,10 +106,12 @@ def with_domains(chain: Chain, names: frozenset[str]) -> Chain:
 
 
 def _refitted(chain: Chain, names: frozenset[str], facts: FilmFacts) -> Chain:
-    """With other facts of the film, fitted with these effects from where it was."""
-    b = chain.fits(names)[1]
+    """With other facts of the film, fitted with these effects from where it was; at first as if its phases mixed in
+    their logarithms: what looked like another mixing may have been steps."""
+    b, first = chain.fits(names)[1], chain.facts is None or chain.facts.domains is None
     assert b is not None
     chain = replace(chain, facts=facts, found=Found(), together=False)
     search = chain.last(chain.split(names)[0])
-    search.keep(search.whole(b.plain or b.parameters))
+    p = b.plain or b.parameters
+    search.keep(search.whole(p.unmixed if first else p))
     return chain
