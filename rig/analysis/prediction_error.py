@@ -76,6 +76,15 @@ def gap_note(found: Prediction, record: Record) -> str | None:
     return f"{seen}by the first rows after, the film's memory is as if the temperature had gone to {degC} degC"
 
 
+def room_note(found: Prediction, model: Model, record: Record) -> str | None:
+    """A line for a plate whose room is that of another day, or one that the model's own record did not tell."""
+    if found.own is not None or found.temperature_degC is None or model.plate is None:
+        return None
+    room = f"{model.plate.ambient_degC:.1f} degC"
+    said = f"the room is the model's, {room}; --initial fitted finds the record's own in its first rows"
+    return f"{record.source}: {said}"
+
+
 def errors_of(found: Prediction, model: Model, record: Record) -> list[ChannelError]:
     """Of the film's output and of the temperature, each where it was both predicted and measured."""
     pairs = []

@@ -102,6 +102,7 @@ def _predicted(
         gap_note,
         left_out,
         predicted_columns,
+        room_note,
         told_in_words,
     )
 
@@ -114,10 +115,11 @@ def _predicted(
     beyond = beyond_seen(model, record["temperature_degC"], options.model)
     if beyond is not None:
         print(beyond, file=sys.stderr)
-    gaps = gap_note(found, record)
-    if gaps is not None:
-        voice.say(gaps)
-        result["notes"] = [gaps]
+    notes = [note for note in (gap_note(found, record), room_note(found, model, record)) if note is not None]
+    for note in notes:
+        voice.say(note)
+    if notes:
+        result["notes"] = notes
     if found.driven_by is not None:
         result["film_driven_by"] = found.driven_by
     fitted = fitted_values(found, model)

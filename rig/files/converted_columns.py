@@ -82,7 +82,9 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
     if np.any(np.isinf(numbers.values)):
         _refuse_endless(taking, ours, choice, numbers.values)
         if ending in ("degC", "A"):  # of a resistance alone it says something
-            values = np.where(np.isinf(numbers.values), np.nan, values)
+            endless = np.isinf(numbers.values)
+            taking.said.append(f"in {ours} what is beyond the range as no reading ({int(np.sum(endless))} rows)")
+            values = np.where(endless, np.nan, values)
     if ours == "resistance_ohm" and choice.unit not in CONDUCTANCES:
         beyond = beyond_as_a_number(values)
         if np.any(beyond):

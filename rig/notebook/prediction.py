@@ -17,6 +17,7 @@ from rig.analysis.prediction_error import (
     left_out,
     predicted_columns,
     require_something_to_predict,
+    room_note,
 )
 from rig.experiment.feasible import order_warning
 from rig.files.effect_tables import add_effect_files
@@ -98,7 +99,7 @@ def predict(
     found = predicted(known, rows, where, initial=initial, drive=drive, first_s=first_s)
     order = order_warning(known.film, where) if known.film is not None else None
     beyond = beyond_seen(known, rows["temperature_degC"], where)
-    warnings = (order, beyond, left_out(known, rows), gap_note(found, rows))
+    warnings = (order, beyond, left_out(known, rows), gap_note(found, rows), room_note(found, known, rows))
     return PredictedRecord(
         predicted_columns(found, known),
         tuple(errors_of(found, known, rows)),

@@ -17,7 +17,7 @@ from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
 from rig.report.page import figure
 
 if TYPE_CHECKING:
-    from sim.diagnosis.data.record import Record
+    from sim.diagnosis.data.record import Record, Rows
     from sim.diagnosis.result import Diagnosis
 
 BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
@@ -187,10 +187,12 @@ def drawn_loop(diagnosis: Diagnosis) -> Figure:
     temperature = path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
+    cuts = np.searchsorted(index, record.first_rows[1:])  # no line from one record, or past a gap, to the next
     panels = (("base model", BASE, diagnosis.chain.assumed), ("extended model", EXTENDED, names))
     for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
         modelled = shown(diagnosis, group)[record.quantity.channel]
-        _loop(axis, temperature[index], *(record.quantity.values(v[index]) for v in (record.output, modelled)))
+        measured, model = (record.quantity.values(v[index]) for v in (record.output, modelled))
+        _loop(axis, temperature[index], measured, model, cuts)
         if record.quantity.is_resistance:
             log_scale(axis)
         axis.lines[-1].set(color=colour, label=name)
@@ -202,7 +204,9 @@ def drawn_loop(diagnosis: Diagnosis) -> Figure:
     return fig
 
 
-def _loop(axis: Axes, temperature: Array, measured: Array, model: Array) -> None:
+def _loop(axis: Axes, temperature: Array, measured: Array, model: Array, cuts: Rows) -> None:
+    """cuts: the dots before which the model's line is broken."""
     colour = COLOURS["measured"]
     axis.plot(temperature, measured, ".", markersize=2, color=colour, rasterized=True, label="measured")
-    axis.plot(temperature, model, "-", linewidth=0.9, rasterized=True)
+    line = (np.insert(values, cuts, np.nan) for values in (temperature, model))
+    axis.plot(*line, "-", linewidth=0.9, rasterized=True)

@@ -44,7 +44,7 @@ from sim.diagnosis.result import ONLY_UNSEEN, Channel, Diagnosis, Finding, verdi
 from sim.diagnosis.search.both_ends import select
 from sim.diagnosis.search.budget import JUDGING, SEARCHING, Budget, stopped
 from sim.diagnosis.search.chain import FALSE_ALARM, Chain, rounds
-from sim.diagnosis.search.either_kind import search_of_either_kind
+from sim.diagnosis.search.either_kind import is_open, search_of_either_kind
 from sim.diagnosis.validate.adequacies import resistance_residual, temperature_residual
 from sim.diagnosis.validate.adequacy import describe
 from sim.diagnosis.validate.gain import gain, rmse
@@ -97,6 +97,7 @@ def diagnose(
         known = (quantity := record.quantity).effects(catalogue() if effects is None else effects)
         budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
+        one_kind = chain.first is not None and budget.over(SEARCHING) and is_open(chain.first, kinds)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
         cut = ("the search", SEARCHING) if budget.over(SEARCHING) else None
         say("evidence")
@@ -112,7 +113,8 @@ def diagnose(
         cut = cut or (("the judging of what was found", JUDGING) if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
-            found = replace(found, warnings=[*found.warnings, out_of_time(*cut, budget.seconds)])
+            warning = out_of_time(*cut, budget.seconds, kinds if one_kind else ())
+            found = replace(found, warnings=[*found.warnings, warning])
         if base == "generalized_pi":
             found = without_memoryless(found, held_out, budget.over())
         return in_its_unit(found)

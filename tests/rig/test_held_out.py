@@ -60,7 +60,12 @@ def test_the_error_said_is_the_error_got(tmp_path: Path, peltier: Peltier, said:
     assert got["rmse_K"] < 2.0 * NOISE_K  # type: ignore[operator]
     fitted = got["fitted"]
     assert fitted["ambient_degC"] == pytest.approx(25.0 + WARMER_K, abs=0.3)  # type: ignore[index]
-    assert predicted()["rmse_K"] > 1.0  # type: ignore[operator]  # in the room of the day before
+    assert "notes" not in got
+    as_it_is = predicted()
+    assert as_it_is["rmse_K"] > 1.0  # type: ignore[operator]  # in the room of the day before
+    (note,) = as_it_is["notes"]  # type: ignore[misc]
+    assert "the room is the model's, 2" in note
+    assert "--initial fitted" in note
     longer = predicted("--initial", "fitted", "--first", "120")
     assert longer["rows_K"] == TIME.size - 241
     assert 'drive = "current"' in (tmp_path / "model.toml").read_text()

@@ -481,6 +481,13 @@ def test_an_unplugged_thermometer_has_no_reading(file: Path) -> None:
     assert "expected -273.15 to" in refusal(file, f"{HEAD}0,-999,5\n1,-999,6\n2,22,7\n")
 
 
+@pytest.mark.parametrize("beyond", ["inf", "-inf", "9.9E37"])
+def test_a_temperature_beyond_the_range_is_told_as_no_reading(file: Path, beyond: str) -> None:
+    record = read(file, f"{HEAD}0,20,5\n1,{beyond},6\n2,22,7\n")
+    np.testing.assert_array_equal(record["temperature_degC"], [20.0, np.nan, 22.0])
+    assert "in temperature_degC what is beyond the range as no reading (1 rows)" in record.said[0]
+
+
 def test_a_last_line_that_was_cut_off_is_told(file: Path) -> None:
     record = read(file, f"{HEAD}0,20,5\n1,21,6\n2,2")
     assert record.rows == 2

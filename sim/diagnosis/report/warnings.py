@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from sim.diagnosis.data.noise_model import root_mean_square
 from sim.diagnosis.data.record import Record
@@ -122,12 +122,15 @@ def film_is_not_described(chain: Chain, names: frozenset[str]) -> list[Caution]:
     return [Caution("film_not_described", text)]
 
 
-def out_of_time(doing: str, share: float, seconds: float) -> Caution:
-    """Of a diagnosis that its time cut short. doing: what was ended when this share of the time was over."""
+def out_of_time(doing: str, share: float, seconds: float, kinds: Sequence[str] = ()) -> Caution:
+    """Of a diagnosis that its time cut short. doing: what was ended when this share of the time was over; kinds: of
+    plate, where not all of them were searched to the end."""
     text = (
         f"{doing} was ended {share * seconds:.3g} s after the beginning, its share of the {seconds:.3g} s allowed: "
         "this is the best until then; more time may say more"
     )
+    if kinds:
+        text += f". The kind of plate ({' or '.join(kinds)}) was not decided: what is said here may be of the wrong one"
     return Caution("out_of_time", text)
 
 

@@ -16,6 +16,7 @@ from sim.diagnosis.search.meaning import has_meaning
 from sim.diagnosis.search.stepwise import (
     ENTRY,
     FAR_FROM_NOISE,
+    LEAVES_LESS,
     MOST_EFFECTS,
     ROUGH,
     TRIED,
@@ -27,7 +28,6 @@ from sim.diagnosis.search.temperature_search import TELLS, TemperatureSearch, be
 from sim.effects.effect import Switched, jumps
 
 HINT = 2.0  # log-likelihood in the first channel that makes an effect a confounder of one in the last
-LEAVES_LESS = 0.5  # of what is left behind the other order: the right one leaves the noise, or a cause of its own
 NEAR = 40.0  # sets this close in score are looked at on the other channel too
 
 

@@ -7,18 +7,14 @@ kind may then be nearer to it: where the better one leaves more than the noise, 
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.search.budget import SEARCHING, Budget
 from sim.diagnosis.search.chain import temperature_search
-from sim.diagnosis.search.stepwise import ROUGH, select_first_links
+from sim.diagnosis.search.stepwise import LEAVES_LESS, ROUGH, select_first_links
 from sim.diagnosis.search.temperature_search import TemperatureSearch
 from sim.effects.effect import Effect
-
-LEAVES_LESS: Final = 0.5  # of what the other kind leaves: the right one leaves the noise, or a cause of its own is left
 
 
 def search_of_either_kind(
@@ -30,12 +26,17 @@ def search_of_either_kind(
 ) -> TemperatureSearch:
     """That of the first links (`temperature_search`), with the kind among several that tells the record."""
     first = temperature_search(record, effects, kinds, assumed, budget)
-    others = tuple(kind for kind in kinds if kind != first.base.parameters.kind)
-    misfit = 2.0 * first.base.minus_log > ROUGH * first.channel.rows.size
-    if not others or not misfit or budget.over(SEARCHING):
+    if not is_open(first, kinds) or budget.over(SEARCHING):
         return first
+    others = tuple(kind for kind in kinds if kind != first.base.parameters.kind)
     other = temperature_search(record, effects, others, assumed, budget)
     return other if _left_K(other) < LEAVES_LESS * _left_K(first) else first
+
+
+def is_open(search: TemperatureSearch, kinds: tuple[str, ...]) -> bool:
+    """Whether the plate alone leaves so much that another of these kinds has to be searched for effects, too."""
+    misfit = 2.0 * search.base.minus_log > ROUGH * search.channel.rows.size
+    return misfit and any(kind != search.base.parameters.kind for kind in kinds)
 
 
 def _left_K(search: TemperatureSearch) -> float:

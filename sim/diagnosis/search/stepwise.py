@@ -27,6 +27,7 @@ RELAYED = 1.1  # mean square residual over noise that relays leave, at which the
 WIDENED = 2  # candidates that get relays
 FAR_FROM_NOISE = 30.0  # mean square residual over noise
 LITTLE_CHANGED = 0.7
+LEAVES_LESS = 0.5  # of what another kind of plate, or order of lags, leaves: the right one leaves little but the noise
 NOTHING_CHANGED = 0.01  # of what is left: the largest there is would never account for it
 LITTLE_BESIDE = 0.1  # the same beside relays, which do most of what a film can do
 Progress = Callable[[str], None]
