@@ -15,7 +15,7 @@ from sim.diagnosis.fit.domain_noise import domain_noise, steps_may_show
 from sim.diagnosis.fit.film_basis import SHAPE
 from sim.diagnosis.fit.repeated_passes import Repeated, repeated
 from sim.diagnosis.fit.unknowns import fitted_parameters
-from sim.diagnosis.judge.verdict import Verdict, judge, least_evidence
+from sim.diagnosis.judge.verdict import Verdict, judge, least_evidence, likeliest_timed
 from sim.diagnosis.search.both_ends import select_anew
 from sim.diagnosis.search.budget import JUDGING
 from sim.diagnosis.search.chain import Chain
@@ -84,11 +84,11 @@ def _as_of_one_pass(chain: Chain, judged: Verdict) -> Verdict:
 
 
 def _best_timed(chain: Chain, names: frozenset[str]) -> frozenset[str]:
-    """With the best of those effects that delay what is read of the film in the place of one. Each is followed to its
-    end, relays and all, which the search's own swap (`delays`) leaves out: beside steps it chose the wrong lag."""
+    """With the likeliest of those effects that delay what is read of the film in the place of one. Each is followed to
+    its end, relays and all, which the search's own swap (`delays`) leaves out: beside steps it chose the wrong lag."""
     for name in sorted((names & TIMING) - chain.assumed):
         others = [names - {name} | {other} for other in sorted(TIMING - names) if other in chain.effects]
-        names = max([names, *chain.budget.in_time(others)], key=chain.score)
+        names = likeliest_timed(chain, [names, *chain.budget.in_time(others)])
     return names
 
 

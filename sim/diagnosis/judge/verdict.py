@@ -7,6 +7,7 @@ what was left without it; else what is left is called unexplained, and not force
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -127,10 +128,13 @@ def _without_one(chain: Chain, names: frozenset[str], weakest: str) -> frozenset
     fewer = [names - {weakest}]
     if weakest in TIMING and not chain.budget.over(JUDGING):
         fewer += [names - {name} for name in sorted((names & TIMING) - chain.assumed - {weakest})]
-    if len(fewer) == 1:
-        return fewer[0]
-    fits = [fit for fit in (chain.fits(each)[1] for each in fewer) if fit is not None]
-    return fewer[int(np.argmin(of_delays(fits)))]
+    return likeliest_timed(chain, fewer) if len(fewer) > 1 else fewer[0]
+
+
+def likeliest_timed(chain: Chain, sets: Sequence[frozenset[str]]) -> frozenset[str]:
+    """Of sets of effects that differ in which one delays what is read of the film, the likeliest."""
+    fits = [fit for fit in (chain.fits(each)[1] for each in sets) if fit is not None]
+    return sets[int(np.argmin(of_delays(fits)))]
 
 
 def _worth(
