@@ -229,7 +229,7 @@ class Desk:
         if self.in_loop:
             self.gate.stop(Tripped("history", text, self.clock.now_s()))
         else:
-            self._tell(text)
+            self.enter_in_log(text)
         self.latching.keep_again()
         self.changed()
 
@@ -241,7 +241,7 @@ class Desk:
                 return
         self.latching.keep()
         self.writer.do(lambda store: self._save_trip(store, latch))
-        self._tell(f"TRIPPED, {cause}: {text}")
+        self.enter_in_log(f"TRIPPED, {cause}: {text}")
         self.announcer.tell("trip", latch.table())
         self.changed()
         webhook = self.file.content.serve.webhook
@@ -255,7 +255,7 @@ class Desk:
         self._log(text)
         self.changed()
 
-    def _tell(self, text: str) -> None:
+    def enter_in_log(self, text: str) -> None:
         """To the log, with the time of day."""
         self._log(f"{time.strftime('%Y-%m-%d %H:%M:%S', time.localtime(self.label_s()))} {text}")
 
@@ -263,7 +263,7 @@ class Desk:
         """Keep, tell and log what became of a job."""
         table = job.table()
         self.writer.do(lambda store: store.save_job(table))
-        self._tell(job_in_words(table))
+        self.enter_in_log(job_in_words(table))
         self.announcer.tell("job", table)
         self.changed()
 
@@ -280,7 +280,7 @@ class Desk:
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         self.latching.keep()
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
-        self._tell(f"STOP by {by}: {said}; the queue is held")
+        self.enter_in_log(f"STOP by {by}: {said}; the queue is held")
         self.wake.set()
         self.changed()
         return off
@@ -299,7 +299,7 @@ class Desk:
         self.contradicted = False
         if latch.state != STOPPED:
             self.writer.do(lambda store: self._save_trip(store, latch))
-        self._tell(f"reset: {reason}")
+        self.enter_in_log(f"reset: {reason}")
         self.wake.set()
         self.changed()
         return True

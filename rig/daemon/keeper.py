@@ -135,6 +135,8 @@ class Keeper:
         desk.has_dead_man = bench.controller.has_dead_man
         desk.confirms_off_by, desk.drive_unit = confirmed_by(bench.controller), drive_unit(bench.controller)
         desk.output_now("off")  # the bench opens with it
+        if desk.offline_because:
+            desk.enter_in_log("the bench is held again, the output is off")
         desk.online, desk.offline_because = True, ""
         desk.live_by(bench.clock)
 
@@ -158,6 +160,7 @@ class Keeper:
         desk.online, desk.offline_because = False, str(error)
         desk.memory_since_s = None
         if news:
+            desk.enter_in_log(f"offline, tried again every {TRY_AGAIN_S:g} s: {error}")
             desk.changed()
 
     def _hold(self, bench: Bench) -> None:

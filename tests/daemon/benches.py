@@ -77,7 +77,8 @@ class RunningBench:
         self.file, notes = bench_of(read_configuration(path))
         self.socket = socket
         self._listener = ControlSocket(socket)
-        self.desk = Desk(self.file, RealClock(), notes)
+        self.logged: list[str] = []
+        self.desk = Desk(self.file, RealClock(), notes, log=self.logged.append)
         self.keeper = Keeper(self.file, self.desk, Notifier())
         self._thread = threading.Thread(target=self._keep, daemon=True)
         self._listener.start(Answers(self.desk))

@@ -277,6 +277,9 @@ def test_another_instrument_on_the_same_cable_is_waited_out(
     another.clear()
     until(lambda: bench.desk.online, "the instruments")
     bench.until_state("idle")
+    lost, found = (line.split(" ", 2)[2] for line in bench.logged)  # after the time of day
+    assert lost.startswith("offline, tried again every 0.05 s: ")
+    assert found == "the bench is held again, the output is off"
 
 
 def unrecorded(state: dict[str, Any]) -> bool:
