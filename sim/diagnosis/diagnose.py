@@ -101,9 +101,7 @@ def diagnose(
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
         cut = ("the search", SEARCHING) if budget.over(SEARCHING) else None
         say("evidence")
-        chain, names, judged = beside_coloured_noise(begun, (chain, names, judge(chain, names)), say)
-        chain, judged = on_a_smoothed_path(chain, names, judged)
-        chain, judged = beside_domains(chain, names, judged, say)
+        chain, judged = _judged(begun, chain, names, say)
         judged = told_by_film_records(chain, judged, _further(of_film, quantity))
         judged = _with_sizes(chain, judged)
         others = [other.commanded_in_sight(known.values()) for other in _further(holdout, quantity)]
@@ -118,6 +116,23 @@ def diagnose(
         if base == "generalized_pi":
             found = without_memoryless(found, held_out, budget.over())
         return in_its_unit(found)
+
+
+def _judged(begun: Chain, chain: Chain, names: frozenset[str], say: Progress) -> tuple[Chain, Verdict]:
+    """What may be said, beside what else may be the cause of what is left: steps of the film's domains, noise of
+    another colour, a smoother path. What a film leaves in steps often passes for noise of another colour, and a search
+    beside that takes as long as the first: where the plate is understood, domains are asked for before."""
+    first = judge(chain, names)
+    understood = first.temperature is None or first.temperature.clean
+    if understood:
+        stepped, judged = beside_domains(chain, names, first, say)
+        if judged is not first:
+            return stepped, judged
+    chain, names, judged = beside_coloured_noise(begun, (chain, names, first), say)
+    chain, judged = on_a_smoothed_path(chain, names, judged)
+    if understood and judged is first:  # asked before
+        return chain, judged
+    return beside_domains(chain, names, judged, say)
 
 
 def _with_sizes(chain: Chain, judged: Verdict) -> Verdict:
