@@ -68,8 +68,10 @@ class Keeper:
             desk.writer.start()
             try:
                 while True:
-                    self._once()
+                    news = self._once()
                     self._see_whether_to_end()  # at once: what came while the output was switched off has waited
+                    if news:
+                        desk.enter_in_log(f"offline, tried again every {TRY_AGAIN_S:g} s: {desk.offline_because}")
                     self._wait_to_try_again()
                     self._see_whether_to_end()
             except Stopped as stopped:
@@ -101,8 +103,8 @@ class Keeper:
         if self._ending:
             raise Stopped(signal.SIGTERM)
 
-    def _once(self) -> None:
-        """Open the bench and keep it until it is lost."""
+    def _once(self) -> bool:
+        """Open the bench and keep it until it is lost; whether it was not known to be lost before."""
         desk = self._desk
         try:
             with open_bench(self._file, self._guard) as bench:
@@ -118,15 +120,16 @@ class Keeper:
         except (PortHeld, Faults) as error:  # Faults: what has come back is another instrument
             if not self._opened:
                 raise
-            self._lost(error)
+            news = self._lost(error)
         except NotConfirmedOff as error:
             self._not_off = error
             desk.output_now("off", confirmed=False)
-            self._lost(error)
+            news = self._lost(error)
             if isinstance(error.__cause__, Stopped):
                 raise
         except RigError as error:
-            self._lost(error)
+            news = self._lost(error)
+        return news
 
     def _attach(self, bench: Bench) -> None:
         desk = self._desk
@@ -154,14 +157,15 @@ class Keeper:
             self._running = None
         desk.gate.attach(None)
 
-    def _lost(self, error: BaseException) -> None:
+    def _lost(self, error: BaseException) -> bool:
+        """Whether that is news: what was offline is offline still."""
         desk = self._desk
         news = desk.online or not desk.offline_because
         desk.online, desk.offline_because = False, str(error)
         desk.memory_since_s = None
         if news:
-            desk.enter_in_log(f"offline, tried again every {TRY_AGAIN_S:g} s: {error}")
             desk.changed()
+        return news
 
     def _hold(self, bench: Bench) -> None:
         """Tick after tick, until the bench is lost (RigError) or a signal comes (Stopped)."""

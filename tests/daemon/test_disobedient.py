@@ -147,6 +147,8 @@ def test_an_end_while_the_output_is_unknown_says_of_which_controller(
     with pytest.raises(NotConfirmedOff, match=r"^/dev/one: ") as ended:
         one.keep()
     assert isinstance(ended.value.__cause__, Stopped)
+    tried_again = cast(Mock, desk).enter_in_log.call_count
+    assert tried_again == (left == "gone since")  # no log promises another attempt to a daemon that ends
 
 
 @pytest.mark.parametrize("confirmed", [True, False])
