@@ -73,6 +73,8 @@ def _content(path: Path, most: int) -> Any:
         raise fault(path, "", NO_SENSE) from None
     except Exception as error:  # scipy raises what its parser happened to meet in a broken file
         text = " ".join(str(error).split())[:200]
+        if "cannot reshape" in text:  # of that kind, too, numbers that take no bytes
+            raise fault(path, "", NO_SENSE) from None
         raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {text}") from None
 
 
