@@ -34,6 +34,7 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - numpy reads these where it is imported
 
+from compensator.identification.model_selection import rms  # noqa: E402
 from rig.analysis.diagnosed import diagnosed  # noqa: E402
 from rig.files.record import Record  # noqa: E402
 from rig.files.record_file import ColumnMapping, read_record  # noqa: E402
@@ -81,7 +82,7 @@ def every_block(found: Diagnosis) -> float:
     assert fit is not None
     assert record.output is not None
     held = record.held_out & record.output_used
-    return float(np.sqrt(np.mean((record.output - fit.shown)[held] ** 2)))
+    return rms((record.output - fit.shown)[held])
 
 
 def film(data: Path, _: int) -> None:
@@ -156,7 +157,7 @@ def lamp(data: Path, _: int) -> None:
         record = found.chain.record
         assert plate is not None
         held = record.held_out & record.temperature_used
-        error_K = float(np.sqrt(np.mean((record.temperature_degC - plate.shown_degC)[held] ** 2)))
+        error_K = rms((record.temperature_degC - plate.shown_degC)[held])
         print(f"{'':<44}{error_K:>9.4g}  asked 1.6 K   not named, in all held-out blocks", flush=True)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
@@ -79,10 +80,10 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
     values = numbers.values
     if numbers.ending is None and choice.unit != ending:
         values = np.asarray(UNITS[ending][choice.unit](values), dtype=np.float64)
-    if np.any(np.isinf(numbers.values)):
-        _refuse_endless(taking, ours, choice, numbers.values)
+    endless = np.isinf(numbers.values)
+    if np.any(endless):
+        _refuse_endless(taking, ours, choice, endless)
         if ending in ("degC", "A"):  # of a resistance alone it says something
-            endless = np.isinf(numbers.values)
             taking.said.append(f"in {ours} what is beyond the range as no reading ({int(np.sum(endless))} rows)")
             values = np.where(endless, np.nan, values)
     if ours == "resistance_ohm" and choice.unit not in CONDUCTANCES:
@@ -107,10 +108,10 @@ def _above_absolute_zero(taking: Taking, values: Array) -> Array:
     return np.where(below, np.nan, values)
 
 
-def _refuse_endless(taking: Taking, ours: str, choice: Choice, values: Array) -> None:
+def _refuse_endless(taking: Taking, ours: str, choice: Choice, endless: NDArray[np.bool_]) -> None:
     """Infinity is a reading beyond the range where it was written so, not where it has too many digits."""
     table, texts = taking.table, taking.table.columns[choice.index].texts
-    rows = [int(k) for k in np.flatnonzero(np.isinf(values))] if texts is not None else []
+    rows = [int(k) for k in np.flatnonzero(endless)] if texts is not None else []
     wrong = [k for k in rows if texts is not None and sum(map(str.isdigit, texts[k])) > 2 and not _sentinel(texts[k])]
     if wrong and texts is not None:
         raise Faults(

@@ -97,7 +97,7 @@ def diagnose(
         known = (quantity := record.quantity).effects(catalogue() if effects is None else effects)
         budget = Budget(math.inf if budget_s is None else budget_s, clock, began_s)
         chain = _chain(record, known, kinds, assume or {}, budget)
-        one_kind = chain.first is not None and budget.over(SEARCHING) and is_open(chain.first, kinds)
+        undecided = chain.first is not None and budget.over(SEARCHING) and is_open(chain.first, kinds)
         chain, names = select(begun := replace(chain, false_alarm=chosen_false_alarm), say)
         cut = ("the search", SEARCHING) if budget.over(SEARCHING) else None
         say("evidence")
@@ -111,7 +111,7 @@ def diagnose(
         cut = cut or (("the judging of what was found", JUDGING) if budget.over(JUDGING) else None)
         found = _diagnosis(chain, told.judged, held_out, say)
         if cut is not None:
-            warning = out_of_time(*cut, budget.seconds, kinds if one_kind else ())
+            warning = out_of_time(*cut, budget.seconds, kinds if undecided else ())
             found = replace(found, warnings=[*found.warnings, warning])
         if base == "generalized_pi":
             found = without_memoryless(found, held_out, budget.over())
