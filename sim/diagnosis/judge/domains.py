@@ -45,7 +45,7 @@ def beside_domains(chain: Chain, names: frozenset[str], judged: Verdict, say: Pr
         return chain, judged
     say("a film that switches in steps")
     other = with_domains(chain, names)
-    if not any(one.deviations > WORTH_ASKING for one in _repeated(other, names)):
+    if not _promises(other, names):
         return chain, judged
     for _ in range(ROUNDS):
         before = names
@@ -101,6 +101,15 @@ def _may_have_domains(chain: Chain, names: frozenset[str]) -> bool:
         return False
     domains = domain_noise(channel, b, LEAST_NOISE_DEC)
     return domains.gain > WORTH and any(one.deviations > WORTH_ASKING for one in repeated(channel, b, domains))
+
+
+def _promises(chain: Chain, names: frozenset[str]) -> bool:
+    """Whether domains that are fitted may be the cause of what is left: where they leave nothing else, it may come
+    again; where they leave something, as they do beside an effect that is still to be found, it does."""
+    found = _repeated(chain, names)
+    if _come_again(found):
+        return True
+    return any(one.deviations > WORTH_ASKING for one in found) and _is_clean(chain, names)
 
 
 def _is_clean(chain: Chain, names: frozenset[str]) -> bool:
