@@ -45,7 +45,7 @@ def confounders_of(chain: Chain, names: frozenset[str], judged: Verdict) -> dict
                 continue
             if is_last and not beside_relays:  # a few steps say nothing of where relays settle
                 named = search.fit(chain.split(names)[1])
-                begun = search.quick(fit, other), search.instead(named, name, other)
+                begun = search.quick(fit, other), chain.instead(names, name, other)
                 best = max(begun, key=lambda f: f.score)
                 if best.score < named.score - FAR:
                     continue

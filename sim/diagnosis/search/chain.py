@@ -98,11 +98,13 @@ def rounds(effect: Effect) -> bool:
 class Found:
     """The fits of the last links and of both ends that were found so far. searches: of the last links, by the first
     links' effects, which give the path; joint: both channels fitted as one, None where each is fitted for itself;
-    relayed: the effects beside which relays were tried though little is left."""
+    relayed: the effects beside which relays were tried though little is left; instead: of these effects, one and
+    another, the last links' fit with the other in its place."""
 
     searches: dict[frozenset[str], ResistanceSearch] = field(default_factory=dict)
     joint: dict[frozenset[str], JointFit | None] = field(default_factory=dict)
     relayed: set[frozenset[str]] = field(default_factory=set)
+    instead: dict[tuple[frozenset[str], str, str], ResistanceFit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,6 +265,14 @@ class Chain:
         if known is not None and quick.score > known.score:
             self.last(self.split(names)[0]).finish(quick)
             self.found.joint.pop(names, None)
+
+    def instead(self, names: frozenset[str], name: str, other: str) -> ResistanceFit:
+        """Another effect of the last links in the place of one of these, some steps from the film as it is there."""
+        key, (upstream, downstream) = (names, name, other), self.split(names)
+        if key not in self.found.instead:
+            search = self.last(upstream)
+            self.found.instead[key] = search.instead(search.fit(downstream), name, other)
+        return self.found.instead[key]
 
     def film_channel(self, names: frozenset[str]) -> ResistanceChannel:
         """The channel that the last links' fit with these effects is of."""

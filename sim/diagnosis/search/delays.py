@@ -9,7 +9,6 @@ rows 2 s apart.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -25,7 +24,6 @@ PATH: Final = 100.0  # cost that fits with relays differ by for how they were co
 ROUNDS: Final = 2  # of beginning each from the others: in a third next to none gains
 FOR_ONE_MORE: Final = 20.0  # cost that a second delay has to bring, as any effect beside a film of another kind
 GAINS: Final = 1.0  # of log-likelihood or cost, by which a fit is better than another
-ALIKE: Final = 3.0  # log-likelihood, 20 to 1: less does not decide between two delays, and descents stop within 1
 
 
 def best_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
@@ -52,17 +50,13 @@ def likely_timed(search: ResistanceSearch, names: frozenset[str]) -> frozenset[s
 def _swapped(
     search: ResistanceSearch, names: frozenset[str], name: str
 ) -> tuple[ResistanceFit, dict[str, ResistanceFit]]:
-    """The best fit with another delay in the place of one, or with that; those with each of the others. Of those that
-    fit as well, as on a steady ramp, the first by name: which is the best hangs on the last digit of a reading."""
+    """The best fit with another delay in the place of one, or with that; those with each of the others."""
     best = search.ended(search.fit(names))
     others = sorted((TIMING & search.effects.keys()) - names)
     anew = search.channel.mean_square(best) > MUCH_LEFT
     found = {other: search.instead(best, name, other, anew) for other in search.budget.in_time(others)}
-    met = {other: fit for other, fit in found.items() if math.isfinite(fit.score) and has_meaning(search, fit)}
-    sound = {name: best, **met}
-    least = max(fit.score for fit in sound.values()) - ALIKE
-    first = min(n for n, fit in sound.items() if fit.score >= least)
-    return search.finish(sound[first]) if first != name else best, found
+    better = max((f for f in found.values() if has_meaning(search, f)), key=lambda f: f.score, default=best)
+    return search.finish(better) if better.score > best.score + GAINS else best, found
 
 
 def _one_for_several(search: ResistanceSearch, names: frozenset[str]) -> frozenset[str]:
