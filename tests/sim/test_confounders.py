@@ -29,9 +29,6 @@ class Search:
     def quick(self, fit: Any, other: str) -> Any:
         return self.fit(fit.names | {other})
 
-    def instead(self, named: Any, name: str, other: str) -> Any:
-        return self.fit(named.names - {name} | {other})
-
     def score_tests(self, fit: Any, others: Iterable[str]) -> dict[str, list[Any]]:
         return {name: [SimpleNamespace(gain=self._scores[frozenset({name})])] for name in others}
 
@@ -56,6 +53,9 @@ class Searched:
 
     def last(self, upstream: frozenset[str]) -> Search:
         return Search(self._scores)
+
+    def instead(self, names: frozenset[str], name: str, other: str) -> Any:
+        return self.last(frozenset()).fit(names - {name} | {other})
 
     def fits(self, names: frozenset[str]) -> tuple[None, Any]:
         return None, self._film
