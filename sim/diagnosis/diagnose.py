@@ -15,7 +15,7 @@ from sim.diagnosis.data.quantity import FALLING_OHM, Quantity
 from sim.diagnosis.data.record import Record, read_columns
 from sim.diagnosis.data.rough_number import rough
 from sim.diagnosis.in_its_unit import in_its_unit
-from sim.diagnosis.judge.alike_delays import first_of_alike
+from sim.diagnosis.judge.alike_delays import simplest_of_alike
 from sim.diagnosis.judge.carried_over import CarriedOver, carried_over
 from sim.diagnosis.judge.coloured_noise import beside_coloured_noise
 from sim.diagnosis.judge.domains import beside_domains
@@ -104,7 +104,7 @@ def diagnose(
         say("evidence")
         chain, judged = _judged(begun, chain, names, say)
         judged = told_by_film_records(chain, judged, _further(of_film, quantity))
-        judged = _with_sizes(chain, first_of_alike(chain, judged))
+        judged = _with_sizes(chain, simplest_of_alike(chain, judged))
         others = [other.commanded_in_sight(known.values()) for other in _further(holdout, quantity)]
         told = borne_out(chain, judged, others)
         first = tuple(Other(o, told_rows(o) if as_predicted else None) for o in others)
