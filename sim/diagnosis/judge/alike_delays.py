@@ -32,12 +32,16 @@ def simplest_of_alike(chain: Chain, judged: Verdict) -> Verdict:
 
 
 def _simplest(chain: Chain, names: frozenset[str], name: str) -> frozenset[str]:
-    """The same effects, or those with a simpler delay that fits as well."""
+    """The same effects, or those with a simpler delay that fits as well; beside a film of another kind the same: two fits
+    of it differ by more for how they were come by."""
     search = chain.last(chain.split(names)[0])
     simpler = SIMPLEST_FIRST[: SIMPLEST_FIRST.index(name)]
     sets = [names - {name} | {n} for n in simpler if n in search.effects and n not in names]
     for each in sets:
         chain.followed(each, chain.instead(names, name, *(each - names)))
     sets.append(names)
-    costs = of_delays([fit for fit in (chain.fits(each)[1] for each in sets) if fit is not None])
+    fits = [fit for fit in (chain.fits(each)[1] for each in sets) if fit is not None]
+    if all(fit.parameters.has_relays for fit in fits):
+        return names
+    costs = of_delays(fits)
     return next(each for each, cost in zip(sets, costs, strict=True) if cost <= costs[-1] + ALIKE)
