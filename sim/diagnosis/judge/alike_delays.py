@@ -32,8 +32,8 @@ def simplest_of_alike(chain: Chain, judged: Verdict) -> Verdict:
 
 
 def _simplest(chain: Chain, names: frozenset[str], name: str) -> frozenset[str]:
-    """The same effects, or those with a simpler delay that fits as well; beside a film of another kind the same: two fits
-    of it differ by more for how they were come by."""
+    """The same effects, or those with a simpler delay that fits as well. Beside a film of another kind the same: two
+    fits of it differ by more for how they were come by."""
     search = chain.last(chain.split(names)[0])
     simpler = SIMPLEST_FIRST[: SIMPLEST_FIRST.index(name)]
     sets = [names - {name} | {n} for n in simpler if n in search.effects and n not in names]
