@@ -105,7 +105,7 @@ def test_a_drift_beside_steps_is_found() -> None:
 @pytest.mark.long
 def test_effects_are_not_searched_beside_domains_that_explain_nothing() -> None:
     """Temperature and resistance of two records: what is left comes again 0.2 alike, and was searched for 220 s."""
-    blind, said = case("negative", 105004, control="swapped"), list[str]()
+    blind, said = case("negative", 105004), list[str]()
     assert diagnose(blind.columns, say=said.append).document()["verdict"] == "unexplained"
     assert "a film that switches in steps" in said
     assert said.count("both together") == 1
