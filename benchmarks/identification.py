@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.film import FilmModel
 from compensator.identification.film import FilmFit, FilmRecord, identify_film, identify_film_records
-from compensator.identification.plate import identify_plate
 from compensator.thermal.plate import PlateModel
+from sim.inference.plate import identify_plate
 from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, random_profile, relay_film
 
 Array = NDArray[np.float64]

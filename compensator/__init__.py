@@ -2,26 +2,3 @@
 
 No clock, no port, no file and no log is known here; time is a parameter.
 """
-
-from compensator.moved import moved
-
-moved(
-    "compensator",
-    {
-        "check": "inverse.check",
-        "compress": "identification.compression",
-        "design": "control.design",
-        "film": "hysteresis.film",
-        "functions": "hysteresis.functions",
-        "identify_film": "identification.film",
-        "identify_plate": "identification.plate",
-        "identify_rows": "identification.rows",
-        "iteration": "inverse.iteration",
-        "own_functions": "hysteresis.own_functions",
-        "pid": "control.pid",
-        "plate": "thermal.plate",
-        "play": "hysteresis.play",
-        "solve": "inverse.solve",
-        "temperature_path": "identification.temperature_smoother",
-    },
-)

@@ -61,7 +61,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "compensator.identification.film_fit",
         "compensator.identification.rows",
         "compensator.identification.temperature_smoother",
-        "compensator.identification.plate",
+        "sim.inference.plate",
     ),
     "Control": (
         "compensator.thermal.plate",

@@ -12,8 +12,6 @@ docs/python.md is an hour with them. A name is loaded when it is first used, so 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from compensator.moved import moved
-
 if TYPE_CHECKING:
     from rig.core.faults import Faults
     from rig.files.model_file import Model
@@ -61,16 +59,6 @@ __all__ = [
     "simulated_rig",
     "write_model",
 ]
-moved(
-    "rig",
-    {
-        "clock": "core.clock",
-        "errors": "core.errors",
-        "faults": "core.faults",
-        "outcome": "core.outcome",
-        "reading": "core.reading",
-    },
-)
 
 
 def __getattr__(name: str) -> Any:

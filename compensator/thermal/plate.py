@@ -24,6 +24,8 @@ from numba import njit
 
 from compensator.hysteresis.functions import KELVIN, Array
 
+Kind = Literal["peltier", "heater"]
+
 
 @njit(cache=True)
 def exact_step(temperature: float, forcing: float, decay: float, dt: float) -> float:
@@ -112,8 +114,9 @@ class PlateModel:
     conductance_over_capacity_per_s: float
     ambient_degC: float
     drive_over_capacity_K_per_s: float = 0.0
-    kind: Literal["peltier", "heater"] = "peltier"
-    error_K: float = 0.0  # by how much the model is off beyond an instrument's noise, as if in each reading by itself
+    kind: Kind = "peltier"
+    error_K: float = 0.0  # by how much the model is off beyond an instrument's noise (standard deviation),
+    error_time_s: float = 0.0  # and for how long it stays so (correlation time; 0: from one reading to the next)
     inputs: tuple[tuple[str, float], ...] = ()  # what else heats it in a record (`sim.model.inputs`): K/s per unit
 
     def __post_init__(self) -> None:
@@ -123,6 +126,7 @@ class PlateModel:
             "conductance_over_capacity_per_s",
             "drive_over_capacity_K_per_s",
             "error_K",
+            "error_time_s",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

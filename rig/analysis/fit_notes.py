@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from compensator.identification.plate import PlateFit
     from compensator.inverse.check import Finding
+    from sim.inference.plate import PlateFit
 
 MISFIT: Final = 2.0  # times the noise: beyond it a model does not describe its record
 

@@ -9,7 +9,6 @@ from typing import Any, Literal
 from compensator.hysteresis.film import FilmModel
 from compensator.identification.compression import Compression, compress
 from compensator.identification.film import FilmFit, FilmRecord, identify_film_records
-from compensator.identification.plate import PlateFit, PlateRecord, identify_plate_records
 from compensator.inverse.check import Finding, check_model
 from rig.analysis.film_numbers import FilmNumbers, numbers_of_record
 from rig.analysis.film_sense import rising
@@ -18,6 +17,7 @@ from rig.files.film_output import FALLING_RESISTANCE, column_of
 from rig.files.film_records import seen_degC, told_by
 from rig.files.model_file import Model
 from rig.files.record_file import Record
+from sim.inference.plate import PlateFit, PlateRecord, identify_plate_records
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import PlateModel
 from rig.core.faults import fault
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades
 from rig.files.model_file import Drive, Model
@@ -19,9 +20,9 @@ from sim.diagnosis.data.record import Mask, own_noise, read_columns, told_of
 from sim.diagnosis.data.record import Record as Rows
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Switched, Warming, of_resistances
+from sim.inference.nuisance import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.chain import NO_PLATE, ChainModel
 from sim.model.inputs import NAMES as INPUTS
-from sim.model.own_fit import LEAST_NOISE_DEC, Told, first_readings, fit_own, told_rows
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn, long_gaps
 from sim.model.record_run import RecordRun, straight_path
@@ -73,7 +74,7 @@ def predicted(
     effects = _meaningful(model, where)
     fitted = initial == "fitted"
     told = _first_rows(rows, first_s, fitted)
-    readings = _readings(rows, record, model.film, model.plate.error_K if model.plate is not None else 0.0)
+    readings = _readings(rows, record, model.film, model.plate)
     if fitted and model.film is not None and readings.output is None:
         raise fault(record.source, column_of(model.film.output), "missing; --initial fitted needs readings to fit to")
     film = film_of_world(model.film) if model.film is not None else None
@@ -153,9 +154,11 @@ def _rows(record: Record) -> Rows:
     return rows
 
 
-def _readings(rows: Rows, record: Record, film: FilmModel | None, error_K: float) -> Told:
-    """What was read, of the film in the output of its model; error_K: of the plate's model."""
-    told = replace(told_of(rows), error_K=error_K)
+def _readings(rows: Rows, record: Record, film: FilmModel | None, plate: PlateModel | None) -> Told:
+    """What was read, of the film in the output of its model, and by how much the plate's model is off."""
+    told = told_of(rows)
+    if plate is not None:
+        told = replace(told, error_K=plate.error_K, error_time_s=plate.error_time_s)
     output = None
     if film is not None and record.has_output(film.output):
         output = np.asarray(record.output(film.output), dtype=np.float64)

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from compensator.identification.heat_balance import Kind
-from compensator.identification.plate import identify_plate
+from compensator.thermal.plate import Kind
 from rig.control.loop import Loop
 from rig.control.policies import CurrentProfile
 from rig.core.outcome import Tripped
@@ -19,6 +18,7 @@ from rig.files.configuration import Configuration
 from rig.files.run_folder import RunFolder
 from rig.files.target import Target
 from rig.safety.first_plate import OF_A_PULSE, OF_PULSES, KnownPlate
+from sim.inference.plate import identify_plate
 
 PULSE_SHARE = 0.5  # of the current limit, at most
 PULSE_S, PULSE_K = 8.0, 10.0  # how long, and by how much a pulse is to heat

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from compensator.control.design import Design
 from compensator.control.law_step import LawName
-from compensator.identification.heat_balance import Kind
+from compensator.thermal.plate import Kind
 from rig.analysis.score import COUNTED, Score, largest, profile_error, rms
 from rig.bench.assembly import Bench, open_bench
 from rig.control.loop import Loop

@@ -146,6 +146,7 @@ class PlateTable(Table):
     drive_over_capacity_K_per_s: NotNegative = 0.0
     ambient_degC: Temperature
     error_K: NotNegative = 0.0
+    error_time_s: NotNegative = 0.0
     inputs: dict[Literal["input_2", "sink_degC", "ambient_degC"], Number] = {}
 
     @model_validator(mode="after")
@@ -162,6 +163,7 @@ class PlateTable(Table):
             self.drive_over_capacity_K_per_s,
             self.kind,
             self.error_K,
+            self.error_time_s,
             tuple(self.inputs.items()),
         )
 
@@ -270,6 +272,8 @@ def plate_table(model: PlateModel) -> dict[str, Any]:
     table["ambient_degC"] = float(model.ambient_degC)
     if model.error_K > 0.0:
         table["error_K"] = float(model.error_K)
+    if model.error_time_s > 0.0:
+        table["error_time_s"] = float(model.error_time_s)
     if model.inputs:
         table["inputs"] = {name: float(value) for name, value in model.inputs}
     return table

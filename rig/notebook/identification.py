@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from compensator.identification.film import FilmFit
-    from compensator.identification.plate import PlateFit
+    from sim.inference.plate import PlateFit
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Identification(Shown):
 
     model: both, as a model file has them. film: `compensator.identification.film.FilmFit`, None where no record has a
     resistance; rmse and held_out_rmse are in decades, or in the unit of the output. plate:
-    `compensator.identification.plate.PlateFit`, None where no record has a current. transition: of each record, what
+    `sim.inference.plate.PlateFit`, None where no record has a current. transition: of each record, what
     it says of the film without a model. lines: what `peltier identify` prints; document: its JSON.
     """
 

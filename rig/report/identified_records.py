@@ -25,11 +25,11 @@ from sim.model.inputs import logged_inputs
 if TYPE_CHECKING:
     from compensator.identification.compression import Compression
     from compensator.identification.film import FilmFit
-    from compensator.identification.plate import PlateFit
     from compensator.inverse.check import Finding
     from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
     from rig.report.plate_figure import ComparedPlate
+    from sim.inference.plate import PlateFit
 
 Say = Callable[[str], None]
 

@@ -19,8 +19,7 @@ from typing import Final
 import numpy as np
 
 from compensator.hysteresis.functions import KELVIN, Array
-from compensator.identification.heat_balance import Kind
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import Kind, PlateModel
 
 # tried: some 1.4 apart where lags are long, which moves the reckoned course by less than its doubt
 LAGS_S: Final = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 4.5, 6.5, 9.0, 13.0, 18.0, 25.0, 35.0, 50.0)

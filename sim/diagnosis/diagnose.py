@@ -53,7 +53,7 @@ from sim.diagnosis.validate.held_out_rows import HeldOutRows, Other
 from sim.diagnosis.without_memoryless import without_memoryless
 from sim.effects.catalogue import catalogue
 from sim.effects.effect import Effect, pinned
-from sim.model.own_fit import told_rows
+from sim.inference.nuisance import told_rows
 
 Progress = Callable[[str], None]
 QUANTIZATION = "thermometer_quantization"

@@ -1,7 +1,7 @@
 """What belongs to a record and not to a model: the room, and what plate, sink, thermometer and film began with.
 
 A model is a rig's and stays; the room's temperature, first temperatures and the film's memory are another day's. They
-are fitted with every record by `sim.model.own_fit`.
+are fitted with every record by `sim.inference.nuisance`.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from compensator.identification.constant_drive import constant_drive
 from sim.diagnosis.diagnose import diagnose
+from sim.inference.plate_notes import constant_drive
 from tests.diagnosis.plate_record import JOULE, LOSS, SEEBECK, levels, record
 
 

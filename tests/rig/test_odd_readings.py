@@ -11,9 +11,9 @@ import pytest
 import rig
 from compensator.identification.film import identify_film
 from compensator.identification.odd_readings import Column, odd_readings, of_output
-from compensator.identification.plate import identify_plate
 from compensator.thermal.plate import PlateModel
 from rig.files.record import Record
+from sim.inference.plate import identify_plate
 from tests.compensator.identification_films import decaying_profile, is_prandtl_ishlinskii, relay_film
 
 ROW = 700

@@ -22,7 +22,7 @@ from sim.diagnosis.search.chain import Chain, temperature_search
 from sim.diagnosis.search.temperature_search import beside_misfit
 from sim.diagnosis.validate.held_out import residuals_on
 from sim.effects.catalogue import catalogue
-from sim.model.own_fit import told_rows
+from sim.inference.nuisance import told_rows
 from sim.model.recorded import driven_rows
 
 PLATE = ("time_s=t_s|time@s", "temperature_degC=T_C|temp@degC", "current_A=duty|output@duty")

@@ -24,10 +24,10 @@ from sim.diagnosis.data.quantity import RESISTANCE, Quantity
 from sim.diagnosis.data.quantization import lattice_step
 from sim.diagnosis.data.segments import first_rows, gaps, with_readings
 from sim.effects.effect import Effect
+from sim.inference.nuisance import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.model.inputs import NOTHING, Inputs, constant_inputs, logged_inputs
 from sim.model.links import delays_s, stamps_off_s
 from sim.model.meter_power import since_the_row_before
-from sim.model.own_fit import LEAST_NOISE_DEC, LEAST_NOISE_K, Told
 from sim.model.record_own import long_gaps
 
 Mask = NDArray[np.bool_]

@@ -16,7 +16,7 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.gaps import beyond_ends, there_and_back
 from sim.diagnosis.fit.resistance_channel import ResistanceChannel
 from sim.diagnosis.fit.resistance_fit import FilmParameters
-from sim.model.own_fit import beginnings
+from sim.inference.nuisance import beginnings
 from sim.model.record_own import FilmStart, longest_gaps
 
 FAR = 1.0  # cost a row from which others have to be fitted to be seen

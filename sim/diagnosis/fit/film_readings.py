@@ -15,11 +15,11 @@ import numpy as np
 from compensator.identification.rows import FilmRecord
 from sim.diagnosis.data.record import Record, told_of
 from sim.diagnosis.fit.path_estimate import corrected_path, measured_path
+from sim.inference.nuisance import fit_own
 from sim.model.chain import ChainModel
 from sim.model.film_nodes import FilmNodes, film_nodes
 from sim.model.links import Links
 from sim.model.meter_power import MeterCurrent, MeterPower
-from sim.model.own_fit import fit_own
 from sim.model.own_output import own_output
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart
@@ -68,7 +68,8 @@ def _path(run: RecordRun, record: Record) -> PlatePath:
     """The plate's path: simulated from the record's commands and corrected by the thermometer, or measured."""
     if record.current_A is None:
         return measured_path(record)
-    told = replace(told_of(record), output=None, error_K=run.model.plate.error_K)
+    plate = run.model.plate
+    told = replace(told_of(record), output=None, error_K=plate.error_K, error_time_s=plate.error_time_s)
     own, _ = fit_own(run, record, told, FilmStart())
     found = run.plate(record, own)
     rows = np.flatnonzero(record.temperature_used)

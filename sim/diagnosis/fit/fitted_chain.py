@@ -1,4 +1,4 @@
-"""Fits of both ends as a chain that runs over records, `sim.model.own_fit.Forward`: the film in the fit's own terms."""
+"""Fits of both ends as a chain that runs over records (`sim.inference.nuisance.Forward`), the film in its own terms."""
 
 from __future__ import annotations
 

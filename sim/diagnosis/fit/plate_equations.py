@@ -18,8 +18,8 @@ from sim.diagnosis.fit.own_temperature import has_own, own_temperatures, with_ow
 from sim.diagnosis.fit.plate_parameters import PELTIER, ROOM_K, PlateParameters, base_unknowns
 from sim.diagnosis.fit.unknowns import unknowns_of, values_inside, with_values
 from sim.effects.effect import Switched
+from sim.inference.nuisance import APART_K, first_readings
 from sim.model.links import Links, links_of
-from sim.model.own_fit import APART_K, first_readings
 from sim.model.plate_path import Nodes, PlatePath, behind_thermometer, plate_nodes, simulate_plate
 from sim.model.record_own import anew_rows
 from sim.model.recorded import Spacing

@@ -12,6 +12,7 @@ from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 from sim.diagnosis.fit.unknowns import Unknown, free, positive, unknowns_of
 from sim.effects.effect import Switched
+from sim.inference.noise import Noise
 
 ROOM = free("ambient_degC", 10.0)
 CONDUCTANCE = "g"
@@ -55,11 +56,11 @@ class PlateParameters:
         v = self._values()
         return np.array([v.get(name, 0.0) for name in ("s", "r", CONDUCTANCE, "q", ROOM.name)])
 
-    def model(self, error_K: float) -> PlateModel:
-        """The plate as its equation has it; error_K: what no model explains of its temperature."""
+    def model(self, error: Noise) -> PlateModel:
+        """The plate as its equation has it; error: of its temperature, of which it keeps the slow part."""
         s, r, g, q, _ = (float(v) for v in self.plate())
         kind: Literal["peltier", "heater"] = "heater" if self.kind == "heater" else "peltier"
-        return PlateModel(s, r, g, self.usual_room_degC, q, kind, error_K, tuple(self.inputs_K_per_s.items()))
+        return PlateModel(s, r, g, self.usual_room_degC, q, kind, *error.of_a_model, tuple(self.inputs_K_per_s.items()))
 
     @property
     def inputs_K_per_s(self) -> dict[str, float]:

@@ -33,6 +33,7 @@ from sim.diagnosis.fit.plate_equations import PlateEquations
 from sim.diagnosis.fit.plate_parameters import CONDUCTANCE, PlateParameters
 from sim.diagnosis.fit.unknowns import along_values, fitted_sizes, logarithmic, unknowns_of
 from sim.effects.effect import Switched
+from sim.inference.noise import Noise, Readings, estimate
 from sim.model.links import links_of
 from sim.model.plate_path import PlatePath
 from sim.model.recorded import COARSE, Spacing, driven_rows
@@ -113,13 +114,17 @@ class TemperatureChannel(PlateEquations):
         """The same rows, of which so many say as much as one."""
         return TemperatureChannel(self.record, self.fitted, self.noise, self.step_K, self.spacing, misfit)
 
-    @property
-    def error_K(self) -> float:
-        """By how much a model of this fit is off, as if it were in each row by itself; 0: by no more than the noise."""
-        if self.misfit <= 1.0:
-            return 0.0
-        rounding_K = self.step_K / np.sqrt(12.0)  # of an error that is uniform over a step
-        return float(np.hypot(self.sigma_K, rounding_K) * np.sqrt(self.misfit))
+    def model_error(self, fit: TemperatureFit) -> Noise:
+        """By how much the model of a fit is off since a current first drove the plate: the slow part of the noise that
+        its residual shows; none where rows say as much as independent ones."""
+        driven = driven_rows(self.record, self.record.joined)[self.rows]
+        if self.misfit <= 1.0 or not np.any(driven):
+            return Noise(self.sigma_K)
+        rows = self.rows[driven]
+        left = self.record.temperature_degC[rows] - fit.shown_degC[rows]
+        part = np.searchsorted(self.record.joined, rows, side="right")
+        readings = Readings.at(self.record.time_s[rows], np.diff(part, prepend=-1) > 0)
+        return estimate(left, readings, self.sigma_K)
 
     def over(self, values: Array) -> Array:
         """Values of the fitted rows, (rows,) or (rows, columns), over the noise."""

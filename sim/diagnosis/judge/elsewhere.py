@@ -31,7 +31,7 @@ from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.adequacies import resistance_residual, temperature_residual
 from sim.diagnosis.validate.halves import Halves, halves_of
 from sim.diagnosis.validate.held_out import residuals_on
-from sim.model.own_fit import told_rows
+from sim.inference.nuisance import told_rows
 
 GROWS: Final = 1.05  # times the error from which it grows: what a candidate that is told has to gain
 BENDS: Final = "on another record the film is not understood, and may bend its output itself"

@@ -203,7 +203,7 @@ class Chain:
             return None
         a, _ = self.fits(names)
         assert a is not None
-        return a.parameters.model(self.first.channel.error_K)
+        return a.parameters.model(self.first.channel.model_error(a))
 
     def split(self, names: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
         """Which effects are on the first links, and which on the last."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from compensator.hysteresis.functions import Array
-from compensator.identification.heat_balance import Stretch, rough_balances
 from sim.diagnosis.data.misfit import misfit_of
 from sim.diagnosis.data.record import Record
 from sim.diagnosis.fit.temperature_channel import TemperatureChannel, TemperatureFit
@@ -18,6 +17,7 @@ from sim.diagnosis.search.budget import Budget
 from sim.diagnosis.search.views import NOTHING as NO_CHANGE
 from sim.diagnosis.search.views import FirstView
 from sim.effects.effect import Command, Effect, Filter, HeatFlow, Switched, jumps, switched, with_pinned
+from sim.inference.plate_starts import Stretch, rough_balances
 from sim.model.recorded import driven_rows
 
 ROUGH_STEPS = 12  # of a plate's start, of which the best goes on
@@ -314,17 +314,15 @@ def base_fit(channel: TemperatureChannel, record: Record, kinds: Sequence[str] =
         used = record.temperature_used[first:last]
         if np.sum(used) >= 3:  # readings, that a balance can be integrated over
             part = slice(first, last)
-            temperature = np.where(used, record.temperature_degC[part], 0.0)
-            steps = np.diff(record.time_s[part])
-            stretches.append(Stretch(0, first, steps, record.current_A[part], temperature, used))
+            stretches.append(Stretch(record.time_s[part], record.current_A[part], record.temperature_degC[part], used))
     best: TemperatureFit | None = None
     for kind in kinds:
         if best is not None and 2.0 * best.minus_log <= LEFT * channel.rows.size:
             break  # one that leaves nothing needs no other
         found: list[TemperatureFit] = []
         for rough in rough_balances(stretches, "peltier" if kind == "peltier" else "heater"):
-            s, r, g, q, h = (float(v) for v in rough[:5])
-            ambient = min(max(h / max(g, 1e-6), -20.0), 80.0)  # of any room in which a fit may begin
+            s, r, g, q, ambient = (float(v) for v in rough)
+            ambient = min(max(ambient, -20.0), 80.0)  # of any room in which a fit may begin
             s, r, g = max(s, 1e-6), max(r, 1e-5), max(g, 1e-5)  # far below any plate's: a balance may have them < 0
             base = [s, r, g, ambient] if kind == "peltier" else [q, g, ambient]
             found.append(channel.descend(channel.start(kind, np.array(base)), ROUGH_STEPS))

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from sim.diagnosis.data.record import BLOCKS, Mask, Record
-from sim.model.own_fit import told_rows
+from sim.inference.nuisance import told_rows
 
 FEWEST_BLOCKS: Final = 6  # three of each half: an effect that shows in one part of a record is then in both
 

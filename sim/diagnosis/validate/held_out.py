@@ -1,4 +1,4 @@
-"""A fit on another record of the same rig: the model held, what belongs to that record fitted (`sim.model.own_fit`)."""
+"""A fit on another record of the same rig: the model held, its own parameters fitted (`sim.inference.nuisance`)."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from sim.diagnosis.fit.fitted_chain import FittedChain
 from sim.diagnosis.fit.path_estimate import measured_path
 from sim.diagnosis.search.chain import Chain
 from sim.diagnosis.validate.residuals import read_within
+from sim.inference.nuisance import Told, fit_own
 from sim.model.links import links_of
-from sim.model.own_fit import Told, fit_own
 from sim.model.plate_path import PlatePath
 from sim.model.record_own import FilmStart, RecordOwn
 
@@ -47,8 +47,10 @@ def on_other(
     a, b = chain.fits(names)
     read = b is not None and other.output is not None
     fitted = FittedChain(a, b, chain.film_channel(names).elsewhere(other) if read else None)
-    error_K = chain.first.channel.error_K if chain.first is not None else 0.0
-    told = replace(told_of(other), error_K=error_K)
+    told = told_of(other)
+    if chain.first is not None and a is not None:
+        error_K, error_time_s = chain.first.channel.model_error(a).of_a_model
+        told = replace(told, error_K=error_K, error_time_s=error_time_s)
     if not read:
         told = replace(told, output=None)
     measured = None if a is not None and other.current_A is not None else measured_path(other)

@@ -22,15 +22,16 @@ from compensator.hysteresis.functions import Array
 from compensator.identification.gaps import beyond_ends, there_and_back
 from compensator.identification.levenberg_marquardt import FLAT, Damping, Linearized, descend
 from sim.effects.effect import HeatFlow
+from sim.inference.noise import Noise, Readings, Whitening
 from sim.model.links import Links
 from sim.model.plate_path import PlatePath, PlateRun
 from sim.model.record_own import FilmStart, RecordOwn, anew_rows, longest_gaps
-from sim.model.recorded import Mask, Recorded, driven_rows
+from sim.model.recorded import Mask, Recorded, Rows, driven_rows
 
 FIRST_S, FIRST_ROWS = 30.0, 20  # of each stretch: what a prediction is told of a record's beginning
 MOST_TOLD = 0.5  # of a record: what is left is to be predicted
 ROOM_SPREAD_K = 3.0  # of a room about what it was when the model was made: another day, the same laboratory
-APART_K = 10.0  # spread of bodies about the room, and of filters about what they follow, where nothing is known
+APART_K = 3.0  # spread of bodies about the room, and of filters about what they follow: a rig that has rested
 LATE_SPREAD = 0.5  # K and decades: of how far a filter of the film or of the ohmmeter is behind
 SEVERAL = 10  # turning points before the first row that are tried, on either side
 MARGIN = 0.25  # of the range of temperatures: so far beyond them may a film have turned round
@@ -61,13 +62,15 @@ class Forward(Protocol):
 @dataclass(frozen=True, eq=False)
 class Told:
     """The readings that count, nan elsewhere, (rows,): degC and -log10 R; None where a record has none; and their
-    noise. error_K: by how much a model is off besides in each row since a current first drove the plate."""
+    noise. error_K: by how much a model is off besides since a current first drove the plate, for error_time_s (0: from
+    row to row)."""
 
     temperature_degC: Array
     output: Array | None
     sigma_K: float
     sigma_dec: float
     error_K: float = 0.0
+    error_time_s: float = 0.0
 
     def only(self, rows: Mask) -> Told:
         """Those of some rows."""
@@ -133,10 +136,10 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
     rows = np.flatnonzero(np.isfinite(told.temperature_degC))
     stretch = np.searchsorted(record.first_rows, rows, side="right") - 1
 
-    sigma_K = np.hypot(told.sigma_K, np.where(driven_rows(record)[rows], told.error_K, 0.0))
+    over = _over_the_noise(record, told, rows)
 
     def residual(u: Array) -> Array:
-        return (told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows] / sigma_K
+        return over((told.temperature_degC - chain.plate(record, own_of(u)).shown_degC)[rows])
 
     def slopes(u: Array, left: Array) -> Array:
         columns = [(left - residual(_moved(u, slice(k, k + 1), STEP_K))) / STEP_K for k in range(shared)]
@@ -146,6 +149,24 @@ def _temperatures(chain: Forward, record: Recorded, told: Told, own: RecordOwn) 
 
     spread = np.concatenate(([ROOM_SPREAD_K], np.full(shared - 1, APART_K), np.full(own.plate_degC.size, math.inf)))
     return own_of(_least(residual, slopes, spread))
+
+
+def _over_the_noise(record: Recorded, told: Told, rows: Rows) -> Callable[[Array], Array]:
+    """The map from a residual in some rows, K, to white numbers of variance 1: the thermometer's noise until a current
+    first drove the plate, with what the model lacks from then on."""
+    driven = driven_rows(record)[rows]
+    if told.error_time_s <= 0.0 or not np.any(driven):
+        sigma_K = np.hypot(told.sigma_K, np.where(driven, told.error_K, 0.0))
+        return lambda left: left / sigma_K
+    noise = Noise(told.sigma_K, told.error_K, told.error_time_s)
+    whitening = Whitening(noise, Readings.at(record.time_s[rows[driven]]))
+
+    def over(left: Array) -> Array:
+        out = left / told.sigma_K
+        out[driven] = whitening.of(left[driven])
+        return out
+
+    return over
 
 
 def _film(chain: Forward, record: Recorded, told: Told, own: RecordOwn, path: PlatePath) -> RecordOwn:

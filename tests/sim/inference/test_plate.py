@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from compensator.identification.plate import PlateFit, PlateRecord, identify_plate, identify_plate_records
 from compensator.thermal.plate import PlateModel
+from sim.inference.plate import PlateFit, PlateRecord, identify_plate, identify_plate_records
 
 PLATE = PlateModel(1.6e-3, 0.06, 0.018, 24.0)
 TRUTH = np.array([1.6e-3, 0.06, 0.018, 24.0])
@@ -160,16 +160,21 @@ def test_measured_plates() -> None:
 
 
 def test_by_how_much_a_model_is_off_beyond_the_noise() -> None:
-    """White noise: by nothing. What hangs together over tau rows counts as sqrt(tau) of it in each row by itself."""
+    """White noise: by nothing. An error of the rig that comes and goes: its size and for how long, and no noise of it."""
     time, current = profile()
     rng, clean = np.random.default_rng(3), PLATE.simulate(24.0, time, current)
     white = 0.01 * rng.normal(size=time.size)
     assert identify_plate(time, clean + white, current).model.error_K == 0.0
-    slow, keep = np.zeros(time.size), np.exp(-1.0 / 40.0)  # tau: (1 + keep) / (1 - keep), 80 rows
-    for k in range(1, time.size):
-        slow[k] = keep * slow[k - 1] + 0.05 * np.sqrt(1.0 - keep**2) * rng.normal()
+    slow, rate, length = np.zeros(time.size), 0.0, 10.0  # x'' = -2 x' / l - x / l^2 + noise, in fine steps
+    x, dt = 0.0, 0.05
+    for k in range(10 * time.size):
+        rate += dt * (-2.0 * rate / length - x / length**2) + 0.05 * 2.0 * length**-1.5 * np.sqrt(dt) * rng.normal()
+        x += dt * rate
+        slow[k // 10] = x
     found = identify_plate(time, clean + white + slow, current)
-    assert 0.1 < found.model.error_K < 0.05 * np.sqrt(80.0) * 1.3  # the fit follows a part of it
+    assert 0.03 < found.model.error_K < 0.08
+    assert 10.0 < found.model.error_time_s < 40.0  # twice the length
+    assert found.noise_K == pytest.approx(0.01, rel=0.1)
 
 
 def _driven(model: PlateModel, current: np.ndarray, acts: np.ndarray) -> PlateFit:

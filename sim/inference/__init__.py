@@ -1,0 +1,1 @@
+"""One likelihood for the whole chain: how records are fitted."""

@@ -1,0 +1,23 @@
+"""What further parameters must gain before they are believed: one price, everywhere.
+
+    price(k) = 1/2 chi2_k^-1(1 - FALSE_ALARM / candidates) + k/2 ln(rows)
+
+The first part keeps the rate at which chance names one of several candidates (S. S. Wilks, Ann. Math. Stat. 9 (1938)
+60, with a Bonferroni correction); the second is what a parameter's own spread costs (G. Schwarz, Ann. Stat. 6 (1978)
+461).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from scipy.stats import chi2
+
+FALSE_ALARM: Final = 0.01  # a record without the effect names one of the candidates this often, at most
+
+
+def price(parameters: int, rows: int, candidates: int = 1) -> float:
+    """Return the log-likelihood that so many more parameters must gain on a record of so many readings."""
+    chance = 0.5 * float(chi2.isf(FALSE_ALARM / candidates, parameters))
+    return chance + 0.5 * parameters * math.log(rows)

@@ -1,0 +1,276 @@
+"""Noise of one channel: white noise, and a slow discrepancy between the model and the rig.
+
+    residual(t_k) = d(t_k) + e_k,     e_k ~ N(0, white^2 v_k)
+    <d(t) d(t + x)> = slow^2 (1 + x / l) exp(-x / l),     tau = 2 l, the integral of the correlation
+
+d is a Gaussian process with a continuous rate (Matern's of order 3/2): what a model lacks is heat, and a temperature is
+its integral. A rougher process would take the thermometer's noise for its own. Its size and its correlation time tau
+are estimated with the white noise by maximum likelihood, and its size is 0 where it does not make the residual
+significantly likelier. Evidence and intervals are thereby discounted by themselves wherever a model is wrong
+(M. C. Kennedy, A. O'Hagan, J. R. Stat. Soc. B 63 (2001) 425). A Kalman filter of two states gives the likelihood, and
+whitens residuals and columns of a Jacobian alike, in a time linear in the rows and at any distances between them; its
+smoother gives d itself (J. Hartikainen, S. Sarkka, IEEE MLSP (2010) 379).
+
+v_k is 1, or larger for a reading that lies far out: the weight of P. J. Huber, Robust Statistics (Wiley 1981), ch. 7,
+written as a variance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import chi2
+
+from compensator.hysteresis.functions import Array
+
+FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 1 in 16,000 of normal readings
+SIGNIFICANT: Final = 0.5 * float(chi2.isf(0.01, 2))  # log-likelihood that two parameters gain in 1 of 100 by chance
+RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
+TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
+NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
+LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
+
+
+@njit(cache=True, inline="always")
+def _predicted(length: float, dt: float, ratio: float, p: Array, step: Array) -> None:
+    """Step of the process by dt: its transition into step (2, 2), its covariance p (3,), of d, d and rate, rate, on."""
+    x = dt / length
+    fade = math.exp(-x)
+    step[0, 0], step[0, 1] = fade * (1.0 + x), fade * dt
+    step[1, 0], step[1, 1] = -fade * x / length, fade * (1.0 - x)
+    rate = ratio / (length * length)
+    a, b, c = p[0] - ratio, p[1], p[2] - rate  # from what it is without any reading
+    p[0] = ratio + step[0, 0] ** 2 * a + 2.0 * step[0, 0] * step[0, 1] * b + step[0, 1] ** 2 * c
+    p[1] = (
+        step[0, 0] * step[1, 0] * a
+        + (step[0, 0] * step[1, 1] + step[0, 1] * step[1, 0]) * b
+        + step[0, 1] * step[1, 1] * c
+    )
+    p[2] = rate + step[1, 0] ** 2 * a + 2.0 * step[1, 0] * step[1, 1] * b + step[1, 1] ** 2 * c
+
+
+@njit(cache=True)
+def _profile(residual: Array, steps: Array, variance: Array, ratio: float, length: float) -> tuple[float, float]:
+    """(-2 log-likelihood with the white variance at its best, without constants; that variance).
+
+    steps: s since the row before, nan where a record begins; variance: v_k; ratio: slow^2 / white^2; length: l, s.
+    """
+    p, f = np.zeros(3), np.zeros((2, 2))
+    d, rate, logs, square = 0.0, 0.0, 0.0, 0.0
+    for k in range(residual.size):
+        if math.isnan(steps[k]):
+            d = rate = 0.0
+            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
+        else:
+            _predicted(length, steps[k], ratio, p, f)
+            d, rate = f[0, 0] * d + f[0, 1] * rate, f[1, 0] * d + f[1, 1] * rate
+        total = p[0] + variance[k]
+        innovation = residual[k] - d
+        logs += math.log(total)
+        square += innovation * innovation / total
+        gain, gain_rate = p[0] / total, p[1] / total
+        d += gain * innovation
+        rate += gain_rate * innovation
+        p[2] -= gain_rate * p[1]
+        p[1] *= 1.0 - gain
+        p[0] *= 1.0 - gain
+    white = max(square / residual.size, 1e-300)
+    return residual.size * math.log(white) + logs, white
+
+
+@njit(cache=True)
+def _gains(steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
+    """Filter of each row, into out (rows, 7): transition (4), gains of d and of its rate, 1 / standard deviation of the
+    innovation (white = 1)."""
+    p, f = np.zeros(3), np.zeros((2, 2))
+    for k in range(steps.size):
+        if math.isnan(steps[k]):
+            f[:] = 0.0
+            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
+        else:
+            _predicted(length, steps[k], ratio, p, f)
+        total = p[0] + variance[k]
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = f[0, 0], f[0, 1], f[1, 0], f[1, 1]
+        out[k, 4], out[k, 5], out[k, 6] = p[0] / total, p[1] / total, 1.0 / math.sqrt(total)
+        p[2] -= out[k, 5] * p[1]
+        p[1] *= 1.0 - out[k, 4]
+        p[0] *= 1.0 - out[k, 4]
+
+
+@njit(cache=True)
+def _whiten(columns: Array, gains: Array, out: Array) -> None:
+    """Each column's innovations over their standard deviation, into out (rows, columns)."""
+    count = columns.shape[1]
+    d, rate = np.zeros(count), np.zeros(count)
+    for k in range(columns.shape[0]):
+        a, b, c, e, gain, gain_rate, scale = gains[k]
+        for j in range(count):
+            ahead, ahead_rate = a * d[j] + b * rate[j], c * d[j] + e * rate[j]
+            innovation = columns[k, j] - ahead
+            d[j] = ahead + gain * innovation
+            rate[j] = ahead_rate + gain_rate * innovation
+            out[k, j] = innovation * scale
+
+
+@njit(cache=True)
+def _smooth(residual: Array, steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
+    """Mean and variance (white = 1) of d in each row given all rows, into out (rows, 2): Rauch, Tung and Striebel."""
+    n = residual.size
+    mean, cov = np.zeros((n, 2)), np.zeros((n, 3))
+    ahead_cov, move = np.zeros((n, 3)), np.zeros((n, 2, 2))
+    p, f = np.zeros(3), np.zeros((2, 2))
+    d, rate = 0.0, 0.0
+    for k in range(n):
+        if math.isnan(steps[k]):
+            d = rate = 0.0
+            f[:] = 0.0
+            p[0], p[1], p[2] = ratio, 0.0, ratio / (length * length)
+        else:
+            _predicted(length, steps[k], ratio, p, f)
+            d, rate = f[0, 0] * d + f[0, 1] * rate, f[1, 0] * d + f[1, 1] * rate
+        ahead_cov[k], move[k] = p, f
+        total = p[0] + variance[k]
+        innovation, gain, gain_rate = residual[k] - d, p[0] / total, p[1] / total
+        d += gain * innovation
+        rate += gain_rate * innovation
+        p[2] -= gain_rate * p[1]
+        p[1] *= 1.0 - gain
+        p[0] *= 1.0 - gain
+        mean[k, 0], mean[k, 1], cov[k] = d, rate, p
+    for k in range(n - 2, -1, -1):
+        f, q = move[k + 1], ahead_cov[k + 1]
+        det = q[0] * q[2] - q[1] * q[1]
+        if det <= 0.0:
+            continue
+        c = cov[k]
+        c00, c01 = c[0] * f[0, 0] + c[1] * f[0, 1], c[0] * f[1, 0] + c[1] * f[1, 1]
+        c10, c11 = c[1] * f[0, 0] + c[2] * f[0, 1], c[1] * f[1, 0] + c[2] * f[1, 1]
+        g00, g01 = (c00 * q[2] - c01 * q[1]) / det, (c01 * q[0] - c00 * q[1]) / det
+        g10, g11 = (c10 * q[2] - c11 * q[1]) / det, (c11 * q[0] - c10 * q[1]) / det
+        x = mean[k + 1, 0] - f[0, 0] * mean[k, 0] - f[0, 1] * mean[k, 1]
+        y = mean[k + 1, 1] - f[1, 0] * mean[k, 0] - f[1, 1] * mean[k, 1]
+        u, v, w = cov[k + 1, 0] - q[0], cov[k + 1, 1] - q[1], cov[k + 1, 2] - q[2]
+        mean[k, 0] += g00 * x + g01 * y
+        mean[k, 1] += g10 * x + g11 * y
+        cov[k, 0] += g00 * g00 * u + 2.0 * g00 * g01 * v + g01 * g01 * w
+        cov[k, 1] += g00 * g10 * u + (g00 * g11 + g01 * g10) * v + g01 * g11 * w
+        cov[k, 2] += g10 * g10 * u + 2.0 * g10 * g11 * v + g11 * g11 * w
+    out[:, 0], out[:, 1] = mean[:, 0], cov[:, 0]
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Parameters of the noise of one channel: white, slow in the channel's unit; tau_s, the correlation time of d."""
+
+    white: float
+    slow: float = 0.0
+    tau_s: float = 1.0
+
+    @property
+    def ratio(self) -> float:
+        """slow^2 / white^2."""
+        return (self.slow / self.white) ** 2
+
+    @property
+    def of_a_model(self) -> tuple[float, float]:
+        """Size and correlation time (s) of what a model is off by, both 0 where it is off by nothing."""
+        return (self.slow, self.tau_s) if self.slow > 0.0 else (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """When the readings of a channel were taken: time_s, rising within each record, (readings,); begins: True at the
+    first reading of each record, (readings,); variance: v_k, (readings,)."""
+
+    time_s: Array
+    begins: NDArray[np.bool_]
+    variance: Array
+
+    @classmethod
+    def at(cls, time_s: Array, begins: NDArray[np.bool_] | None = None) -> Readings:
+        """Readings that all count fully; begins: default, the first one alone."""
+        if begins is None:
+            begins = np.arange(time_s.size) == 0
+        return cls(time_s, begins, np.ones(time_s.size))
+
+    @cached_property
+    def steps_s(self) -> Array:
+        """Time since the reading before; nan where a record begins, (readings,)."""
+        return np.where(self.begins, np.nan, np.diff(self.time_s, prepend=self.time_s[:1]))
+
+    def step_s(self) -> float:
+        """The median distance of two readings of one record."""
+        steps = np.diff(self.time_s)[~self.begins[1:]]
+        return float(np.median(steps)) if steps.size else 1.0
+
+
+class Whitening:
+    """The linear map that makes a channel's noise white with variance 1."""
+
+    def __init__(self, noise: Noise, readings: Readings) -> None:
+        self.noise = noise
+        self._gains = np.empty((readings.time_s.size, 7))
+        _gains(readings.steps_s, readings.variance, noise.ratio, 0.5 * noise.tau_s, self._gains)
+        self._gains[:, 6] /= noise.white
+
+    def of(self, columns: Array) -> Array:
+        """The columns, (readings, columns) or (readings,), in units of the noise."""
+        values = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
+        out = np.empty_like(values)
+        _whiten(values, self._gains, out)
+        return out.reshape(columns.shape)
+
+    def log_likelihood(self, residual: Array) -> float:
+        """Of a residual, without the constant of 2 pi."""
+        white = self.of(residual)
+        return float(np.sum(np.log(self._gains[:, 6])) - 0.5 * (white @ white))
+
+
+def estimate(residual: Array, readings: Readings, least_white: float = 0.0, most_slow: float = math.inf) -> Noise:
+    """Return the noise of the highest likelihood for a residual, (readings,).
+
+    least_white: the white noise is not smaller: an instrument's last digit. most_slow: the discrepancy is not larger:
+    without a bound it stands in for a model that is all wrong. It is 0 where it gains less than `SIGNIFICANT`.
+    """
+    step, span = readings.step_s(), float(np.ptp(readings.time_s)) + readings.step_s()
+
+    def cost(place: Array) -> float:
+        ratio, tau = math.exp(np.clip(place[0], *LOG_RATIO)), math.exp(np.clip(place[1], *log_tau))
+        value, white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)
+        return value if ratio * white <= most_slow**2 else NOT_ALLOWED
+
+    log_tau = math.log(step), math.log(10.0 * span)
+    alone, white = _profile(residual, readings.steps_s, readings.variance, 0.0, step)
+    times = [step * time for time in TIMES if time * step < 3.0 * span]
+    starts = [(math.log(ratio), math.log(time)) for ratio in RATIOS for time in times]
+    best = min((np.array(start) for start in starts), key=cost, default=None)
+    if best is not None:
+        found = minimize(cost, best, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 200})
+        if 0.5 * (alone - found.fun) > SIGNIFICANT:
+            ratio, tau = math.exp(np.clip(found.x[0], *LOG_RATIO)), math.exp(np.clip(found.x[1], *log_tau))
+            white = _profile(residual, readings.steps_s, readings.variance, ratio, 0.5 * tau)[1]
+            return Noise(max(math.sqrt(white), least_white), math.sqrt(ratio * white), tau)
+    return Noise(max(math.sqrt(white), least_white))
+
+
+def discrepancy(residual: Array, noise: Noise, readings: Readings) -> tuple[Array, Array]:
+    """Mean and standard deviation of d in each reading, given all of them, in the channel's unit, (readings,)."""
+    found = np.empty((residual.size, 2))
+    _smooth(residual, readings.steps_s, readings.variance, noise.ratio, 0.5 * noise.tau_s, found)
+    return found[:, 0], noise.white * np.sqrt(np.maximum(found[:, 1], 0.0))
+
+
+def variances(residual: Array, noise: Noise, readings: Readings) -> Array:
+    """v_k of each reading: 1, and more beyond `FAR_OUT` standard deviations of what all others let expect of it."""
+    mean, deviation = discrepancy(residual, noise, readings)
+    known = 1.0 - (deviation / noise.white) ** 2 / readings.variance  # share of a reading that is its own noise
+    alone = np.abs(residual - mean) / (noise.white * np.sqrt(readings.variance * np.maximum(known, 1e-3)))
+    size = alone * np.sqrt(readings.variance)  # in white noises, whatever it weighed before
+    return np.maximum(1.0, size / FAR_OUT)

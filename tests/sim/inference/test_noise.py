@@ -1,0 +1,87 @@
+"""The noise of a channel: the filter against dense matrices, what is estimated, and what a wrong metric would cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sim.inference.noise import Noise, Readings, Whitening, discrepancy, estimate, variances
+
+
+def covariance(time: np.ndarray, noise: Noise) -> np.ndarray:
+    """Of white noise and the discrepancy, written out, (readings, readings)."""
+    x = np.abs(time[:, None] - time) * 2.0 / noise.tau_s
+    return noise.white**2 * np.eye(time.size) + noise.slow**2 * (1.0 + x) * np.exp(-x)
+
+
+def uneven(rows: int, seed: int) -> np.ndarray:
+    """Times with jitter and one long gap."""
+    steps = np.random.default_rng(seed).uniform(0.3, 0.8, rows)
+    steps[rows // 3] = 40.0
+    return np.cumsum(steps)
+
+
+def test_the_filter_is_the_dense_likelihood() -> None:
+    """Uneven times, a gap, and readings that weigh less: else every evidence and interval would be another."""
+    rng, noise = np.random.default_rng(0), Noise(0.02, 0.1, 9.0)
+    time = uneven(300, 1)
+    readings = Readings(time, np.arange(300) == 0, np.where(rng.random(300) < 0.1, 7.0, 1.0))
+    dense = covariance(time, noise) + noise.white**2 * np.diag(readings.variance - 1.0)
+    values = rng.normal(size=300)
+    whitening = Whitening(noise, readings)
+    expected = -0.5 * (np.linalg.slogdet(dense)[1] + values @ np.linalg.solve(dense, values))
+    assert whitening.log_likelihood(values) == pytest.approx(expected, rel=1e-9)
+    other = rng.normal(size=(300, 2))
+    white = whitening.of(np.column_stack((values, other)))
+    assert white.T @ white == pytest.approx(
+        np.column_stack((values, other)).T @ np.linalg.solve(dense, np.column_stack((values, other))), rel=1e-8
+    )
+    slow = dense - noise.white**2 * np.diag(readings.variance)
+    mean, deviation = discrepancy(values, noise, readings)
+    assert mean == pytest.approx(slow @ np.linalg.solve(dense, values), abs=1e-8)
+    assert deviation**2 == pytest.approx(np.diag(slow - slow @ np.linalg.solve(dense, slow)), abs=1e-8)
+
+
+def test_records_are_independent() -> None:
+    noise, time = Noise(0.02, 0.1, 9.0), uneven(100, 2)
+    both = Readings.at(np.concatenate((time, time)), np.arange(200) % 100 == 0)
+    values = np.random.default_rng(3).normal(size=200)
+    alone = Whitening(noise, Readings.at(time))
+    together = Whitening(noise, both).log_likelihood(values)
+    assert together == pytest.approx(alone.log_likelihood(values[:100]) + alone.log_likelihood(values[100:]))
+
+
+@pytest.mark.parametrize(("slow", "tau_s"), [(0.02, 30.0), (0.005, 8.0), (0.1, 200.0)])
+def test_what_is_estimated(slow: float, tau_s: float) -> None:
+    rng, truth = np.random.default_rng(4), Noise(0.01, slow, tau_s)
+    time = uneven(1500, 5)
+    residual = np.linalg.cholesky(covariance(time, truth)) @ rng.normal(size=1500)
+    found = estimate(residual, Readings.at(time))
+    assert found.white == pytest.approx(0.01, rel=0.1)
+    assert 0.5 < found.slow / slow < 2.0
+    assert 0.4 < found.tau_s / tau_s < 2.5
+
+
+def test_white_noise_has_no_discrepancy() -> None:
+    """By chance in one of a hundred: of twenty at most one, or intervals of sound fits would widen."""
+    time = uneven(800, 6)
+    found = [estimate(0.01 * np.random.default_rng(seed).normal(size=800), Readings.at(time)) for seed in range(20)]
+    assert sum(noise.slow > 0.0 for noise in found) <= 1
+    assert estimate(np.zeros(800), Readings.at(time), least_white=1e-3) == Noise(1e-3)
+
+
+def test_a_bound_on_the_discrepancy() -> None:
+    rng, time = np.random.default_rng(7), uneven(800, 8)
+    residual = np.linalg.cholesky(covariance(time, Noise(0.01, 0.5, 50.0))) @ rng.normal(size=800)
+    assert estimate(residual, Readings.at(time), most_slow=0.1).slow <= 0.1
+
+
+def test_a_reading_far_out_weighs_less_and_its_neighbours_do_not() -> None:
+    rng, time, truth = np.random.default_rng(9), uneven(600, 10), Noise(0.01, 0.05, 20.0)
+    residual = np.linalg.cholesky(covariance(time, truth)) @ rng.normal(size=600)
+    residual[300] += 1.0
+    readings = Readings.at(time)
+    for _ in range(4):
+        readings = Readings(time, readings.begins, variances(residual, truth, readings))
+    assert readings.variance[300] > 15.0
+    assert np.sum(readings.variance > 1.5) <= 2
