@@ -1,4 +1,4 @@
-"""How large the packages are, and where they break the house's rules of size.
+"""How large the packages are, and which numeric constants stand there without a reason.
 
     python benchmarks/structure.py [--since COMMIT] [--list] [--json FILE]
 
@@ -24,9 +24,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("compensator", "sim", "rig")
-LONGEST_FUNCTION = 60  # lines, decorators not counted
-LONGEST_FILE = 350  # lines
-EXCUSED = {"compensator/inverse/bracket.py:common_root"}  # a split costs 6 to 14 % of the inverse
 SAME_FILE = "-M40%"  # git's rename detection: what was moved and edited is the same file from 40 % of its lines on
 
 
@@ -60,15 +57,6 @@ def statements(source: str) -> int:
 
 def _is_text(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-
-
-def long_functions(path: str, source: str) -> Iterator[tuple[str, int]]:
-    """Name and lines of each function that is too long."""
-    for node in ast.walk(tree(source)):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno is not None:
-            lines = node.end_lineno - node.lineno + 1
-            if lines > LONGEST_FUNCTION and f"{path}:{node.name}" not in EXCUSED:
-                yield f"{path}:{node.name}", lines
 
 
 def constants(source: str) -> Iterator[tuple[str, int, bool]]:
@@ -120,8 +108,6 @@ def measured(since: str) -> tuple[dict[str, float], dict[str, list[str]]]:
     before = sum(map(statements, then.values()))
     kept = stood_already(since, now)
     found = {
-        "functions_too_long": [f"{name} {n}" for path in now for name, n in long_functions(path, now[path])],
-        "files_too_long": [f"{path} {n}" for path in now if (n := len(now[path].splitlines())) > LONGEST_FILE],
         "constants_without_reason": [
             f"{path}:{line} {name}" for path in now for name, line, said in constants(now[path]) if not said
         ],

@@ -26,12 +26,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from compensator.hysteresis.functions import Array
 
 FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 1 in 16,000 of normal readings
-SIGNIFICANT: Final = 0.5 * float(chi2.isf(0.01, 2))  # log-likelihood that two parameters gain in 1 of 100 by chance
+SIGNIFICANT: Final = 0.5 * float(chdtri(2, 0.01))  # log-likelihood that two parameters gain in 1 of 100 by chance
 RATIOS: Final = (0.05, 0.5, 5.0, 50.0)  # slow^2 / white^2 from which the likelihood is climbed
 TIMES: Final = (3.0, 30.0, 300.0, 3000.0)  # tau over the median step, likewise
 NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound

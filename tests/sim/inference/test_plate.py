@@ -160,7 +160,7 @@ def test_measured_plates() -> None:
 
 
 def test_by_how_much_a_model_is_off_beyond_the_noise() -> None:
-    """White noise: by nothing. An error of the rig that comes and goes: its size and for how long, and no noise of it."""
+    """White noise: by nothing. An error that comes and goes: its size and for how long."""
     time, current = profile()
     rng, clean = np.random.default_rng(3), PLATE.simulate(24.0, time, current)
     white = 0.01 * rng.normal(size=time.size)
