@@ -35,7 +35,7 @@ def rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) ->
 @pytest.mark.parametrize("dt", [0.01, 0.1, 3.0])
 def test_against_a_library_integrator(current: float, dt: float) -> None:
     expected = solve_ivp(rates, (0.0, dt), [60.0, 31.0], args=(current, 10.0, 0.4), rtol=1e-12, atol=1e-12).y[:, -1]
-    np.testing.assert_allclose(step(PLATE.array(), 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-8)
+    np.testing.assert_allclose(step(PLATE.numbers, 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-8)
 
 
 def test_energy_balance() -> None:
@@ -45,7 +45,7 @@ def test_energy_balance() -> None:
     first = plate + 10.0 * sink
     for _ in range(1000):
         work += dt * (1.6e-3 * current * (plate - sink) + 0.06 * current**2 - 0.4 * (sink - 25.0))
-        plate, sink = step(PLATE.array(), 10.0, 0.4, plate, sink, current, dt)
+        plate, sink = step(PLATE.numbers, 10.0, 0.4, plate, sink, current, dt)
     assert plate + 10.0 * sink - first == pytest.approx(work, rel=1e-3)
 
 

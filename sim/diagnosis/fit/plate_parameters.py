@@ -55,6 +55,10 @@ class PlateParameters:
         v = self._values()
         return np.array([v.get(name, 0.0) for name in ("s", "r", CONDUCTANCE, "q", ROOM.name)])
 
+    def numbers(self) -> Array:
+        """The plate as the simulation takes it: without slopes of s and r."""
+        return np.append(self.plate(), (0.0, 0.0))
+
     def model(self, error_K: float) -> PlateModel:
         """The plate as its equation has it; error_K: what no model explains of its temperature."""
         s, r, g, q, _ = (float(v) for v in self.plate())
