@@ -206,6 +206,8 @@ class PlateModel:
             if not abs(value) <= LARGEST_SLOPE_PER_K:
                 bound = f"{LARGEST_SLOPE_PER_K:g}"
                 raise ValueError(f"{name}: {value!r}: expected a number from -{bound} to {bound} (relative, 1/K)")
+            if self.kind == "heater" and value != 0.0:
+                raise ValueError(f"{name}: {value!r}: expected 0, for a heater has neither S nor R_e")
         for name, value in self.inputs:
             if not math.isfinite(value):
                 raise ValueError(f"inputs.{name}: {value!r}: expected a finite number")
