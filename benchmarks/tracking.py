@@ -124,19 +124,16 @@ def lines(found: list[Found]) -> list[Line]:
     against = over(of("class", "full"), of("class", "feedforward"))
     against += over(of("outside", "full"), of("outside", "feedforward"))
     against += over(of("class", "exact"), of("class", "exact_feedforward"))
+    slopes = over(of("class", "sloped"), of("class", "exact"))
+    slopes_ahead = over(of("class", "sloped_feedforward"), of("class", "exact_feedforward"))
     table = [
         Line("RMS, film of the class", 0.25, of("class", "full")),
         Line("RMS, film outside the class", 0.50, of("outside", "full")),
         Line("feedforward alone, of the class", None, of("class", "feedforward")),
         Line("feedforward alone, outside", None, of("outside", "feedforward")),
         Line("nothing wrong: full", None, of("class", "exact")),
-        Line("slopes that the law knows: full, over without them", None, over(of("class", "sloped"), of("class", "exact")), ""),
-        Line(
-            "slopes that the law knows: feedforward, the same",
-            None,
-            over(of("class", "sloped_feedforward"), of("class", "exact_feedforward")),
-            "",
-        ),
+        Line("slopes that the law knows: full, over without them", None, slopes, ""),
+        Line("slopes that the law knows: feedforward, the same", None, slopes_ahead, ""),
         Line("wrong: RMS", 0.8, of("outside", "wrong")),
         Line("wrong: largest error", 0.010, decades(of("outside", "wrong", which=1)), "dec"),
         Line("2 A, film of the class", 0.6, of("class", "full", 2.0)),

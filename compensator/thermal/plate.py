@@ -90,7 +90,7 @@ def after(constant: float, linear: float, square: float, temperature: float, dt:
     if square == 0.0:
         x = -linear * dt
         return temperature + rate * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else math.expm1(-x) / linear)
-    # with w^2 = linear^2 - 4 constant square and p = d(rate)/dT the rise is 2 rate t / (1 - p t), t = tanh(w dt / 2) / w
+    # T rises by 2 rate t / (1 - p t), where t = tanh(w dt / 2) / w, w^2 = linear^2 - 4 constant square, p = d(rate)/dT
     discriminant = linear * linear - 4.0 * constant * square
     w = math.sqrt(abs(discriminant))
     x = 0.5 * w * dt

@@ -93,9 +93,10 @@ def run(
 ) -> None:
     """Plate temperature at the nodes, into plate (nodes,).
 
-    par: of the plate, the slopes included. terms, values: (effects, 3), (effects, 2). time, current, heating (K/s,
-    until the next): (nodes,). reset: (nodes,), where not nan the plate's temperature begins anew there (the first must). own: (effects,), the effects' own temperatures,
-    at the first node, at the last on return. slopes: (nodes, 2), dT/dt after the node and before it, K/s.
+    par: of the plate, the slopes of s and r included. terms, values: (effects, 3), (effects, 2). time, current, heating
+    (K/s, until the next): (nodes,). reset: (nodes,), where not nan the plate's temperature begins anew there (the first
+    must). own: (effects,), the effects' own temperatures, at the first node, at the last on return. slopes: (nodes, 2),
+    dT/dt after the node and before it, K/s.
     """
     m = terms.shape[0]
     a, b, c, d, at = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)

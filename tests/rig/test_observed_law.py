@@ -104,9 +104,9 @@ def test_a_known_effect_costs_next_to_nothing(name: str, without: float) -> None
 
 @pytest.mark.parametrize("name", ["none", "film_lag", "heat_sink_warmup"])
 def test_a_plate_whose_module_changes_with_temperature_costs_nothing(name: str, without: float) -> None:
-    """A rig's module gains 10 % of S and 20 % of R_e by the film's transition: who tracks on it with the slopes in the
-    model file gets what a plate without slopes gives, behind a heat sink too, whose face has an S of its own. A law that
-    does not know them is off by 1.2 to 1.5 times as much."""
+    """A rig's module gains 7 % of S and 14 % of R_e by the film's transition: who tracks on it with the slopes in the
+    model file gets what a plate without slopes gives, behind a heat sink too, whose face has an S of its own. A law
+    that does not know them is off by 1.2 to 1.5 times as much."""
     assert error_dec(name, known=True, true=SLOPED) < 1.1 * without
 
 
