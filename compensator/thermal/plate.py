@@ -45,8 +45,8 @@ FARTHEST_DEGC: Final = 1e6  # where a plate ends that runs away: s grows with T,
 # and R that grow alike (V. Giaretto, E. Campagnoli, Metals 10 (2020) 291). Both are of a module at one temperature.
 # Here they are of the plate's alone: with the far side at rest R follows half of it, and Thomson's heat takes away half
 # of what S gains, so that a plate shows between a half and all of them. The deviations cover both ends.
-SEEBECK_SLOPE_PRIOR_PER_K: Final = (0.0015, 0.0008)
-RESISTANCE_SLOPE_PRIOR_PER_K: Final = (0.004, 0.0015)
+SEEBECK_SLOPE_PRIOR_PER_K: Final = (0.0015, 0.0008)  # see above
+RESISTANCE_SLOPE_PRIOR_PER_K: Final = (0.004, 0.0015)  # see above
 
 
 @njit(cache=True)
@@ -128,6 +128,9 @@ def rate(par: Array, temperature: float, current: float) -> float:
 def step(par: Array, temperature: float, current: float, dt: float) -> float:
     """Return the temperature (degC) after dt with the current held: exact."""
     constant, linear, square = balance(par, current)
+    x = -linear * dt
+    if square == 0.0 and abs(x) >= 1e-8:  # as `after`, rounded otherwise: runs of before are repeated to the bit
+        return temperature * math.exp(-x) + constant * math.expm1(-x) / linear
     return after(constant, linear, square, temperature, dt)
 
 
