@@ -39,12 +39,14 @@ SLOPES_AT_DEGC: Final = 25.0  # where s is s_25 and r is r_25
 LARGEST_SLOPE_PER_K: Final = 0.02  # of either sign: with more of it s or r would turn its sign within 50 K of 25 degC
 FARTHEST_DEGC: Final = 1e6  # where a plate ends that runs away: s grows with T, and there is no bound in finite time
 
-# Mean and standard deviation of the slopes of modules of Bi2Te3 alloys, 1/K, at 25 degC.
-# Of a 71-couple, 6 A module Ferrotec gives S(T) and R(T) as polynomials (Thermoelectric Technical Reference Guide,
-# sec. 11.2, ferrotec-nord.com/mathematical-modeling-of-modules): 0.0017 and 0.0051. Modules of several makers have S
-# and R that grow alike (V. Giaretto, E. Campagnoli, Metals 10 (2020) 291). Both are of a module at one temperature.
-# Here they are of the plate's alone: with the far side at rest R follows half of it, and Thomson's heat takes away half
-# of what S gains, so that a plate shows between a half and all of them. The deviations cover both ends.
+# Mean and standard deviation of the slopes of modules of Bi2Te3 alloys, 1/K, at 25 degC. Of S and R_e:
+#   0.0017, 0.0051   a maker's module, from its polynomials S_M(T), R_M(T): Ferrotec, Thermoelectric Technical Reference
+#                    Guide, sec. 11.2 (ferrotec-nord.com/mathematical-modeling-of-modules)
+#   0.0016, 0.0049   the material, from alpha(T), rho(T): X. C. Xuan et al., Cryogenics 42 (2002) 273, eqs (8), (9)
+#   0.0010           n-type material, S alone: NIST Standard Reference Material 3451
+# All these are of a body at one temperature, and a plate has one face of the module alone. With the other at rest R_e
+# follows half of the plate's temperature, and Thomson's heat takes away half of what S gains: a plate shows between
+# a half and all of a slope. Means and deviations cover both ends.
 SEEBECK_SLOPE_PRIOR_PER_K: Final = (0.0015, 0.0008)  # see above
 RESISTANCE_SLOPE_PRIOR_PER_K: Final = (0.004, 0.0015)  # see above
 
