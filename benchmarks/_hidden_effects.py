@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from benchmarks._own_plant import KELVIN, STEP_S
+from benchmarks._own_plant import STEP_S
 from benchmarks._tracked_plant import Plate, TrackedPlant, TrueFilm
 
 
@@ -72,11 +72,11 @@ class EffectPlant(TrackedPlant):
             dt = min(STEP_S, until_s - self.time_s)
             if self._commanded:
                 dt = min(dt, max(self._commanded[0][0] - self.time_s, 1e-9))
-            joule = 0.5 * p.resistance * self.current_A**2
+            joule = p.joule_W(self.degC, self.current_A)
             sink = self.sink_degC if h.sink_capacity_ratio else p.ambient_degC
-            heat = p.seebeck * self.current_A * (self.degC + KELVIN) + joule - p.conductance * (self.degC - sink)
+            heat = p.pumped_W(self.degC, self.current_A) + joule - p.conductance * (self.degC - sink)
             if h.sink_capacity_ratio:
-                taken = -p.seebeck * self.current_A * (sink + KELVIN) + joule + p.conductance * (self.degC - sink)
+                taken = -p.pumped_W(sink, self.current_A) + joule + p.conductance * (self.degC - sink)
                 lost = h.sink_conductance_ratio_per_s * p.capacity * (sink - p.ambient_degC)
                 self.sink_degC += dt * (taken - lost) / (h.sink_capacity_ratio * p.capacity)
             if h.sensor_lag_s:

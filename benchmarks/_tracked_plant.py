@@ -1,6 +1,7 @@
 """A plate and a film written apart from `sim` and `compensator`, to say how well a law tracks: the film's own course.
 
     C dT/dt = S I (T + 273.15) + R_e I^2 / 2 - G (T - T_a)              Euler steps of `STEP_S`
+    S, R_e: at 25 degC, times 1 + slope (T - 25)
     log10 R of the class:  offset - sum of w_j p_j - D(T)
                            p_j = max(tanh(a (T - T_r)) - r_j, min(tanh(a (T - T_f)) + r_j, p_j))
     outside:               relays on the plane of (upper, lower) thresholds, each with a weight of its own
@@ -26,13 +27,23 @@ NOISE_K, NOISE_DEC = 0.01, 0.002
 
 @dataclass(frozen=True)
 class Plate:
-    """Watt, kelvin, ampere: S (V/K), R_e (ohm), G (W/K), C (J/K), T_a (degC)."""
+    """Watt, kelvin, ampere: S (V/K), R_e (ohm), G (W/K), C (J/K), T_a (degC), slopes of S and R_e (1/K)."""
 
     seebeck: float = 0.05
     resistance: float = 2.0
     conductance: float = 0.5
     capacity: float = 30.0
     ambient_degC: float = 25.0
+    seebeck_slope: float = 0.0
+    resistance_slope: float = 0.0
+
+    def pumped_W(self, degC: float, current_A: float) -> float:
+        """Return the Peltier heat at a face of that temperature."""
+        return self.seebeck * (1.0 + self.seebeck_slope * (degC - 25.0)) * current_A * (degC + KELVIN)
+
+    def joule_W(self, degC: float, current_A: float) -> float:
+        """Return what either face gets of the Joule heat, the plate at that temperature."""
+        return 0.5 * self.resistance * (1.0 + self.resistance_slope * (degC - 25.0)) * current_A**2
 
 
 class TrueFilm(Protocol):
@@ -117,7 +128,7 @@ class TrackedPlant(OwnPlant):
         p = self.plate
         while self.time_s < until_s - 1e-12:
             dt = min(STEP_S, until_s - self.time_s)
-            heat = p.seebeck * self.current_A * (self.degC + KELVIN) + 0.5 * p.resistance * self.current_A**2
+            heat = p.pumped_W(self.degC, self.current_A) + p.joule_W(self.degC, self.current_A)
             self.degC += dt * (heat - p.conductance * (self.degC - p.ambient_degC)) / p.capacity
             self.time_s += dt
             self.log_ohm = self.film.log_ohm(self.degC)

@@ -34,6 +34,7 @@ SINE_DEC, SINE_S = 0.8, 300.0
 FILMS = {"class": FilmOfTheClass, "outside": FilmOutsideTheClass}
 NOMINAL = Plate()
 WRONG = Plate(seebeck=0.04, resistance=2.4, conductance=0.6, ambient_degC=30.0)  # S -20 %, R_e, G +20 %, room +5 K
+SLOPED = Plate(seebeck_slope=0.002, resistance_slope=0.004)
 WRONG_LAG_S, SETTLE_S = 2.0, 30.0
 FROM_HOT_S = 90.0  # of a wanted temperature: the way down from the hot end, before the target begins
 UNKNOWN_S = 300.0
@@ -62,13 +63,15 @@ dwell_s = 2.0
 @dataclass(frozen=True)
 class Run:
     """One run of a film: name, as the table knows it; way: how the target is given (`resistance`, or as a temperature
-    by `inverse` or `look_up`); left: how somebody has left the film (`leave_behind`); the rest as in the
+    by `inverse` or `look_up`); left: how somebody has left the film (`leave_behind`); sloped: whether the plate's S and
+    R_e change with temperature, exact: whether the law has the film and the plate as they are; the rest as in the
     configuration."""
 
     name: str
     law: str = "full"
     wrong: bool = False
     exact: bool = False
+    sloped: bool = False
     way: str = "resistance"
     ms: float | None = None
     repeat: int = 1
@@ -125,14 +128,14 @@ def plant_of(film: Film, run: Run, start_s: float) -> TrackedPlant:
     true = FILMS[film.kind](film.seed)
     if run.wrong:
         return EffectPlant(WRONG, true, film.seed, start_s, Hidden(sensor_lag_s=WRONG_LAG_S), film.noise)
-    plant = TrackedPlant(NOMINAL, true, film.seed, start_s, film.noise)
+    plant = TrackedPlant(SLOPED if run.sloped else NOMINAL, true, film.seed, start_s, film.noise)
     if run.memory:
         plant.degC = leave_behind(true, film.seed, run.left)
         plant.log_ohm = true.log_ohm(plant.degC)
     return plant
 
 
-def exact_model(film: Film) -> Model:
+def exact_model(film: Film, p: Plate) -> Model:
     """A film of the class and its plate as they are."""
     a, rising, falling, radii, weights, offset, slope = FilmOfTheClass(film.seed).parameters()
     model = FilmModel(
@@ -142,8 +145,15 @@ def exact_model(film: Film) -> Model:
         Envelope("tanh", a, -a * falling),
         Memoryless("linear", 1.0, slope, -60.0 * slope, -offset),
     )
-    p, c = NOMINAL, NOMINAL.capacity
-    return Model(model, PlateModel(p.seebeck / c, p.resistance / c, p.conductance / c, p.ambient_degC))
+    plate = PlateModel(
+        p.seebeck / p.capacity,
+        p.resistance / p.capacity,
+        p.conductance / p.capacity,
+        p.ambient_degC,
+        seebeck_slope_per_K=p.seebeck_slope,
+        resistance_slope_per_K=p.resistance_slope,
+    )
+    return Model(model, plate)
 
 
 def tracked(film: Film) -> Found:
@@ -177,7 +187,7 @@ def one_run(film: Film, run: Run, folder: Path, found: Found) -> str:
         write_model(folder / model, replace(whole, film=replace(whole.film, initial=initial)))
     if run.exact:
         model = "EXACT.toml"
-        write_model(folder / model, exact_model(film))
+        write_model(folder / model, exact_model(film, SLOPED if run.sloped else NOMINAL))
     if run.wrong:
         found.errors[run.name] = wrong_error(film, run, folder, times, values)
         return ""

@@ -1,4 +1,4 @@
-"""Do the intervals of an identified plate hold the truth? Plates with white noise, rounding, a room that wanders.
+"""Do the intervals of an identified plate hold the truth? Plates with and without slopes, rounding, a draught.
 
     ./peltier benchmark plate_intervals [--plates 40]
 
@@ -20,7 +20,7 @@ from scipy.special import betaincinv
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-KINDS = ("white", "rounded", "wandering")
+KINDS = ("no slopes", "white", "rounded", "wandering")
 STEP_S = 0.5
 ROWS = 3000
 
@@ -29,20 +29,29 @@ def record(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, di
     """Time, temperature, current, and the true parameters."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     s, r, g, room = rng.uniform((1e-3, 0.03, 0.008, 18.0), (3e-3, 0.1, 0.03, 28.0))
+    of_s, of_r = (0.0, 0.0) if kind == "no slopes" else rng.uniform((0.0005, 0.002), (0.0025, 0.006))
     clock = STEP_S * np.arange(ROWS)
     level = np.repeat(rng.uniform(-1.5, 2.0, 15), ROWS // 15)
     current = level + rng.uniform(0.1, 0.5) * np.sin(clock / rng.uniform(10.0, 60.0))
     wander = np.zeros(ROWS)
     if kind == "wandering":  # a draught: the room's temperature follows white noise with a lag of 60 s
         for k in range(1, ROWS):
-            wander[k] = wander[k - 1] * np.exp(-STEP_S / 60.0) + rng.normal() * 0.5 * np.sqrt(1 - np.exp(-STEP_S / 30.0))
+            fresh = 0.5 * np.sqrt(1 - np.exp(-STEP_S / 30.0)) * rng.normal()
+            wander[k] = wander[k - 1] * np.exp(-STEP_S / 60.0) + fresh
+
+    def rate(T: float, i: float, outside: float) -> float:
+        joule = 0.5 * r * (1.0 + of_r * (T - 25.0)) * i * i
+        return s * (1.0 + of_s * (T - 25.0)) * i * (T + 273.15) + joule - g * (T - outside)
 
     degC = np.empty(ROWS)
     degC[0] = room
-    for k in range(ROWS - 1):  # current and draught stand still for a row: the balance is linear
-        i = current[k]
-        decay, heat = g - s * i, s * 273.15 * i + 0.5 * r * i * i + g * (room + wander[k])
-        degC[k + 1] = heat / decay + (degC[k] - heat / decay) * np.exp(-decay * STEP_S)
+    for k in range(ROWS - 1):  # Runge and Kutta's method over a row, in which current and draught stand still
+        i, outside, T = current[k], room + wander[k], degC[k]
+        a = rate(T, i, outside)
+        b = rate(T + 0.5 * STEP_S * a, i, outside)
+        c = rate(T + 0.5 * STEP_S * b, i, outside)
+        d = rate(T + STEP_S * c, i, outside)
+        degC[k + 1] = T + STEP_S * (a + 2.0 * b + 2.0 * c + d) / 6.0
     shown = degC + 0.01 * rng.normal(size=ROWS)
     if kind == "rounded":
         shown = 0.05 * np.round(shown / 0.05)
@@ -51,8 +60,10 @@ def record(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, di
         "resistance_over_capacity_K_per_A2_s",
         "conductance_over_capacity_per_s",
         "ambient_degC",
+        "seebeck_slope_per_K",
+        "resistance_slope_per_K",
     )
-    return clock, shown, current, dict(zip(names, (s, r, g, room), strict=True))
+    return clock, shown, current, dict(zip(names, (s, r, g, room, of_s, of_r), strict=True))
 
 
 def one(job: tuple[str, int]) -> tuple[list[bool], list[float], float]:
@@ -85,7 +96,8 @@ def main() -> None:
             off = np.array([z for _, ones, _ in done for z in ones])
             took = float(np.median([t for _, _, t in done]))
             spread = f"{100 * low:.1f} to {100 * high:.1f}"
-            print(f"{kind:<12}{f'{k} of {n}':>14}{spread:>18}{np.sqrt(np.mean(off**2)):>26.2f}{took:>12.2f}", flush=True)
+            rms = np.sqrt(np.mean(off**2))
+            print(f"{kind:<12}{f'{k} of {n}':>14}{spread:>18}{rms:>26.2f}{took:>12.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ tracking.json in DIR). Steps that nobody announced: `benchmark causal_steps`, of
 
     class, outside   a film of the model's class, a film of relays; the full law, and feedforward alone
     exact            a film of the class and its plate with their true parameters
+    slopes           the same where S and R_e grow by 0.2 and 0.4 % a kelvin, which the law knows
     wrong            outside, the model of the nominal plate: S -20 %, R_e and G +20 %, room +5 K, thermometer 2 s late
     slow             a film of the class, 2 A
     repeat           outside, the third repetition
@@ -56,6 +57,7 @@ __all__ = ["COLD_DEGC", "CONFIGURATION", "FILMS", "HOT_DEGC", "course", "error",
 
 FULL, FEEDFORWARD = Run("full"), Run("feedforward", law="feedforward")
 EXACT = Run("exact", exact=True), Run("exact_feedforward", law="feedforward", exact=True)
+SLOPES = Run("sloped", exact=True, sloped=True), Run("sloped_feedforward", law="feedforward", exact=True, sloped=True)
 PIDS = tuple(Run(f"pid_{ms}", law="pid", ms=ms) for ms in (1.2, 1.4, 1.7, 2.0))
 PAPER = tuple(Run(f"paper_{ms}", way="inverse", ms=ms) for ms in (1.4, 1.7))
 MEMORY = (
@@ -68,6 +70,7 @@ ROWS: dict[str, tuple[tuple[str, float, tuple[Run, ...]], ...]] = {
     "class": (("class", 4.0, (FULL, FEEDFORWARD)),),
     "outside": (("outside", 4.0, (FULL, FEEDFORWARD)),),
     "exact": (("class", 4.0, EXACT),),
+    "slopes": (("class", 4.0, (*EXACT, *SLOPES)),),
     "wrong": (("outside", 4.0, (Run("wrong", wrong=True),)),),
     "slow": (("class", 2.0, (FULL,)),),
     "repeat": (("outside", 4.0, (Run("repeat", repeat=3),)),),
@@ -121,12 +124,16 @@ def lines(found: list[Found]) -> list[Line]:
     against = over(of("class", "full"), of("class", "feedforward"))
     against += over(of("outside", "full"), of("outside", "feedforward"))
     against += over(of("class", "exact"), of("class", "exact_feedforward"))
+    slopes = over(of("class", "sloped"), of("class", "exact"))
+    slopes_ahead = over(of("class", "sloped_feedforward"), of("class", "exact_feedforward"))
     table = [
         Line("RMS, film of the class", 0.25, of("class", "full")),
         Line("RMS, film outside the class", 0.50, of("outside", "full")),
         Line("feedforward alone, of the class", None, of("class", "feedforward")),
         Line("feedforward alone, outside", None, of("outside", "feedforward")),
         Line("nothing wrong: full", None, of("class", "exact")),
+        Line("slopes that the law knows: full, over without them", None, slopes, ""),
+        Line("slopes that the law knows: feedforward, the same", None, slopes_ahead, ""),
         Line("wrong: RMS", 0.8, of("outside", "wrong")),
         Line("wrong: largest error", 0.010, decades(of("outside", "wrong", which=1)), "dec"),
         Line("2 A, film of the class", 0.6, of("class", "full", 2.0)),

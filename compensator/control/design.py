@@ -16,7 +16,7 @@ import numpy as np
 
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import FilmModel
-from compensator.hysteresis.functions import KELVIN, Array
+from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 
 SPLINE = 6  # each so many frequencies, between which python-control's splines find crossings: margins to 2e-5
@@ -157,10 +157,5 @@ def design_log_resistance(
     """PID on the output alone, in A per decade, at the film's steepest slope: the comparison `pid`."""
     slope, where = steepest_slope(model, low_degC, high_degC)
     current = plate.current_for_rate_A(where, 0.0, current_limit_A)
-    gain = slope * (
-        plate.seebeck_over_capacity_per_A_s * (where + KELVIN)
-        + plate.resistance_over_capacity_K_per_A2_s * current
-        + plate.drive_over_capacity_K_per_s
-    )
-    pole = plate.conductance_over_capacity_per_s - plate.seebeck_over_capacity_per_A_s * current
-    return design_pi(gain, max(pole, 0.0), dead_time_s, period_s, ms)
+    gain, pole = plate.linearized(where, current)
+    return design_pi(slope * gain, max(pole, 0.0), dead_time_s, period_s, ms)

@@ -17,7 +17,7 @@ import numpy as np
 from compensator.control.linearized import differentiated, numbers, with_numbers
 from compensator.control.observer import Observer
 from compensator.control.own_pid import OwnPid
-from compensator.hysteresis.functions import KELVIN, Array
+from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import PlateModel
 
 
@@ -65,14 +65,6 @@ class LinearPlant:
         return plant
 
 
-def heated_by(plate: PlateModel, degC: float, current_A: float) -> tuple[float, float]:
-    """(gain b in K/s per A, pole p in 1/s) of the plate at an operating point: dT' = b dI - p dT."""
-    p = plate
-    gain = p.seebeck_over_capacity_per_A_s * (degC + KELVIN) + p.resistance_over_capacity_K_per_A2_s * current_A
-    pole = p.conductance_over_capacity_per_s - p.seebeck_over_capacity_per_A_s * current_A
-    return gain + p.drive_over_capacity_K_per_s, pole
-
-
 def course(pole_per_s: float, gain: float, span_s: float) -> tuple[float, float]:
     """(what is left of a temperature, what a current makes of it) after a span with the current held."""
     if abs(pole_per_s * span_s) < 1e-9:
@@ -83,7 +75,7 @@ def course(pole_per_s: float, gain: float, span_s: float) -> tuple[float, float]
 
 def plate_plant(plate: PlateModel, degC: float, current_A: float, slope: float, timing: Timing) -> LinearPlant:
     """A plate and a film without effects, told currents. slope: of the film's output, per K."""
-    gain, pole = heated_by(plate, degC, current_A)
+    gain, pole = plate.linearized(degC, current_A)
     h = timing.period_s
     delay_s = timing.acts_after_s + timing.late_s
     whole, into_s = divmod(delay_s, h)
@@ -127,7 +119,7 @@ def regulated_plant(
 
     The controller looks at its thermometer every `own.tick_s`, in step with the readings.
     """
-    gain, pole = heated_by(plate, degC, current_A)
+    gain, pole = plate.linearized(degC, current_A)
     ticks = max(1, round(timing.period_s / own.tick_s))
     span_s = timing.period_s / ticks
     left, made = course(pole, gain, span_s)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from compensator.control.design import Design, steepest_slope
-from compensator.control.linear_plant import heated_by
 from compensator.control.own_pid import OwnPid, design_own_pid
 from compensator.control.whole_law import NOISES_K
 from compensator.hysteresis.film import FilmModel
@@ -30,7 +29,7 @@ def own_tuning(configuration: Configuration, film: FilmModel, plate: PlateModel)
     limit = configuration.limits.current_A
     _, middle = steepest_slope(film, *configuration.limits.temperature_degC)
     hold = plate.current_for_rate_A(middle, 0.0, limit)
-    gain, pole = heated_by(plate, middle, hold)
+    gain, pole = plate.linearized(middle, hold)
     tick = OwnPid(1.0, 1.0).tick_s
     pid, design = design_own_pid(gain, max(pole, 0.0), tick, tick, configuration.control.ms, NOISES_K[0], limit)
     controller = configuration.bench.controller

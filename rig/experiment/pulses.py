@@ -67,7 +67,8 @@ def plate_of_pulses(folder: RunFolder, kind: Kind, delay_s: float) -> KnownPlate
     """
     time, degC, current = (folder.column(name) for name in ("time_s", "temperature_degC", "current_A"))
     acting = np.searchsorted(time, time - delay_s + 1e-6, "right") - 1
-    fit = identify_plate(time, degC, np.where(acting >= 0, current[np.maximum(acting, 0)], 0.0), kind=kind, lag=True)
+    acted_A = np.where(acting >= 0, current[np.maximum(acting, 0)], 0.0)
+    fit = identify_plate(time, degC, acted_A, kind=kind, lag=True, slopes=False)  # two pulses span some kelvin
     span_K = float(np.nanmax(degC) - np.nanmin(degC))
     steps = np.abs(np.diff(degC[np.isfinite(degC)]))
     step_K = float(np.min(steps[steps > 0.0], initial=0.5))

@@ -10,7 +10,7 @@ import tomli_w
 from pydantic import Field, model_validator
 
 from compensator.hysteresis.film import IDENTITY, Envelope, FilmModel, Memoryless
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import LARGEST_SLOPE_PER_K, PlateModel
 from rig.core.faults import Faults
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_file import Table, checked
@@ -25,6 +25,7 @@ LARGEST = 1e9  # beyond it a number is a slip of the pen, and its square no numb
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 Temperature = Annotated[float, Field(ge=-273.15, le=LARGEST)]
+Slope = Annotated[float, Field(ge=-LARGEST_SLOPE_PER_K, le=LARGEST_SLOPE_PER_K)]
 
 
 class EnvelopeTable(Table):
@@ -145,6 +146,8 @@ class PlateTable(Table):
     conductance_over_capacity_per_s: NotNegative
     drive_over_capacity_K_per_s: NotNegative = 0.0
     ambient_degC: Temperature
+    seebeck_slope_per_K: Slope = 0.0
+    resistance_slope_per_K: Slope = 0.0
     error_K: NotNegative = 0.0
     error_time_s: NotNegative = 0.0
     inputs: dict[Literal["input_2", "sink_degC", "ambient_degC"], Number] = {}
@@ -165,6 +168,8 @@ class PlateTable(Table):
             self.error_K,
             self.error_time_s,
             tuple(self.inputs.items()),
+            self.seebeck_slope_per_K,
+            self.resistance_slope_per_K,
         )
 
 
@@ -270,6 +275,9 @@ def plate_table(model: PlateModel) -> dict[str, Any]:
         table["drive_over_capacity_K_per_s"] = float(model.drive_over_capacity_K_per_s)
     table["conductance_over_capacity_per_s"] = float(model.conductance_over_capacity_per_s)
     table["ambient_degC"] = float(model.ambient_degC)
+    for name in ("seebeck_slope_per_K", "resistance_slope_per_K"):
+        if (slope := float(getattr(model, name))) != 0.0:
+            table[name] = slope
     if model.error_K > 0.0:
         table["error_K"] = float(model.error_K)
     if model.error_time_s > 0.0:

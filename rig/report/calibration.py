@@ -19,6 +19,8 @@ UNITS = {
     "seebeck_over_capacity_per_A_s": ("S/C", "1/(A s)"),
     "resistance_over_capacity_K_per_A2_s": ("R_e/C", "K/(A\N{SUPERSCRIPT TWO} s)"),
     "conductance_over_capacity_per_s": ("G/C", "1/s"),
+    "seebeck_slope_per_K": ("relative slope of S", "1/K"),
+    "resistance_slope_per_K": ("relative slope of R_e", "1/K"),
     "drive_over_capacity_K_per_s": ("heating rate at full drive", "K/s"),
     "ambient_degC": ("ambient", "\N{DEGREE SIGN}C"),
 }

@@ -61,7 +61,9 @@ class HeatFlow:
         (p0, p1, s, r, g, ambient_degC, time_s, plate_degC, own_degC, current_A)
 
     plate_rate: what is added to dT_p/dt, K/s. own_rate: d(own temperature)/dt, K/s, where the effect has one.
-    ambient: what is added to the ambient, K. p0, p1: the effect's parameters (at most two); s, r, g: S/C, R_e/C, G/C.
+    ambient: what is added to the ambient, K. p0, p1: the effect's parameters (at most two); s, r, g: S/C, R_e/C, G/C;
+    where S and R_e change with temperature, R_e is the plate's, and S is that at the plate's temperature, for own_rate
+    at the effect's own.
     """
 
     plate_rate: Any = None

@@ -1,6 +1,7 @@
 """Fit of a plate's heat balance, and of its thermometer's lag, to records of temperature and current.
 
     peltier:  dT/dt = s I (T + 273.15) + 1/2 r I^2 - g (T - T_a)        s = S/C, r = R_e/C, g = G/C
+              s = s_25 (1 + a (T - 25)), r = r_25 (1 + b (T - 25))      a, b: slopes
     heater:   dT/dt = q u - g (T - T_a)                                 drive u in 0..1
 
 The chain (`sim.model.plate_path`) is simulated from the recorded current over each stretch between gaps, from a first
@@ -8,8 +9,8 @@ temperature of its own, never one step ahead. Parameters maximize the likelihood
 and a slow discrepancy, whose sizes are estimated in turn with the fit. Starts come from the balance integrated over
 windows (L. Ljung, System Identification (Prentice Hall 1999), sec. 7.3, 10.2).
 
-Where records leave a combination open, what plates have in common decides, as normal priors: `AMBIENT_DEGC`, `SHARE`.
-Standard errors leave these two out.
+Where records leave a combination open, what plates have in common decides, as normal priors: `AMBIENT_DEGC`, `SHARE`,
+and of the slopes what is known of the material (`compensator.thermal.plate`). Standard errors leave the first two out.
 """
 
 from __future__ import annotations
@@ -32,7 +33,14 @@ from compensator.identification.gaps import gap_threshold
 from compensator.identification.odd_readings import Column, of_records
 from compensator.identification.outliers import lone_outliers
 from compensator.identification.rows import FEWEST
-from compensator.thermal.plate import Kind, PlateModel
+from compensator.thermal.plate import (
+    AMBIENT,
+    LARGEST_SLOPE_PER_K,
+    RESISTANCE_SLOPE_PRIOR_PER_K,
+    SEEBECK_SLOPE_PRIOR_PER_K,
+    Kind,
+    PlateModel,
+)
 from sim.effects.effect import switched
 from sim.effects.sensor_lag import EFFECT as SENSOR_LAG
 from sim.inference.evidence import price
@@ -50,10 +58,14 @@ NAMES: Final = {
         "resistance_over_capacity_K_per_A2_s",
         "conductance_over_capacity_per_s",
         "ambient_degC",
+        "seebeck_slope_per_K",
+        "resistance_slope_per_K",
     ),
     "heater": ("drive_over_capacity_K_per_s", "conductance_over_capacity_per_s", "ambient_degC"),
 }
-PLACES: Final = {"peltier": (0, 1, 2, 4), "heater": (3, 2, 4)}  # of (s, r, g, q, T_a)
+PLACES: Final = {"peltier": (0, 1, 2, 4, 5, 6), "heater": (3, 2, 4)}  # of (s, r, g, q, T_a, a, b)
+NUMBERS: Final = 7  # of these
+SLOPES: Final = (5, 6)  # places of a and b
 SMALLEST: Final = 1e-9  # of s (1/(A s)), q (K/s) and g (1/s): a millionth of any plate's
 AMBIENT_DEGC: Final = (25.0, 15.0)  # mean and deviation: a room, a cold room, an oven's surroundings
 SHARE: Final = (0.4, 0.3)  # of the largest current in that of largest cooling, s (T + 273.15) / r, at 300 K
@@ -214,20 +226,28 @@ def _checked(record: PlateRecord) -> tuple[Array, Array, Array]:
 
 
 def identify_plate(
-    time_s: ArrayLike, temperature_degC: ArrayLike, current_A: ArrayLike, *, kind: Kind = "peltier", lag: bool = False
+    time_s: ArrayLike,
+    temperature_degC: ArrayLike,
+    current_A: ArrayLike,
+    *,
+    kind: Kind = "peltier",
+    lag: bool = False,
+    slopes: bool = True,
 ) -> PlateFit:
     """Fit the plate of one record; arrays of shape (samples,) in s, degC, A (heater: drive 0..1).
 
-    lag: whether the thermometer may lag behind the plate. Raises ValueError with one line for a record that cannot be
-    used.
+    lag, slopes: as of `identify_plate_records`. Raises ValueError with one line for a record that cannot be used.
     """
-    return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind, lag=lag)
+    return identify_plate_records([PlateRecord(time_s, temperature_degC, current_A)], kind=kind, lag=lag, slopes=slopes)
 
 
-def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False) -> PlateFit:
+def identify_plate_records(
+    records: Sequence[PlateRecord], *, kind: Kind = "peltier", lag: bool = False, slopes: bool = True
+) -> PlateFit:
     """Fit one plate to several records; a stretch of rows between gaps has a first temperature of its own.
 
-    lag: whether the thermometer may lag. Raises ValueError with one line for records that cannot be used.
+    lag: whether the thermometer may lag behind the plate. slopes: whether a Peltier plate's Seebeck coefficient and
+    resistance may change with temperature. Raises ValueError with one line for records that cannot be used.
     """
     if kind not in NAMES:
         raise ValueError(f"kind: {kind!r}: expected 'peltier' or 'heater'")
@@ -236,8 +256,10 @@ def identify_plate_records(records: Sequence[PlateRecord], *, kind: Kind = "pelt
     rows = PlateRows.of(records)
     # a trial plate may run away; its residual is then refused
     with np.errstate(over="ignore", invalid="ignore"):
-        fit = fitted(rows, kind, lag)
-        notes = plate_notes(fit, rows.current_A, lambda current, other: fitted(replace(rows, current_A=current), other))
+        fit = fitted(rows, kind, lag, slopes)
+        notes = plate_notes(
+            fit, rows.current_A, lambda current, other: fitted(replace(rows, current_A=current), other, False, slopes)
+        )
     return replace(fit, identifiability=(*_odd(records), *notes))
 
 
@@ -254,13 +276,17 @@ class _Problem:
     """The residual of the records as a function of the unknowns: plate, lag (if any), first temperature of each
     stretch."""
 
-    def __init__(self, rows: PlateRows, kind: Kind, lag: bool) -> None:
-        self.rows, self.kind, self.lag = rows, kind, lag
-        self.places = list(PLACES[kind])
+    def __init__(self, rows: PlateRows, kind: Kind, lag: bool, slopes: bool) -> None:
+        self.rows, self.kind, self.lag, self.slopes = rows, kind, lag, slopes and kind == "peltier"
+        self.places = [place for place in PLACES[kind] if slopes or place not in SLOPES]
+        self.names = tuple(name for name, place in zip(NAMES[kind], PLACES[kind], strict=True) if place in self.places)
         self.split = len(self.places) + lag
-        least = [SMALLEST if place in (0, 2, 3) else 0.0 if place == 1 else -np.inf for place in self.places]
-        stretches = rows.first_rows.size
-        self.least = np.array([*least, *[0.0] * lag, *[-np.inf] * stretches])
+        free = np.full(rows.first_rows.size + lag, np.inf)
+        least = np.array([SMALLEST, 0.0, SMALLEST, SMALLEST, -np.inf, *[-LARGEST_SLOPE_PER_K] * 2])
+        most = np.array([*[np.inf] * 5, *[LARGEST_SLOPE_PER_K] * 2])
+        self.least, self.most = np.append(least[self.places], -free), np.append(most[self.places], free)
+        if lag:
+            self.least[self.split - 1] = 0.0
         self.used = np.flatnonzero(rows.used)
         self.anew = rows.first_rows.astype(np.int64)
         self._nodes: dict[bool, Nodes] = {}
@@ -271,7 +297,7 @@ class _Problem:
         links = self._links(float(unknowns[self.split - 1])) if self.lag else Links()
         if self.lag not in self._nodes:
             self._nodes[self.lag] = plate_nodes(rows, links)
-        par = np.zeros(5)
+        par = np.zeros(NUMBERS)
         par[self.places] = unknowns[: len(self.places)]
         late = np.zeros((self.anew.size, int(self.lag)))
         bodies = np.empty((self.anew.size, 0))
@@ -304,18 +330,27 @@ class _Problem:
         return np.stack(columns, axis=1)
 
     def priors(self, unknowns: Array) -> tuple[Array, Array]:
-        """How far the unknowns are from what plates have in common, in deviations, and the derivatives."""
-        ambient = len(self.places) - 1
-        slopes = np.zeros((2, unknowns.size))
-        away = [(unknowns[ambient] - AMBIENT_DEGC[0]) / AMBIENT_DEGC[1]]
-        slopes[0, ambient] = 1.0 / AMBIENT_DEGC[1]
-        if self.kind == "heater":
-            return np.array(away), slopes[:1]
-        pump = 300.0 * max(unknowns[0], SMALLEST) / self.rows.largest_A
-        away.append((unknowns[1] / pump - SHARE[0]) / SHARE[1])
-        slopes[1, 1] = 1.0 / (pump * SHARE[1])
-        slopes[1, 0] = -unknowns[1] / (pump * max(unknowns[0], SMALLEST) * SHARE[1])
-        return np.array(away), slopes
+        """How far the unknowns are from what is known beforehand, in deviations, and the derivatives: first what plates
+        have in common, then what is known of the slopes."""
+        away, rows = [], []
+
+        def expected(value: float, prior: tuple[float, float], by: dict[int, float]) -> None:
+            mean, deviation = prior
+            away.append((value - mean) / deviation)
+            row = np.zeros(unknowns.size)
+            for place, slope in by.items():
+                row[self.places.index(place)] = slope / deviation
+            rows.append(row)
+
+        expected(float(unknowns[self.places.index(AMBIENT)]), AMBIENT_DEGC, {AMBIENT: 1.0})
+        if self.kind == "peltier":
+            s, r = max(float(unknowns[0]), SMALLEST), float(unknowns[1])
+            pump = 300.0 * s / self.rows.largest_A
+            expected(r / pump, SHARE, {1: 1.0 / pump, 0: -r / (pump * s)})
+        if self.slopes:
+            for place, prior in zip(SLOPES, (SEEBECK_SLOPE_PRIOR_PER_K, RESISTANCE_SLOPE_PRIOR_PER_K), strict=True):
+                expected(float(unknowns[self.places.index(place)]), prior, {place: 1.0})
+        return np.array(away), np.stack(rows)
 
     def descend(self, unknowns: Array, whitening: Whitening, evaluations: int) -> tuple[Array, float]:
         """The unknowns of the highest posterior density near some, and half of what it is penalized by there."""
@@ -326,10 +361,18 @@ class _Problem:
         def slopes(x: Array) -> Array:
             return np.vstack((whitening.of(self.jacobian(x, self.residual(x))), self.priors(x)[1]))
 
-        start = np.maximum(unknowns, self.least + np.where(np.isfinite(self.least), 1e-12, 0.0))
-        bounds = (self.least, np.full(start.size, np.inf))
+        inside = np.where(np.isfinite(self.least), 1e-12, 0.0)  # a start on a bound is refused
+        start = np.clip(unknowns, self.least + inside, self.most - inside)
         found = least_squares(
-            white, start, slopes, bounds, x_scale="jac", ftol=1e-10, xtol=1e-12, gtol=1e-12, max_nfev=evaluations
+            white,
+            start,
+            slopes,
+            (self.least, self.most),
+            x_scale="jac",
+            ftol=1e-10,
+            xtol=1e-12,
+            gtol=1e-12,
+            max_nfev=evaluations,
         )
         return found.x, float(found.cost)
 
@@ -346,9 +389,9 @@ class _Point:
     most_slow: float
 
 
-def fitted(rows: PlateRows, kind: Kind, lag: bool = False) -> PlateFit:
+def fitted(rows: PlateRows, kind: Kind, lag: bool, slopes: bool) -> PlateFit:
     """Fit the plate of rows that were checked."""
-    problem = _Problem(rows, kind, False)
+    problem = _Problem(rows, kind, False, slopes)
     plain = _settled(_started(problem))
     if lag:
         plain = _with_lag(plain)
@@ -372,7 +415,8 @@ def _started(problem: _Problem) -> _Point:
     firsts = temperature[np.searchsorted(stretch, np.arange(rows.first_rows.size))]
     tried = []
     for par in rough_balances(rows.parts, problem.kind):
-        start = np.concatenate((par[problem.places], firsts))
+        known = (SEEBECK_SLOPE_PRIOR_PER_K[0], RESISTANCE_SLOPE_PRIOR_PER_K[0])
+        start = np.concatenate((np.append(par, known)[problem.places], firsts))
         tried.append(problem.descend(start, whitening, 8))
     best = min(tried, key=lambda at: at[1])[0]
     best, _ = problem.descend(best, whitening, 60)
@@ -410,7 +454,7 @@ def _settled(at: _Point) -> _Point:
 
 def _with_lag(plain: _Point) -> _Point:
     """The best fit with a lagging thermometer, where it is worth its price; else the one without."""
-    problem = _Problem(plain.problem.rows, plain.problem.kind, True)
+    problem = _Problem(plain.problem.rows, plain.problem.kind, True, plain.problem.slopes)
     best, split = plain, plain.problem.split
     whitening = Whitening(plain.noise, plain.readings)
     alone = Whitening(Noise(float(np.std(plain.problem.residual(plain.unknowns)))), plain.readings)
@@ -429,15 +473,18 @@ def _result(at: _Point) -> PlateFit:
     problem, unknowns, kind = at.problem, at.unknowns, at.problem.kind
     count, whitening = len(problem.places), Whitening(at.noise, at.readings)
     residual = problem.residual(unknowns)
-    covariance = block_sandwich(whitening.of(problem.jacobian(unknowns, residual)), whitening.of(residual))
-    par = np.zeros(5)
+    away, by = problem.priors(unknowns)
+    known = slice(away.size - len(SLOPES) * problem.slopes, away.size)  # of the slopes alone
+    jacobian = np.vstack((whitening.of(problem.jacobian(unknowns, residual)), by[known]))
+    covariance = block_sandwich(jacobian, np.append(whitening.of(residual), away[known]))
+    par = np.zeros(NUMBERS)
     par[problem.places] = unknowns[:count]
-    s, r, g, q, ambient = (float(value) for value in par)
-    model = PlateModel(s, r, g, ambient, q, kind, *at.noise.of_a_model)
+    s, r, g, q, ambient, of_s, of_r = (float(value) for value in par)
+    model = PlateModel(s, r, g, ambient, q, kind, *at.noise.of_a_model, (), of_s, of_r)
     counted = residual[at.readings.variance < 2.0]
     return PlateFit(
         model,
-        NAMES[kind],
+        problem.names,
         unknowns[:count].copy(),
         covariance.standard_errors[:count],
         covariance.correlation[:count, :count],

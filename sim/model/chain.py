@@ -72,7 +72,7 @@ class Chain:
         """Raises ValueError for effects that clash."""
         self.model, self.links = model, model.links
         self._heat = heat_flows(self.links.plate)
-        self._par = model.plate.array()
+        self._par = model.plate.numbers
         self._film = FilmSide(model.film, self.links) if model.film is not None else None
 
     def start(self, plate_degC: float, memory: Any = None, initial: str | None = None) -> ChainState:

@@ -177,7 +177,7 @@ class Observer:
         if not self._heat.count or g == 0.0:
             return plate
         degC, current, chain = state.plate_degC, state.acting_A, state.chain
-        rate = rate_K_per_s(plate.array(), self._heat, state.time_s, degC, chain.own_degC, current)
+        rate = rate_K_per_s(plate.numbers, self._heat, state.time_s, degC, chain.own_degC, current)
         return replace(plate, ambient_degC=plate.ambient_degC + (rate - plate.rate_K_per_s(degC, current)) / g)
 
     def own(self, output: Array | float) -> Array:

@@ -2,8 +2,11 @@
 
     dT_p/dt = s I (T_p + 273.15) + 1/2 r I^2 + q I - g (T_p - T_a(t)) + h(t) + sum of the effects' terms
 
+s and r are those at T_p; a body with a balance of its own gets s at its own temperature, for the current passes from
+one material to the other there (`compensator.thermal.plate` has the plate's array and the slopes of s and r).
+
 From a node until the next one the current is known, and the heating h by what else a record has (`inputs`). Without
-effects a step is exact (I held: a linear differential equation); with effects it is the classical Runge-Kutta method in
+effects a step is exact (`compensator.thermal.plate.after`); with effects it is the classical Runge-Kutta method in
 steps of at most `LONGEST_STEP_S`, whose error is below 1e-8 K at the rates met. Times count from the record's first
 row, so that what drifts can do so.
 """
@@ -22,6 +25,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import KELVIN, Array
+from compensator.thermal.plate import AMBIENT, after, balance, balanced_rate, resistance, seebeck
 from sim.effects.effect import HeatFlow, Switched
 from sim.effects.heat_term import ARGUMENTS, SIGNATURE, heat_term
 
@@ -57,11 +61,11 @@ def _rates(
     out: Array,
 ) -> float:
     """dT_p/dt; the rates of the effects' own temperatures into out."""
-    s, r, g, q = par[0], par[1], par[2], par[3]
-    ambient = par[4]
+    s, r, g, q = seebeck(par, plate), resistance(par, plate), par[2], par[3]
+    ambient = par[AMBIENT]
     for k in range(terms.shape[0]):
         if terms[k, 2] != 0:
-            ambient += call(terms[k, 2], values[k, 0], values[k, 1], s, r, g, par[4], t, plate, own[k], current)
+            ambient += call(terms[k, 2], values[k, 0], values[k, 1], s, r, g, par[AMBIENT], t, plate, own[k], current)
     driven = s * current * (plate + KELVIN) + 0.5 * r * current * current + q * current
     rate = driven - g * (plate - ambient) + heating
     for k in range(terms.shape[0]):
@@ -69,7 +73,8 @@ def _rates(
         if terms[k, 0] != 0:
             rate += call(terms[k, 0], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
         if terms[k, 1] != 0:
-            out[k] = call(terms[k, 1], values[k, 0], values[k, 1], s, r, g, ambient, t, plate, own[k], current)
+            there = seebeck(par, own[k])
+            out[k] = call(terms[k, 1], values[k, 0], values[k, 1], there, r, g, ambient, t, plate, own[k], current)
     return float(rate)
 
 
@@ -88,10 +93,10 @@ def run(
 ) -> None:
     """Plate temperature at the nodes, into plate (nodes,).
 
-    par: (s, r, g, q, T_a). terms, values: (effects, 3), (effects, 2). time, current, heating (K/s, until the next):
-    (nodes,). reset: (nodes,), where
-    not nan the plate's temperature begins anew there (the first must). own: (effects,), the effects' own temperatures,
-    at the first node, at the last on return. slopes: (nodes, 2), dT/dt after the node and before it, K/s.
+    par: of the plate, the slopes of s and r included. terms, values: (effects, 3), (effects, 2). time, current, heating
+    (K/s, until the next): (nodes,). reset: (nodes,), where not nan the plate's temperature begins anew there (the first
+    must). own: (effects,), the effects' own temperatures, at the first node, at the last on return. slopes: (nodes, 2),
+    dT/dt after the node and before it, K/s.
     """
     m = terms.shape[0]
     a, b, c, d, at = np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
@@ -100,12 +105,11 @@ def run(
         if k > 0:
             i, known, dt = current[k - 1], heating[k - 1], time[k] - time[k - 1]
             if m == 0:
-                decay = par[2] - par[0] * i
-                forcing = par[0] * KELVIN * i + 0.5 * par[1] * i * i + par[3] * i + par[2] * par[4] + known
-                slopes[k - 1, 0] = forcing - decay * t
-                x = decay * dt
-                t += slopes[k - 1, 0] * (dt * (1.0 - 0.5 * x) if abs(x) < 1e-8 else -math.expm1(-x) / decay)
-                slopes[k, 1] = forcing - decay * t
+                constant, linear, square = balance(par, i)
+                constant += known
+                slopes[k - 1, 0] = balanced_rate(constant, linear, square, t)
+                t = after(constant, linear, square, t, dt)
+                slopes[k, 1] = balanced_rate(constant, linear, square, t)
             elif dt > 0.0:
                 count = max(1, math.ceil(dt / LONGEST_STEP_S - 1e-9))
                 h, now = dt / count, time[k - 1]
@@ -178,5 +182,5 @@ def heat_flows(effects: Sequence[Switched]) -> HeatFlows:
 def rate_K_per_s(
     par: Array, heat: HeatFlows, time_s: float, plate_degC: float, own_degC: Array, current: float
 ) -> float:
-    """dT_p/dt with the effects at one moment; par: (s, r, g, q, T_a)."""
+    """dT_p/dt with the effects at one moment; par: of the plate, the slopes included."""
     return float(_rates(par, heat.terms, heat.values, time_s, plate_degC, own_degC, current, 0.0, np.empty(heat.count)))

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import AMBIENT
 from sim.model.links import Links, followed
 from sim.model.plate_balance import heat_flows, run
 from sim.model.recorded import COARSE, Mask, Recorded, Rows, Spacing
@@ -138,11 +139,11 @@ def simulate_plate(
     rooms_K: Array | None = None,
     inputs_K_per_s: Array | None = None,
 ) -> PlateRun:
-    """plate: (s, r, g, q, T_a). first_degC: plate temperature at the beginning of each stretch. anew: the first row,
-    and others of those that begin stretches. own_degC: there, of the effects on the plate, nan: as it was before,
-    (anew, effects). late_K: by how much each thermometer filter is behind there, (anew, filters). rooms_K: by how much
-    the room is warmer from there on than T_a, (anew,); None: by nothing. inputs_K_per_s: how fast one unit of each of
-    the record's inputs heats, (inputs,); None: not at all."""
+    """plate: (s, r, g, q, T_a, slope of s, slope of r), as `PlateModel.numbers` begins. first_degC: plate temperature
+    at the beginning of each stretch. anew: the first row, and others of those that begin stretches. own_degC: there, of
+    the effects on the plate, nan: as it was before, (anew, effects). late_K: by how much each thermometer filter is
+    behind there, (anew, filters). rooms_K: by how much the room is warmer from there on than T_a, (anew,); None: by
+    nothing. inputs_K_per_s: how fast one unit of each of the record's inputs heats, (inputs,); None: not at all."""
     heat = heat_flows(links.plate)
     n = nodes.time_s.size
     reset = np.full(n, np.nan)
@@ -154,8 +155,10 @@ def simulate_plate(
     for begin, end, own, room in zip(begins, [*begins[1:] + 1, n], own_degC, rooms, strict=True):
         part = slice(begin, end)  # up to the next begin, whose slope before it is kept
         before, bodies = slopes[begin, 1], np.where(np.isnan(own), bodies, own)
+        par = plate.copy()
+        par[AMBIENT] += room
         run(
-            np.append(plate[:4], plate[4] + room),
+            par,
             heat.terms,
             heat.values,
             nodes.time_s[part],

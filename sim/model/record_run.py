@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from compensator.thermal.plate import AMBIENT
 from sim.model.chain import ChainModel
 from sim.model.film_nodes import plate_at_film_nodes
 from sim.model.film_side import FilmSide
@@ -51,7 +52,7 @@ class RecordRun:
 
     def plate(self, record: Recorded, own: RecordOwn) -> PlateRun:
         """The plate's path, and what an ideal thermometer shows in each row."""
-        return run_plate(record, self.links, self.model.plate.array(), own, self.spacing, dict(self.model.plate.inputs))
+        return run_plate(record, self.links, self.model.plate.numbers, own, self.spacing, dict(self.model.plate.inputs))
 
     def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
         """-log10 of the resistance shown in each row, without noise."""
@@ -82,10 +83,10 @@ class RecordRun:
 def run_plate(
     record: Recorded, links: Links, par: Array, own: RecordOwn, spacing: Spacing, inputs: Mapping[str, float]
 ) -> PlateRun:
-    """Driver, plate and thermometer over a record. par: (s, r, g, q, T_a); the room is that of `own`. inputs: how fast
-    one unit of each heats, K/s, by name (`sim.model.inputs`)."""
+    """Driver, plate and thermometer over a record. par: as for `simulate_plate`; the room is that of `own`. inputs: how
+    fast one unit of each heats, K/s, by name (`sim.model.inputs`)."""
     anew, par = anew_rows(record), par.copy()
-    par[4] = own.ambient_degC
+    par[AMBIENT] = own.ambient_degC
     at_rest, none = np.full(anew.size, np.nan), np.zeros(anew.size)
     at_rest[0] = own.ambient_degC
     bodies = np.array([own.bodies_degC.get(e.name, at_rest) for e in links.plate]).reshape(-1, anew.size)

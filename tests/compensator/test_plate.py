@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import FARTHEST_DEGC, PlateModel
 
 C, S, R, G, AMBIENT = 20.0, 0.05, 2.0, 0.5, 25.0  # J/K, V/K, ohm, W/K, degC
 PLATE = PlateModel(S / C, R / C, G / C, AMBIENT)
+OF_S, OF_R = 0.002, 0.004  # 1/K: what modules of bismuth telluride have
+SLOPED = replace(PLATE, seebeck_slope_per_K=OF_S, resistance_slope_per_K=OF_R)
 TEMPERATURES, CURRENTS = st.floats(-20.0, 120.0), st.floats(-6.0, 6.0)
 
 
@@ -85,6 +90,54 @@ def test_a_heater_only_heats() -> None:
     assert heater.rate_K_per_s(60.0, heater.current_for_rate_A(60.0, 0.05, 1.0)) == pytest.approx(0.05)
 
 
+def sloped_rate(t: float, i: float) -> float:
+    """The balance of a plate with slopes, K/s, written once more."""
+    seebeck, resistance = S * (1.0 + OF_S * (t - 25.0)), R * (1.0 + OF_R * (t - 25.0))
+    return (seebeck * i * (t + 273.15) + 0.5 * resistance * i * i - G * (t - AMBIENT)) / C
+
+
+@settings(deadline=None, max_examples=60)
+@given(TEMPERATURES, CURRENTS, st.floats(1e-3, 30.0))
+def test_a_step_of_a_plate_with_slopes_is_exact(t: float, i: float, dt: float) -> None:
+    """Simulator and law take periods of any length in one step: an error of it would look like a lag of the plate."""
+    solved = solve_ivp(lambda _, x: sloped_rate(x, i), (0.0, dt), [t], method="DOP853", rtol=1e-12, atol=1e-12)
+    assert SLOPED.step(t, i, dt) == pytest.approx(solved.y[0, -1], rel=1e-10, abs=1e-10)
+    half = SLOPED.step(SLOPED.step(t, i, 0.5 * dt), i, 0.5 * dt)
+    assert half == pytest.approx(SLOPED.step(t, i, dt), rel=1e-11, abs=1e-10)
+
+
+@settings(deadline=None)
+@given(TEMPERATURES, CURRENTS, st.floats(-2.0, 2.0))
+def test_the_law_sees_the_slopes(t: float, i: float, wanted: float) -> None:
+    """Feedforward, largest cooling, and the operating point that gains and margins are designed at."""
+    assert SLOPED.rate_K_per_s(t, i) == pytest.approx(sloped_rate(t, i), abs=1e-12)
+    low, high = SLOPED.current_range_A(t, 1e6)
+    assert sloped_rate(t, low) <= min(sloped_rate(t, 1.001 * low), sloped_rate(t, 0.999 * low))
+    low, high = SLOPED.rate_range_K_per_s(t, 5.0)
+    current = SLOPED.current_for_rate_A(t, wanted, 5.0)
+    assert sloped_rate(t, current) == pytest.approx(min(max(wanted, low), high), abs=1e-10)
+    gain, pole = SLOPED.linearized(t, i)
+    assert gain == pytest.approx((sloped_rate(t, i + 1e-4) - sloped_rate(t, i - 1e-4)) / 2e-4, abs=1e-8)
+    assert pole == pytest.approx(-(sloped_rate(t + 1e-3, i) - sloped_rate(t - 1e-3, i)) / 2e-3, abs=1e-8)
+
+
+@pytest.mark.parametrize("slope", [1e-7, 1e-10, 1e-14])
+def test_slopes_that_are_next_to_nothing_are_nothing(slope: float) -> None:
+    """A fit goes through 0: the exact solution of a plate without slopes must join the one with them."""
+    tiny = replace(PLATE, seebeck_slope_per_K=slope, resistance_slope_per_K=-slope)
+    for dt in (1e-6, 0.1, 30.0):
+        assert tiny.step(60.0, 3.0, dt) == pytest.approx(PLATE.step(60.0, 3.0, dt), abs=1e4 * slope + 1e-12)
+
+
+def test_a_plate_that_runs_away_stays_a_number() -> None:
+    """S that grows with T has no bound in finite time; a fit's trial that gets there must be comparable still."""
+    times = np.linspace(0.0, 4000.0, 5)
+    hot = SLOPED.simulate(60.0, times, np.array([6.0, 6.0, 6.0, -1.0, 0.0]))
+    assert np.all(np.isfinite(hot))
+    assert hot[3] == FARTHEST_DEGC
+    assert hot[4] < 100.0
+
+
 def test_parameters_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="conductance"):
         PlateModel(1e-3, 0.06, -0.1, 25.0)
@@ -92,6 +145,11 @@ def test_parameters_that_cannot_be_are_refused() -> None:
         PlateModel(0.0, 0.06, 0.1, 25.0)
     with pytest.raises(ValueError, match="heating rate"):
         PlateModel(0.0, 0.0, 0.1, 25.0, kind="heater")
+    for slope in (0.2, float("nan")):
+        with pytest.raises(ValueError, match="resistance_slope_per_K"):
+            replace(PLATE, resistance_slope_per_K=slope)
+    with pytest.raises(ValueError, match="heater"):
+        PlateModel(0.0, 0.0, 0.1, 25.0, 0.8, "heater", seebeck_slope_per_K=0.002)
 
 
 @pytest.mark.parametrize("rate", [-3e15, 0.0, 3e15])

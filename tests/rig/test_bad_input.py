@@ -123,6 +123,7 @@ def test_missing_file(peltier: Peltier, tmp_path: Path) -> None:
         ("weights = [0.4, 0.3, 0.2, 0.1]", "weights = [0.4, 0.3, 0.2, -0.1]", "film.weights.3"),
         ("[film.falling]", "[film.faling]", "film.faling"),
         ("ambient_degC = 25.0", "", "plate.ambient_degC: missing"),
+        ("ambient_degC = 25.0", "ambient_degC = 25.0\nseebeck_slope_per_K = 0.2", "plate.seebeck_slope_per_K"),
     ],
 )
 def test_wrong_models(peltier: Peltier, tmp_path: Path, old: str, new: str, place: str) -> None:

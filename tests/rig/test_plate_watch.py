@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from compensator.thermal.plate import PlateModel
+from compensator.thermal.plate import RESISTANCE_SLOPE_PRIOR_PER_K, SEEBECK_SLOPE_PRIOR_PER_K, PlateModel
 from rig.core.outcome import Tripped
 from rig.safety.first_plate import OF_A_MODEL, OF_A_PULSE, OF_PULSES, Doubt, KnownPlate, first_plate
 from rig.safety.plate_watch import PlateWatch, told_apart, watchable_rate_K_per_s
@@ -100,6 +101,34 @@ def test_a_model_that_is_wrong_passes(wave: str, step_K: float) -> None:
     true = PlateModel(1.4e-3, 0.09, 0.025, 25.0)
     known = KnownPlate(PLATE, doubt=OF_A_PULSE)
     assert course(WAVES[wave], true=lambda t: true, known=known, step_K=step_K)[0] is None
+
+
+@pytest.mark.parametrize("first_degC", [15.0, 60.0, 85.0])
+@pytest.mark.parametrize("by", ["its slopes", "usual slopes", "a pulse", "a record"])
+def test_a_module_that_changes_with_temperature_passes(by: str, first_degC: float) -> None:
+    """Full current both ways from 12 to 92 degC. The watch knows the module's slopes; or those that modules have, which
+    are off by what they scatter; or none, as long as the plate was not identified yet or by a program of before."""
+    true = replace(PLATE, seebeck_slope_per_K=0.002, resistance_slope_per_K=0.004)
+    time, current = 0.1 * np.arange(6000), np.zeros(6000)
+    current[20:70] = 1.0
+    if by == "a record":
+        current = np.where(time % 50.0 < 25.0, 1.0, -0.3) * np.where(time % 200.0 < 100.0, 3.0, 1.0)
+    degC = true.simulate(25.0, time, current) + 0.005 * np.random.default_rng(4).standard_normal(time.size)
+    known: KnownPlate | None = KnownPlate(true)
+    if by == "usual slopes":
+        usual = SEEBECK_SLOPE_PRIOR_PER_K[0], RESISTANCE_SLOPE_PRIOR_PER_K[0]
+        known = KnownPlate(replace(true, seebeck_slope_per_K=usual[0], resistance_slope_per_K=usual[1]))
+    elif by == "a pulse":
+        known = first_plate(time[:200], degC[:200], current[:200], 4.0)
+    elif by == "a record":
+        known = KnownPlate(identify_plate(time, degC, current).model)
+
+    def full(t: float, degC: float) -> float:
+        return math.copysign(4.0, math.sin(t / 10.0)) if 12.0 < degC < 92.0 else 0.0
+
+    assert known is not None
+    for wave in (full, held_at(90.0), *WAVES.values()):
+        assert course(wave, true=lambda t: true, known=known, first_degC=first_degC)[0] is None
 
 
 @pytest.mark.parametrize("lag_s", [0.6, 5.0, 30.0])

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from rig.files.record_file import read_record
-from tests.rig.small import write_bench
+from tests.rig.small import MODEL, write_bench
 
 Peltier = Callable[..., tuple[int, str, str]]
 CURRENTS = '["start 1 A", "hold 5 s", "ramp to 2 A in 10 s", "hold 5 s"]'
@@ -35,6 +36,32 @@ def test_a_current_profile_is_exact_at_its_rows(tmp_path: Path, peltier: Peltier
     assert (tmp_path / "same.csv").read_bytes() == (tmp_path / "r.csv").read_bytes()
     peltier("simulate", path, "--seed", 4, "--out", tmp_path / "other.csv")
     assert (tmp_path / "other.csv").read_bytes() != (tmp_path / "r.csv").read_bytes()
+
+
+def test_a_plate_with_slopes_is_simulated_and_predicted(tmp_path: Path, peltier: Peltier) -> None:
+    """S and R_e that grow with temperature, from a configuration into a record and from a model file into a prediction,
+    against a library's integrator: who compares a rig with its twin must not see the twin's own error."""
+    slopes = {"seebeck": 0.002, "resistance": 0.004}
+    own = MODEL[MODEL.index("[plate]") :] + "".join(f"{name}_slope_per_K = {v}\n" for name, v in slopes.items())
+    path = of_kind(tmp_path, "current_profile", CURRENTS, more=own.replace("[plate]", "[simulation.plate]"))
+    (tmp_path / "model.toml").write_text(MODEL.replace(MODEL[MODEL.index("[plate]") :], own))
+    path.write_text(path.read_text().replace("[simulation]\n", "[simulation]\nthermometer_noise_K = 0.0\n"))
+    assert peltier("simulate", path, "--out", tmp_path / "r.csv")[0] == 0
+    record = read_record(tmp_path / "r.csv")
+
+    def rate(_: float, t: float, current: float) -> float:
+        s, r = (1.0 + slope * (t - 25.0) for slope in slopes.values())
+        return 1.6e-3 * s * current * (t + 273.15) + 0.03 * r * current**2 - 0.018 * (t - 25.0)
+
+    time, degC = record["time_s"], [float(record["temperature_degC"][0])]
+    for k, dt in enumerate(np.diff(time)):
+        args = (record["current_A"][k],)
+        degC.append(solve_ivp(rate, (0.0, dt), degC[-1:], args=args, rtol=1e-11, atol=1e-11).y[0, -1])
+    assert degC[-1] > 65.0
+    np.testing.assert_allclose(record["temperature_degC"], degC, atol=1e-8)
+    words = ("--drive", "current", "--out", tmp_path / "p.csv")
+    assert peltier("predict", tmp_path / "model.toml", tmp_path / "r.csv", *words)[0] == 0
+    np.testing.assert_allclose(read_record(tmp_path / "p.csv")["predicted_degC"], degC, atol=1e-8)
 
 
 def test_test_currents_of_the_target_file(tmp_path: Path, peltier: Peltier) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.thermal.plate import PlateModel
 from rig.analysis.inverted import jump_warning
 from rig.experiment.feasible import order_warning
 from rig.files.configuration import read_configuration
@@ -180,6 +182,18 @@ def test_models_read_back_to_the_same_bits(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.radii, film.radii)
     np.testing.assert_array_equal(back.weights, film.weights)
     assert (back.rising, back.falling, back.memoryless) == (film.rising, film.falling, film.memoryless)
+
+
+def test_a_plates_slopes_are_in_its_file_where_it_has_them(tmp_path: Path) -> None:
+    """The next program must not take a plate with slopes for one without; files of plates without them stay as they
+    were, so that programs of before still read them."""
+    plate, path = PlateModel(1.6e-3, 0.06, 0.018, 25.0), tmp_path / "m.toml"
+    write_model(path, Model(None, plate))
+    assert "slope" not in path.read_text()
+    assert read_model(path).plate == plate
+    plate = replace(plate, seebeck_slope_per_K=0.1 / 57.0, resistance_slope_per_K=-0.1 / 27.0)
+    write_model(path, Model(None, plate))
+    assert read_model(path).plate == plate
 
 
 def test_records_read_back_to_the_same_bits(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def test_a_lag_behind_a_plate_that_bends_between_the_rows(interval_s: float) -> 
     run = simulate_plate(
         record,
         plate_nodes(record, links),
-        np.array([S, R, G, 0.0, AMBIENT_DEGC]),
+        np.array([S, R, G, 0.0, AMBIENT_DEGC, 0.0, 0.0]),
         links,
         np.array([START_DEGC]),
         record.first_rows,

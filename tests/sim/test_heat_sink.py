@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -35,7 +37,25 @@ def rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) ->
 @pytest.mark.parametrize("dt", [0.01, 0.1, 3.0])
 def test_against_a_library_integrator(current: float, dt: float) -> None:
     expected = solve_ivp(rates, (0.0, dt), [60.0, 31.0], args=(current, 10.0, 0.4), rtol=1e-12, atol=1e-12).y[:, -1]
-    np.testing.assert_allclose(step(PLATE.array(), 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-8)
+    np.testing.assert_allclose(step(PLATE.numbers, 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-8)
+
+
+def sloped_rates(_: float, x: np.ndarray, current: float, ratio: float, loss: float) -> list[float]:
+    """S at each face is that of the face's own temperature; R_e is the plate's."""
+    plate, sink = x
+    joule, through = 0.03 * (1.0 + 0.004 * (plate - 25.0)) * current**2, 0.018 * (plate - sink)
+    pumped = [1.6e-3 * (1.0 + 0.002 * (t - 25.0)) * current * (t + 273.15) for t in (plate, sink)]
+    return [pumped[0] + joule - through, (-pumped[1] + joule + through - loss * (sink - 25.0)) / ratio]
+
+
+@pytest.mark.parametrize("current", [-3.0, 0.0, 2.5])
+@pytest.mark.parametrize("dt", [0.1, 3.0, 30.0])
+def test_with_slopes_against_a_library_integrator(current: float, dt: float) -> None:
+    """A module that changes with temperature, behind a sink that warms up: what a rig without water cooling is."""
+    plate = replace(PLATE, seebeck_slope_per_K=0.002, resistance_slope_per_K=0.004)
+    args = current, 10.0, 0.4
+    expected = solve_ivp(sloped_rates, (0.0, dt), [60.0, 31.0], args=args, rtol=1e-12, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(step(plate.numbers, 10.0, 0.4, 60.0, 31.0, current, dt), expected, atol=1e-7)
 
 
 def test_energy_balance() -> None:
@@ -45,7 +65,7 @@ def test_energy_balance() -> None:
     first = plate + 10.0 * sink
     for _ in range(1000):
         work += dt * (1.6e-3 * current * (plate - sink) + 0.06 * current**2 - 0.4 * (sink - 25.0))
-        plate, sink = step(PLATE.array(), 10.0, 0.4, plate, sink, current, dt)
+        plate, sink = step(PLATE.numbers, 10.0, 0.4, plate, sink, current, dt)
     assert plate + 10.0 * sink - first == pytest.approx(work, rel=1e-3)
 
 

@@ -44,7 +44,7 @@ class FittedChain:
         """As `sim.model.record_run.RecordRun.plate`."""
         assert self.a is not None
         links, p = links_of(self.a.effects), self.a.parameters
-        return run_plate(record, links, p.plate(), own, self.spacing, p.inputs_K_per_s)
+        return run_plate(record, links, p.numbers(), own, self.spacing, p.inputs_K_per_s)
 
     def shown(self, record: Recorded, path: PlatePath, own: RecordOwn) -> Array:
         """-log10 of the resistance shown in each row, with the fit's coefficients."""

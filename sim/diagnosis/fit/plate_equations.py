@@ -112,7 +112,7 @@ class PlateEquations:
             return path, behind_thermometer(self.record, nodes, links, self.anew, late, path, self.spacing)
         heats = self.record.inputs.coefficients(p.inputs_K_per_s)
         begun = first, self.anew, own, late
-        out = simulate_plate(self.record, nodes, p.plate(), links, *begun, self.spacing, rooms, heats)
+        out = simulate_plate(self.record, nodes, p.numbers(), links, *begun, self.spacing, rooms, heats)
         return out.path, out.shown_degC
 
     def _nodes(self, links: Links) -> Nodes:

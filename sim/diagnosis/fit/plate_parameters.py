@@ -56,6 +56,10 @@ class PlateParameters:
         v = self._values()
         return np.array([v.get(name, 0.0) for name in ("s", "r", CONDUCTANCE, "q", ROOM.name)])
 
+    def numbers(self) -> Array:
+        """The plate as the simulation takes it: without slopes of s and r."""
+        return np.append(self.plate(), (0.0, 0.0))
+
     def model(self, error: Noise) -> PlateModel:
         """The plate as its equation has it; error: of its temperature, of which it keeps the slow part."""
         s, r, g, q, _ = (float(v) for v in self.plate())
