@@ -1,4 +1,4 @@
-"""The installed command `peltier`. Its module has a name that nobody else's has, as `rig` may be on a user's path, too."""
+"""The installed command `peltier`, in a module whose name is nobody else's: `rig` may be on a user's path, too."""
 
 import os
 import sys
@@ -7,11 +7,11 @@ FOLDER = os.path.dirname(os.path.abspath(__file__))
 
 
 def main() -> int:
-    """Run a verb with the packages that are installed, whatever lies in the working folder and where PYTHONPATH says."""
+    """Run a verb with what is installed, whatever lies in the working folder and where PYTHONPATH says."""
     launch = os.path.join(FOLDER, "rig", "launch")
     users = os.environ.get("PYTHONPATH", "")
     sys.path.insert(0, launch)
-    import import_order  # type: ignore[import-not-found, unused-ignore]
+    import import_order
 
     if users != launch:
         os.environ.update({import_order.USERS: users, "PYTHONPATH": launch, "PYTHONSAFEPATH": "1"})

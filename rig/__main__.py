@@ -45,7 +45,7 @@ VERBS = {
     "reset": "clear a latched trip or stop, with a reason",
 }
 SWITCH_OFF = ("stop", "off")  # whatever stands in their way, the output is not confirmed off
-MENDS = "; then delete .venv and type `./peltier --help`, which makes it anew (no checkout: install peltier-rig again)"
+MENDS = " To mend it, delete .venv and type `./peltier --help` (no checkout: install peltier-rig again)."
 ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
 LONGEST_NAME = 12  # words that are tried as one name: a list of a thousand records is not a million looks
 
@@ -156,16 +156,16 @@ def _ended(action: Callable[[], int], verb: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
-        text = f"{error}{_notes(error)}"
-        if isinstance(error, ImportError):  # such as in a set-up that was interrupted
-            text = f"the installation is not whole ({error}){_notes(error)}"
+        missing = isinstance(error, ImportError)  # such as in a set-up that was interrupted
+        mends = MENDS if missing else ""
+        text = f"the installation is not whole ({error})" if missing else str(error)
         if verb in SWITCH_OFF:
-            hand = f"Switch the controller off by hand{MENDS if isinstance(error, ImportError) else ''}."
-            print(f"peltier {verb}: OUTPUT NOT CONFIRMED OFF: {text}. {hand}", file=sys.stderr)
+            hand = f"OUTPUT NOT CONFIRMED OFF: {text}{_notes(error)}. Switch the controller off by hand.{mends}"
+            print(f"peltier {verb}: {hand}", file=sys.stderr)
             return NotConfirmedOff.exit_status
         if not isinstance(error, OSError | ImportError):
             raise
-        print(f"peltier {verb}: {text}{MENDS if isinstance(error, ImportError) else ''}", file=sys.stderr)
+        print(f"peltier {verb}: {text}{_notes(error)}{'.' + mends if missing else ''}", file=sys.stderr)
         return 1
 
 

@@ -1,24 +1,25 @@
 """Import Python's modules, the installed packages and ours before whatever lies in a user's folder.
 
-A user's own `serial.py`, `numpy.py` or `rig.py` beside the work is an everyday thing. Python looks there first: it takes
-the file for the package, runs it, and the program that wanted the package fails, a STOP included.
+A user's own `serial.py`, `numpy.py` or `rig.py` beside the work is an everyday thing. Python looks there first: it
+takes the file for the package, runs it, and the program that wanted the package fails, a STOP included.
 
 Each Python that `./peltier` or the installed `peltier` starts, and each that those start, comes here before its first
-import: this folder is their PYTHONPATH (`sitecustomize`, see Python's documentation of `site`). Nothing is imported here
-that Python has not loaded by then.
+import: this folder is their PYTHONPATH (Python library, site: `sitecustomize`). Nothing is imported here that Python
+has not loaded by then.
 """
 
 import os
 import sys
-from importlib.machinery import ModuleSpec, PathFinder
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from importlib.machinery import ModuleSpec
     from types import ModuleType
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(FOLDER))
+PathFinder = sys.modules["_frozen_importlib_external"].PathFinder  # `importlib` may be somebody's file
 OURS = ("rig", "sim", "compensator")
 USERS = "PELTIER_PYTHONPATH"  # the user's own PYTHONPATH: it comes last
 
@@ -26,8 +27,8 @@ USERS = "PELTIER_PYTHONPATH"  # the user's own PYTHONPATH: it comes last
 class _TrustedFirst:
     """Find a top-level module in the trusted folders, whatever `sys.path` has before them.
 
-    In a verb (PYTHONSAFEPATH: the working folder is not on the path), a module of Python's that this system lacks, such as
-    `msvcrt`, is lacking: it is not looked for elsewhere.
+    In a verb (PYTHONSAFEPATH: the working folder is not on the path), a module of Python's that this system lacks, such
+    as `msvcrt`, is not looked for elsewhere.
     """
 
     def __init__(self, trusted: "list[str]") -> None:
@@ -40,16 +41,17 @@ class _TrustedFirst:
     ) -> "ModuleSpec | None":
         if path is not None:  # inside a package
             return None
-        spec = PathFinder.find_spec(name, [ROOT] if name in OURS else self._trusted)
-        if spec is None or spec.loader is None:  # a folder without an __init__.py is nobody's package yet
-            if self._verb and name in sys.stdlib_module_names:
+        spec: ModuleSpec | None = PathFinder.find_spec(name, [ROOT] if name in OURS else self._trusted)
+        if self._verb:
+            if spec is None and name in sys.stdlib_module_names:
                 raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+            return spec
+        if spec is None or spec.loader is None:  # a stray folder of a package may have any name, such as `examples`
             return None
-        if not self._verb:
-            self._tell_of_another(name, spec)
+        self._tell_of_another(name, spec)
         return spec
 
-    def _tell_of_another(self, name: str, spec: ModuleSpec) -> None:
+    def _tell_of_another(self, name: str, spec: "ModuleSpec") -> None:
         """Say once which file Python would have taken; `./peltier python` is for scripts with modules of their own."""
         other = PathFinder.find_spec(name)
         if other is None or other.loader is None or other.origin == spec.origin or name in self._told:
@@ -60,7 +62,7 @@ class _TrustedFirst:
 
 
 def trust(folders: "list[str]") -> None:
-    """Put the folders before all others, and the user's PYTHONPATH after all others; processes that begin here do, too."""
+    """Put the folders before all others, and the user's own PYTHONPATH after all others."""
     before = sys.meta_path.index(PathFinder) if PathFinder in sys.meta_path else 0
     sys.meta_path.insert(before, _TrustedFirst(folders))
     users = os.environ.get(USERS, "").split(os.pathsep)

@@ -2,6 +2,6 @@
 
 import sys
 
-import import_order
+import import_order  # type: ignore[import-not-found]
 
 import_order.trust([folder for folder in sys.path if folder])
