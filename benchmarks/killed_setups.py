@@ -115,10 +115,10 @@ def main() -> int:
             end(process, way)
             status, said = off_says(clone)
             says = status == 11 and "OUTPUT NOT CONFIRMED OFF" in said and "Traceback" not in said
-            process.communicate()
             began = time.monotonic()
-            wrong = comes_up(clone)
+            wrong = comes_up(clone)  # an installer that has outlived its launcher may be at work
             took_s = time.monotonic() - began
+            process.communicate()
         up, right = up + (not wrong), right + says
         when = "" if early else " (it was done by then)"
         print(f"{way:<16} at {at_s:4.1f} s{when}: off {status}{'' if says else ' ' + said[-200:]}, ", end="")
