@@ -99,6 +99,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it, and so would a set-up
     draw = random.Random(options.seed)
     with cloned() as clone:
         began = time.monotonic()
