@@ -44,6 +44,8 @@ VERBS = {
     "off": "output off, with a daemon or without",
     "reset": "clear a latched trip or stop, with a reason",
 }
+SWITCH_OFF = ("stop", "off")  # whatever stands in their way, the output is not confirmed off
+MENDS = " To mend it, delete .venv and type `./peltier --help` (no checkout: install peltier-rig again)."
 ON_A_CLOCK = ("run", "calibrate", "improve", "serve")
 LONGEST_NAME = 12  # words that are tried as one name: a list of a thousand records is not a million looks
 
@@ -153,8 +155,17 @@ def _ended(action: Callable[[], int], verb: str) -> int:
     except BrokenPipeError:  # whoever read our output has gone; nothing is left to tell them
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:
-        print(f"peltier {verb}: {error}{_notes(error)}", file=sys.stderr)
+    except Exception as error:
+        missing = isinstance(error, ImportError)  # such as in a set-up that was interrupted
+        mends = MENDS if missing else ""
+        text = f"the installation is not whole ({error})" if missing else str(error)
+        if verb in SWITCH_OFF:
+            hand = f"OUTPUT NOT CONFIRMED OFF: {text}{_notes(error)}. Switch the controller off by hand.{mends}"
+            print(f"peltier {verb}: {hand}", file=sys.stderr)
+            return NotConfirmedOff.exit_status
+        if not isinstance(error, OSError | ImportError):
+            raise
+        print(f"peltier {verb}: {text}{_notes(error)}{'.' + mends if missing else ''}", file=sys.stderr)
         return 1
 
 

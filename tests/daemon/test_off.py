@@ -35,3 +35,21 @@ def test_a_simulated_bench_of_another_file_is_left_alone(
     assert (status, err) == (0, "")
     assert "nothing is on" in out
     assert "left alone" not in out
+
+
+@pytest.mark.parametrize("error", [RuntimeError("a driver's own"), ImportError("no serial"), OSError("no room")])
+def test_whatever_stands_in_its_way_the_output_is_not_confirmed_off(
+    peltier: Peltier, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    """Whoever types `off` must not have to read a traceback to learn that the heater is still on."""
+
+    def fails(config: Path) -> None:
+        raise error
+
+    monkeypatch.setenv("PELTIER_SOCKET", str(tmp_path / "bench.sock"))
+    monkeypatch.setattr("rig.command.off._controller", fails)
+    status, out, err = peltier("off", "rig.toml")
+    assert (status, out, err.count("\n")) == (11, "", 1)
+    assert f"OUTPUT NOT CONFIRMED OFF: {'the installation is not whole ' * isinstance(error, ImportError)}" in err
+    assert f"{error}" in err
+    assert "Switch the controller off by hand." in err
