@@ -97,7 +97,7 @@ def _table(path: Path, decimal: str) -> Table:
 
         return workbook_table(path, decimal)
     if ending == MATLAB:
-        from rig.files.array_table import matlab_table
+        from rig.files.matlab_table import matlab_table
 
         return matlab_table(path)
     try:

@@ -17,7 +17,7 @@ import scipy.io
 
 from rig.core.faults import Faults
 from rig.files import array_table
-from rig.files.matlab_vectors import MOST_NUMBERS, _content, _vectors
+from rig.files.matlab_table import MOST_NUMBERS, _content, _vectors
 from rig.files.record_file import read_record
 
 HEAD = ["time_s", "temperature_degC", "current_A"]

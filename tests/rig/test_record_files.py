@@ -426,7 +426,7 @@ def test_packed_files_far_too_large_are_refused(
     openpyxl.Workbook().save(tmp_path / "a.xlsx")
     scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
     monkeypatch.setattr("rig.files.workbook_table.MOST_BYTES", 1000)
-    monkeypatch.setattr("rig.files.matlab_vectors.MOST_NUMBERS", 1000)
+    monkeypatch.setattr("rig.files.matlab_table.MOST_NUMBERS", 1000)
     for name, expected in (("a.xlsx", "unpacks to"), ("a.mat", "an array of 2000 numbers")):
         status, _, err = peltier("identify", tmp_path / name)
         assert (status, len(err.splitlines())) == (2, 1)

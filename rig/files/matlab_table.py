@@ -18,6 +18,9 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
+from rig.files.array_table import array_table
+from rig.files.column_meaning import meaning_of
+from rig.files.table import Table
 
 MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
@@ -25,7 +28,28 @@ DEEPEST = 3  # structs inside each other
 NUMBERS = "biuf"  # numpy's kinds of real numbers
 LONGEST = 400  # characters of a text: no number or date has more, and each row takes as much as the longest
 NO_SENSE = "cannot be read as .mat: its sizes and kinds do not fit its bytes"
-READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
+READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_table import tell; tell(sys.argv[1], {most})"
+
+
+def matlab_table(path: Path) -> Table:
+    """The vectors of one length in a .mat file, in structs and arrays of them too. Raises Faults."""
+    vectors = vectors_of(path)
+    lengths = [values.size for _, values in vectors if values.size >= 2 and values.dtype.kind != "U"]
+    if not lengths:
+        text = "in a struct or beside each other, or an array of structs with a number in each field"
+        raise fault(path, "", f"no vectors of numbers; expected one for each column, {text}")
+    lengths += [values.size for name, values in vectors if meaning_of(name).ours is not None]  # each counts twice
+    rows = max(set(lengths) - {0, 1}, key=lambda n: (lengths.count(n), n))
+    chosen = [(name, values) for name, values in vectors if values.size == rows]
+    names = [name for name, _ in chosen]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise Faults([f"{path}: {name!r} appears in more than one struct; expected each name once" for name in twice])
+    table = array_table(dict(chosen), str(path))
+    left = sorted({name for name, values in vectors if values.size not in (1, rows)})
+    if left:
+        table.said.append(f"of another length and left: {', '.join(left[:8])}")
+    return table
 
 
 def vectors_of(path: Path) -> list[tuple[str, Array]]:
