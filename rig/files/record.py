@@ -30,7 +30,9 @@ class Refused:
 class Record:
     """Columns by name, each of the shape (rows,); drive: the unit of a current_A that is a share of full drive.
 
-    said: what was taken for what, and what was left, a line each; empty where the names are ours.
+    said: what was taken for what, and what was left, a line each; empty where the names are ours. times: "file" where
+    it has times, "period" where somebody typed how far apart its rows are, "rows" where only their order is known: of
+    both no rates are reported.
     """
 
     columns: dict[str, Array]
@@ -38,6 +40,7 @@ class Record:
     drive: str | None = None
     text_columns: dict[str, list[str]] = field(default_factory=dict)
     said: tuple[str, ...] = ()
+    times: str = "file"
 
     @classmethod
     def from_arrays(

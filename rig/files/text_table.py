@@ -30,6 +30,7 @@ from rig.files.table import Column, Table
 from rig.files.units import spelled
 
 SAMPLE = 1000  # lines
+FEW_VALUES = 2  # that make a row: meters write more words than numbers beside a reading
 SEPARATORS = ("\t", ";", ",", "|", "")  # "" is blanks
 LONGEST_LINE = 200_000  # characters
 MOST_CHARACTERS = 1_000_000  # of a sample: it is looked at with every separator
@@ -93,7 +94,7 @@ def _form_with(rows: list[list[str]], separator: str) -> tuple[float, Form] | No
     for row in rows:
         values = [is_value(field) for field in row]
         filled = sum(1 for field, value in zip(row, values, strict=True) if value or not blank_like(field))
-        if len(row) >= 2 and any(values) and 2 * sum(values) >= filled:
+        if len(row) >= 2 and any(values) and (sum(values) >= FEW_VALUES or 2 * sum(values) >= filled):
             marked.append((row, values, filled))
     if not marked:
         return None
@@ -222,18 +223,12 @@ def _is_units(row: Sequence[str]) -> bool:
 
 
 def names_and_units(head: Head, above: Sequence[str], form: Form) -> tuple[list[str], list[str]]:
-    """Names and units by column; both '' where there are none. Units may stand far above (LabVIEW's Y_Unit_Label)."""
+    """Names and units by column; both '' where there are none."""
     empty = [""] * form.fields
     if not head.rows:
         return empty, empty
     names = ["", *head.rows[0]] if head.index_column else head.rows[0]
     units = next((row for row in head.rows[1:] if _is_units(row) and len(row) == form.fields), empty)
-    if above and above[0].startswith("LabVIEW Measurement"):
-        labels = [divided_line(line, form.separator) for line in above if line.startswith("Y_Unit_Label")]
-        units = (labels[-1] + empty)[: form.fields] if labels else units
-        in_seconds = any(line.startswith("X_Dimension") and "Time" in line for line in above)
-        names = ["Time (s)" if name == "X_Value" and in_seconds else name for name in names]
-        units = ["" if name == "Time (s)" else unit for name, unit in zip(names, units, strict=True)]
     units = [unit if spelled(unit) is not None else "" for unit in units]
     return list(names), units
 
@@ -241,7 +236,6 @@ def names_and_units(head: Head, above: Sequence[str], form: Form) -> tuple[list[
 COMMENTED_ROW = re.compile(r"[\r\n]\s*[#%!]")
 COMMENT_SIGNS = ("#", "%", "!")
 DIGIT = re.compile(r"\d")
-MOST_FAULTS = 20  # a file: more lines are read by nobody
 MOST_CLOSING = 10  # lines of words behind the rows; more are another table
 FEW_ROWS = 20  # of fewer, a last number that is shorter than all others is no wonder
 SHOWN = 40  # characters of what was left out
@@ -320,9 +314,11 @@ def _reader(body: list[str], form: Form) -> Any:
     return csv.reader(body, delimiter=form.separator, skipinitialspace=True)
 
 
-def wrong_width(path: Path, line: int, fields: int, expected: int) -> str:
-    """A fault's line about a row with another number of fields."""
-    return f"{path}: line {line}: {fields} field{'s' * (fields != 1)}, expected {expected}"
+def _wrong_widths(path: Path, wrong: Sequence[tuple[int, int]], expected: int) -> Faults:
+    """The fault of rows, by line and number of fields, that have not as many fields as expected."""
+    line, fields = wrong[0]
+    more = f" ({len(wrong)} such lines, to line {wrong[-1][0]})" if len(wrong) > 1 else ""
+    return Faults([f"{path}: line {line}: {fields} field{'s' * (fields != 1)}, expected {expected}{more}"])
 
 
 def _all_rows(body: list[str], start: int, form: Form) -> tuple[list[list[str]], list[int]]:
@@ -362,8 +358,7 @@ def _sorted_out(
     """Rows without comments, blank lines, names that are written again and a last line that was cut off."""
     kept: list[list[str]] = []
     places: list[int] = []
-    faults: list[str] = []
-    more = 0
+    wrong: list[tuple[int, int]] = []
     said: list[str] = []
     again, end = 0, _end_of_numbers(rows, form)
     closing = [text for row in rows[end:] if (text := " ".join(" ".join(row).split()))]
@@ -382,12 +377,10 @@ def _sorted_out(
             places.append(line_of[k])
         elif k == len(rows) - 1 and len(row) < form.fields and not text.endswith(("\n", "\r")):
             said.append(f"line {line_of[k]} left out, it was cut off")
-        elif len(faults) < MOST_FAULTS:
-            faults.append(wrong_width(path, line_of[k], len(row), form.fields))
         else:
-            more += 1
-    if faults:
-        raise Faults([*faults, *([f"{path}: and {more} more lines like these"] if more else [])])
+            wrong.append((line_of[k], len(row)))
+    if wrong:
+        raise _wrong_widths(path, wrong, form.fields)
     if again:
         said.append(f"names again among the rows ({again} lines)")
     return kept, places, said
@@ -464,9 +457,7 @@ def _no_rows(lines: list[str], path: Path) -> Table:
     rows = [divided_line(each, separator) for each in lines[number + 1 :] if each.strip() and not each.startswith("#")]
     wrong = [(number + 2 + k, len(row)) for k, row in enumerate(rows) if len(row) != len(names)]
     if wrong:
-        faults = [wrong_width(path, line, fields, len(names)) for line, fields in wrong[:MOST_FAULTS]]
-        more = len(wrong) - len(faults)
-        raise Faults([*faults, *([f"{path}: and {more} more lines like these"] if more else [])])
+        raise _wrong_widths(path, wrong, len(names))
     if not rows and any(meaning_of(name).ours is not None for name in names):
         raise fault(path, f"line {number + 1}", "names, and no row of numbers below them; expected rows")
     columns = [Column(name, [row[k] for row in rows]) for k, name in enumerate(names)]

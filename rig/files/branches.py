@@ -1,0 +1,191 @@
+"""The two branches of a loop, heating and cooling, where they stand side by side or in two files: one after the other.
+
+Tables of published loops have no times. Which way the rows of a branch go in time its name says: of a cooling branch
+that is sorted upwards the last row was the first.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from compensator.hysteresis.functions import Array
+from rig.core.faults import fault
+from rig.files.column_meaning import meaning_of
+from rig.files.field_numbers import read_numbers
+from rig.files.record import Record
+from rig.files.table import Column, Table
+
+HEATING = "heating heat heated warming warmup up upward upwards rising increasing erwärmen aufheizen heizen chauffage"
+COOLING = "cooling cool cooled cooldown down downward downwards falling decreasing abkühlen kühlen refroidissement"
+SENSE = {**dict.fromkeys(HEATING.split(), "heating"), **dict.fromkeys(COOLING.split(), "cooling")}
+ENDS = 0.1  # of the rows: their means at both ends tell which way a branch goes
+FEWEST_ROWS = 3  # of a branch
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What somebody says of a file's rows. period_s: how far apart they are, where the file has no times. turned: the
+    last was taken first. branches: heating and cooling stand side by side, or in two files."""
+
+    period_s: float | None = None
+    turned: bool = False
+    branches: bool = False
+
+
+def sense_in(name: str) -> tuple[str, str]:
+    """'heating', 'cooling' or '', as a word of a name says, and the name without that word."""
+    words = [word for word in re.findall(r"[^\W\d_]+", name) if word.lower() in SENSE]
+    if len({SENSE[word.lower()] for word in words}) != 1:
+        return "", name
+    word = re.escape(words[0])
+    bare = re.sub(rf"[\[(]\s*{word}\s*[\])]", "", name)
+    if bare == name:
+        bare = re.sub(rf"(?:^|[\s_\-.,:/]+){word}(?![^\W\d_])", "", name)
+    return SENSE[words[0].lower()], bare.strip(" _-.,:/")
+
+
+def rises(values: Array) -> bool:
+    """Whether a branch's temperature is higher at its end than at its begin."""
+    finite = values[np.isfinite(values)]
+    part = max(1, int(ENDS * finite.size))
+    return finite.size > 1 and float(np.mean(finite[-part:])) > float(np.mean(finite[:part]))
+
+
+def one_after_the_other(table: Table, asked: bool) -> Table:
+    """The table with its branches below each other, where it has them side by side; else the same. asked: somebody said
+    that it has, so that names that stand twice are those of heating and of cooling."""
+    pairs = _pairs(table, asked)
+    meanings = {base: meaning_of(base, table.columns[k].unit) for base, (k, _) in pairs.items()}
+    degrees = next((base for base, meaning in meanings.items() if meaning.ours == "temperature_degC"), None)
+    paired = {k for both in pairs.values() for k in both}
+    alone = [k for k in range(len(table.columns)) if k not in paired]
+    common = [k for k in alone if meaning_of(table.columns[k].name, table.columns[k].unit).ours == "time_s"]
+    timed = any(meaning.ours == "time_s" for meaning in meanings.values())
+    if degrees is None or len(pairs) < 2 or common or timed:
+        return table
+    rows: list[int] = []
+    for number, sense in enumerate(("heating", "cooling")):
+        filled = np.logical_or.reduce([table.columns[both[number]].filled() for both in pairs.values()])
+        own = [int(k) for k in np.flatnonzero(filled)]
+        column = table.columns[pairs[degrees][number]].of(own)
+        try:
+            values = read_numbers(column.texts, table.signs).values if column.texts is not None else column.fields
+        except ValueError:
+            return table
+        if len(own) < FEWEST_ROWS:
+            return table
+        rows += own if rises(np.asarray(values)) == (sense == "heating") else own[::-1]
+        if not number:
+            first = len(rows)
+    columns = []
+    for base, (warm, cold) in pairs.items():
+        parts = table.columns[warm].of(rows[:first]), table.columns[cold].of(rows[first:])
+        texts = [part.texts for part in parts]
+        if texts[0] is not None and texts[1] is not None:
+            columns.append(Column(base, [*texts[0], *texts[1]], table.columns[warm].unit))
+        else:
+            numbers = np.concatenate([np.asarray(part.fields) for part in parts])
+            columns.append(Column(base, numbers, table.columns[warm].unit))
+    columns.append(Column("time_s", np.arange(len(rows), dtype=np.float64)))
+    left = [table.columns[k].name or f"#{k + 1}" for k in alone]
+    said = [*table.said, "branches side by side taken one after the other, heating first; no times, so no rates"]
+    said += [f"left: {', '.join(map(repr, left))}"] if left else []
+    return replace(table, columns=columns, line_of=[table.line_of[k] for k in rows], said=said, times="rows")
+
+
+def _pairs(table: Table, asked: bool) -> dict[str, tuple[int, int]]:
+    """Of each quantity that there is of both branches: the name without its branch, and both columns, heating first."""
+    found: dict[str, dict[str, int]] = {}
+    for k, column in enumerate(table.columns):
+        sense, base = sense_in(column.name)
+        if sense:
+            found.setdefault(base, {}).setdefault(sense, k)
+    pairs = {base: (both["heating"], both["cooling"]) for base, both in found.items() if len(both) == 2}
+    if pairs or not asked:
+        return pairs
+    names = [column.name for column in table.columns]
+    twice = [name for name in dict.fromkeys(names) if name and names.count(name) == 2]
+    return {name: (names.index(name), len(names) - 1 - names[::-1].index(name)) for name in twice}
+
+
+def names_twice(names: Sequence[str]) -> bool:
+    """Whether every name stands there twice, in the same order: T, R, T, R."""
+    half = len(names) // 2
+    return len(names) >= 4 and list(names[:half]) == list(names[half:]) and all(names)
+
+
+def loops(records: Sequence[Record], rows: Rows) -> list[Record]:
+    """Records, those of a loop's two branches joined to one. They are that where their names say heating and cooling
+    and are alike beside that, and have no times, or `rows.branches` says so. Raises Faults."""
+    named: dict[str, dict[str, Record]] = {}
+    for record in records:
+        sense, base = sense_in(Path(record.source).stem)
+        if sense and (record.times != "file" or rows.branches):
+            named.setdefault(str(Path(record.source).with_name(base or "loop")), {}).setdefault(sense, record)
+    pairs = [tuple(both.values()) for both in named.values() if len(both) == 2]
+    if rows.branches and not pairs and len(records) == 2:
+        pairs = [(records[0], records[1])]
+    if rows.branches and not pairs and any(record.times == "file" for record in records):
+        text = "expected two files, of heating and of cooling, or names of columns that say which is which"
+        raise fault("--branches", ", ".join(record.source for record in records), text)
+    found: list[Record] = []
+    for record in records:
+        pair = next((pair for pair in pairs if any(record is one for one in pair)), None)
+        if pair is None:
+            found.append(record if rows.turned else _in_its_sense(record, sense_in(Path(record.source).stem)[0]))
+        elif record is pair[0]:
+            found.append(_joined(pair[0], pair[1], rows.turned))
+    return found
+
+
+def _in_its_sense(record: Record, sense: str) -> Record:
+    """A branch without times in the order in which it was taken, which the name says: heating rises."""
+    degC = record["temperature_degC"]
+    if not sense or record.times == "file" or _loop(degC) or rises(degC) == (sense == "heating"):
+        return record
+    columns = {name: values[::-1].copy() if name != "time_s" else values for name, values in record.columns.items()}
+    texts = {name: values[::-1] for name, values in record.text_columns.items()}
+    said = f"its name says {sense}, and its rows go the other way: the last is taken as the first"
+    return replace(record, columns=columns, text_columns=texts, said=(*record.said, said))
+
+
+def _loop(values: Array) -> bool:
+    """Whether a temperature goes there and back again."""
+    finite = values[np.isfinite(values)]
+    return abs(float(finite[-1] - finite[0])) < 0.5 * float(np.ptp(finite)) if finite.size else True
+
+
+def _joined(one: Record, other: Record, turned: bool) -> Record:
+    """Both branches in one record, in this order: each in the sense that its name says, or the second back again."""
+    senses = [sense_in(Path(record.source).stem)[0] for record in (one, other)]
+    if not all(senses):
+        first = "heating" if rises(one["temperature_degC"]) else "cooling"
+        senses = [first, "cooling" if first == "heating" else "heating"]
+    parts = [
+        record if turned else _in_its_sense(record, sense) for record, sense in zip((one, other), senses, strict=True)
+    ]
+    names = [name for name in parts[0].columns if name in parts[1].columns]
+    time, later = (part["time_s"] for part in parts)
+    step = float(np.median(np.diff(time)))
+    shift = float(time[-1]) + step - float(later[0])
+    columns = {}
+    for name in names:
+        own = parts[1].columns[name] + (shift if name.endswith("_time_s") or name == "time_s" else 0.0)
+        columns[name] = np.concatenate([parts[0].columns[name], own])
+    texts = {
+        name: [*values, *parts[1].text_columns[name]]
+        for name, values in parts[0].text_columns.items()
+        if name in parts[1].text_columns
+    }
+    said = f"joined with {other.source} as the branches of one loop"
+    said += ", its times put behind" if one.times == "file" else "; no times, so no rates"
+    source = f"{one.source} + {Path(other.source).name}"
+    more = tuple(line for part in parts for line in part.said)
+    return replace(
+        parts[0], columns=columns, source=source, text_columns=texts, said=tuple(dict.fromkeys([said, *more]))
+    )
