@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -14,11 +15,12 @@ from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
+    from rig.files.branches import Rows
     from rig.files.record import Record, Refused
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, and --decimal."""
+    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, --decimal, and what a file without times does not say."""
     parser.add_argument(
         "--column",
         action="append",
@@ -30,6 +32,22 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers leave it open"
     )
+    parser.add_argument(
+        "--period", type=float, metavar="SECONDS", help="a record without times: its rows are this far apart"
+    )
+    parser.add_argument("--reversed", action="store_true", help="the last row of a record was taken first")
+    parser.add_argument(
+        "--branches", action="store_true", help="heating and cooling stand in two files, or side by side in one"
+    )
+
+
+def rows_of(options: argparse.Namespace) -> Rows:
+    """What was typed of the order of the rows. Raises Faults."""
+    from rig.files.branches import Rows
+
+    if options.period is not None and not 0.0 < options.period < math.inf:
+        raise fault("--period", f"{options.period:g}", "expected a number of seconds > 0")
+    return Rows(options.period, options.reversed, options.branches)
 
 
 def read_records(
@@ -47,17 +65,21 @@ def read_each(
 ) -> list[Record | Refused]:
     """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
     none is left."""
+    from rig.files.branches import loops
     from rig.files.record import Refused
     from rig.files.record_file import ColumnMapping, read_record
 
-    mappings = [ColumnMapping.parse(text) for text in options.column]
+    mappings, rows = [ColumnMapping.parse(text) for text in options.column], rows_of(options)
     found: list[Record | Refused] = []
     for path in paths:
         try:
-            found.append(read_record(path, mappings, needs, options.decimal))
+            found.append(read_record(path, mappings, needs, options.decimal, rows=rows))
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
     records, refused = _read(found)
+    if not refused:
+        found = [*loops(records, rows)]
+        records, refused = _read(found)
     said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
     for record in records:
         for line in record.said:

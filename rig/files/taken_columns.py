@@ -27,7 +27,7 @@ from rig.files.table import Column, Table
 from rig.files.taking import Choice, Taking, ask, take_own, take_plain, take_typed
 from rig.files.units import CONDUCTANCES, SHARES, UNITS
 
-MOST_BEHIND, MOST_BEHIND_SHARE = 3, 0.01  # rows that may be left out for a clock that was set: it is so now and then
+FEW_ROWS, MOST_STEPS_BACK = 20, 0.01  # rows, and how many of more of them may follow a clock that was set
 LARGEST_STEP_BACK_S = 1.0  # what a clock that is kept right over the network is set back by
 # names of columns that have the fraction of a second, and what is a second's part in them
 PARTS = {
@@ -90,7 +90,7 @@ def _in_order(
     behind = time[kept] <= np.concatenate([[-np.inf], np.maximum.accumulate(time[kept])[:-1]])
     back = np.diff(time[kept])
     back = back[back <= 0.0]
-    few = int(np.sum(behind)) <= max(MOST_BEHIND, MOST_BEHIND_SHARE * kept.size)
+    few = kept.size > FEW_ROWS and back.size <= max(1.0, MOST_STEPS_BACK * kept.size)
     if back.size and few and np.min(back) > -LARGEST_STEP_BACK_S:
         rows = kept[behind]
         text = f"{table.at(int(rows[0]))}{f' and {rows.size - 1} more' if rows.size > 1 else ''} left out: the clock"

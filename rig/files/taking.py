@@ -133,8 +133,6 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
             meaning = taking.meanings[k]
             if not mapping.unit_said and meaning.unit in UNITS[ending_of(mapping.ours)] and meaning.unit != unit:
                 unit, note = str(meaning.unit), "as its name says"
-            elif mapping.unit_said and meaning.unit not in (None, unit) and mapping.ours == meaning.ours:
-                note = f"as typed; its name says {meaning.unit}"
             said = mapping.unit_said or bool(note)
             _refuse_other_unit(taking, mapping, k, unit)
             taken = next((ours for ours, choice in taking.chosen.items() if choice.index == k), "")
@@ -146,10 +144,11 @@ def take_typed(taking: Taking, mappings: Sequence[ColumnMapping]) -> None:
 
 def _refuse_other_unit(taking: Taking, mapping: ColumnMapping, k: int, taken: str) -> None:
     """A name that says another quantity's unit than that of the column that it was typed for. By its number a column is
-    taken whatever its name says."""
+    taken in the unit that is typed, whatever its name says."""
     ours, ending = mapping.ours, ending_of(mapping.ours)
     unit = other_unit(taking.names[k], taking.table.columns[k].unit, ending)
-    if not unit or mapping.theirs.strip().startswith("#") or taken in RECIPROCALS:
+    by_number = mapping.unit_said and mapping.theirs.strip().startswith("#")
+    if not unit or by_number or taken in RECIPROCALS:
         return
     meaning = taking.meanings[k]
     if meaning.ours == ours and meaning.unit is not None:
