@@ -5,8 +5,8 @@
 Asked: 30 of the first 40 read right without a flag, 58 of 60 with at most one flag, none wrong in silence. Read right:
 every column that was written is there, and its values are the truth's to the file's digits. A flag is a line that the
 refusal printed, typed as it stands; where it offers several units, whoever wrote the file takes the one that it is in.
-Wrong in silence: read without a refusal, and a value is another one, or a column that was written is missing and no line
-says so.
+Wrong in silence: read without a refusal, and a value is another one, or a column that was written is missing and no
+line says so.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ def read_records(
     """The records of a verb, by its arguments; what was taken for what is printed on stderr. Raises Faults, of all."""
     records, refused = _read(read_each(paths, options, needs))
     if refused:
-        raise Faults(line for one in refused for line in one.faults)
+        raise Faults(_faults_of(refused))
     return records
 
 
@@ -88,8 +88,17 @@ def read_each(
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
         print(f"{sources[0]}{more}: {line}", file=sys.stderr)
     if not records:
-        raise Faults(line for one in refused for line in one.faults)
+        raise Faults(_faults_of(refused))
     return found
+
+
+def _faults_of(refused: Iterable[Refused]) -> list[str]:
+    """The lines of files that were refused; one that is the same of several files is one line."""
+    sources: dict[str, list[str]] = {}
+    for one in refused:
+        for line in one.faults:
+            sources.setdefault(line.removeprefix(one.source), []).append(one.source)
+    return [f"{of[0]}{f' and {len(of) - 1} more' if len(of) > 1 else ''}{line}" for line, of in sources.items()]
 
 
 def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:

@@ -46,7 +46,7 @@ def sense_in(name: str) -> tuple[str, str]:
     bare = re.sub(rf"[\[(]\s*{word}\s*[\])]", "", name)
     if bare == name:
         bare = re.sub(rf"(?:^|[\s_\-.,:/]+){word}(?![^\W\d_])", "", name)
-    return SENSE[words[0].lower()], bare.strip(" _-.,:/")
+    return SENSE[words[0].lower()], " ".join(bare.split()).strip(" _-.,:/")
 
 
 def rises(values: Array) -> bool:
@@ -60,6 +60,7 @@ def one_after_the_other(table: Table, asked: bool) -> Table:
     """The table with its branches below each other, where it has them side by side; else the same. asked: somebody said
     that it has, so that names that stand twice are those of heating and of cooling."""
     pairs = _pairs(table, asked)
+    _share_temperature(table, pairs)
     meanings = {base: meaning_of(base, table.columns[k].unit) for base, (k, _) in pairs.items()}
     degrees = next((base for base, meaning in meanings.items() if meaning.ours == "temperature_degC"), None)
     paired = {k for both in pairs.values() for k in both}
@@ -111,6 +112,15 @@ def _pairs(table: Table, asked: bool) -> dict[str, tuple[int, int]]:
     names = [column.name for column in table.columns]
     twice = [name for name in dict.fromkeys(names) if name and names.count(name) == 2]
     return {name: (names.index(name), len(names) - 1 - names[::-1].index(name)) for name in twice}
+
+
+def _share_temperature(table: Table, pairs: dict[str, tuple[int, int]]) -> None:
+    """One column of temperatures, where that is all there is beside a resistance of each branch: it is both's."""
+    meanings = [meaning_of(column.name, column.unit).ours for column in table.columns]
+    alone = [k for k, ours in enumerate(meanings) if ours == "temperature_degC"]
+    paired = [meaning_of(base, table.columns[k].unit).ours for base, (k, _) in pairs.items()]
+    if len(alone) == 1 and paired == ["resistance_ohm"]:
+        pairs[table.columns[alone[0]].name] = alone[0], alone[0]
 
 
 def names_twice(names: Sequence[str]) -> bool:

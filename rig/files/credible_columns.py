@@ -98,6 +98,11 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
     if back.size and not faults:
         k = int(back[0])
         after = f"{float(time[k])!r} after {float(time[k - 1])!r}"
+        same = int(np.sum(np.diff(time) == 0.0))
+        if 2 * same > back.size and same > 1:
+            text = f"{table.source}: {table.at(k)}: time_s: the same as in the row before"
+            expected = "expected a time of its own for each row, or --period SECONDS if they are evenly apart"
+            return [f"{text}{_more(table, back)}: {expected}"]
         again = "; it begins anew, as of another sweep: give each as a file of its own" if time[k] <= time[0] else ""
         text = f"{table.source}: {table.at(k)}: time_s: {after}: expected increasing times{again}"
         faults.append(text + _more(table, back))

@@ -33,12 +33,12 @@ STAMP = re.compile(rf"(?:[^\W\d_]{{2,3}},?\s+)?{DATE}(?:[T ,]\s*{CLOCK})?")
 ALONE = re.compile(rf"{CLOCK}")
 # ways of writing that become the one above: digits alone, the clock first, another sign behind the date or within the
 # clock, and C's asctime
-COMPACT = re.compile(r"(\d{4})(\d\d)(\d\d)[T _-](\d\d)(\d\d)(\d\d)([.,]\d{1,9})?")
+COMPACT = re.compile(r"((?:19|20)\d\d)([01]\d)([0-3]\d)[T _-]?([0-2]\d)([0-5]\d)([0-5]\d)([.,]\d{1,9})?")
 CLOCK_FIRST = re.compile(
     r"(\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?(?: ?[AaPp][Mm])?)[ ,;_-]+(\d{1,4}([-/.])\d{1,2}\3\d{1,4})"
 )
 OTHER_SIGNS = re.compile(
-    r"(\d{1,4}([-/. ])(?:\d{1,2}|[^\W\d_]{3,9})\2\d{1,4})\s*[-_/;|T ,]\s*"
+    r"(\d{1,4}([-/. ])(?:\d{1,2}|[^\W\d_]{3,9})\2\d{1,4})\s*[-_/;|T ,:]\s*"
     r"(\d{1,2})([:.h-])(\d\d)(?:[:.m-](\d\d))?s?((?:[.,:]\d{1,9})?)((?: ?[AaPp][Mm])?)"
 )
 ASCTIME = re.compile(r"[^\W\d_]{3} ([^\W\d_]{3}) +(\d{1,2}) (\d\d:\d\d:\d\d) (\d{4})")
@@ -81,6 +81,7 @@ def straight(text: str) -> str:
     text = text.strip().strip('"').strip()
     if len(text) > LONGEST or STAMP.fullmatch(text):
         return text
+    text = re.sub(r"(?<=\d) ?(?:UTC|GMT)$", "", text)
     if match := COMPACT.fullmatch(text):
         return "{}-{}-{} {}:{}:{}".format(*match.groups()[:6]) + (match[7] or "")
     if match := CLOCK_FIRST.fullmatch(text):

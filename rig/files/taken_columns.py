@@ -25,7 +25,7 @@ from rig.files.field_times import SUMMER, Unclear, clock_alone, date_alone, hour
 from rig.files.record import Record
 from rig.files.table import Column, Table
 from rig.files.taking import Choice, Taking, ask, take_own, take_plain, take_typed
-from rig.files.units import CONDUCTANCES, SHARES, UNITS
+from rig.files.units import CONDUCTANCES, LOGARITHMS, SHARES, UNITS
 
 FEW_ROWS, MOST_STEPS_BACK = 20, 0.01  # rows, and how many of more of them may follow a clock that was set
 LARGEST_STEP_BACK_S = 1.0  # what a clock that is kept right over the network is set back by
@@ -89,12 +89,14 @@ def _in_order(
     kept = np.flatnonzero(~doubled)
     behind = time[kept] <= np.concatenate([[-np.inf], np.maximum.accumulate(time[kept])[:-1]])
     back = np.diff(time[kept])
-    back = back[back <= 0.0]
+    step, back = float(np.median(back)), back[back <= 0.0]
     few = kept.size > FEW_ROWS and back.size <= max(1.0, MOST_STEPS_BACK * kept.size)
     if back.size and few and np.min(back) > -LARGEST_STEP_BACK_S:
         rows = kept[behind]
         text = f"{table.at(int(rows[0]))}{f' and {rows.size - 1} more' if rows.size > 1 else ''} left out: the clock"
-        taking.said.append(f"{text} {f'went back by {-np.min(back):.3g} s' if np.min(back) < 0.0 else 'stood still'}")
+        taking.said.append(
+            f"{text} {f'went back by {step - np.min(back):.3g} s' if np.min(back) < 0.0 else 'stood still'}"
+        )
         kept = kept[~behind]
     if kept.size == time.size:
         return table, values, texts
@@ -160,6 +162,9 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
         values = parts[0]
     if numbers.ending is None and choice.unit != ending:
         values = np.asarray(UNITS[ending][choice.unit](values), dtype=np.float64)
+    if ours == "resistance_ohm" and choice.unit not in LOGARITHMS and np.any(np.isneginf(values)):
+        taking.said.append(f"in {ours} -inf as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
+        values = np.where(np.isneginf(values), np.inf, values)
     endless = np.isinf(numbers.values)
     if np.any(endless):
         _refuse_endless(taking, ours, choice, endless)
@@ -256,6 +261,11 @@ def _times(taking: Taking, choice: Choice) -> Array:
         row = fields.index(bad) if bad in fields else None
         place = table.at(row) if row is not None else table.place
         raise fault(table.source, place, f"time_s: {bad[:60]!r}: expected a time as in the other rows") from None
+    missing = np.flatnonzero(hours_off(times.seconds) < 0.0)
+    if missing.size == 1 and not (layout or "").endswith(SUMMER):
+        what = typed("time_s", taking.names, k, f"{layout}+{SUMMER}" if layout else SUMMER)
+        text = f"an hour is missing before {table.at(int(missing[0]))}: if summer time began there, {what}"
+        taking.said.append(text)
     parts = _parts_of_seconds(taking, times.seconds, [each for each in (k, clock) if each is not None])
     taking.said.append(f"{times.said}{beside}{f' with {parts[1]!r}' if parts is not None else ''}")
     return times.seconds if parts is None else parts[0]

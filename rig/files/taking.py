@@ -272,6 +272,7 @@ ASKED_UNITS = {
     "ohm": ("ohm", "kohm", "Mohm", "S"),
     "A": ("A", "mA"),
 }
+ENDING_UNITS = {"C": "degC", "c": "degC", "degC": "degC", "degc": "degC", "K": "K", "k": "K", "F": "degF", "f": "degF"}
 DRIVE_UNITS = ("duty", "percent", "pwm255")
 OTHER_UNIT = {
     "time_s": "time_min",
@@ -285,6 +286,10 @@ def ask(taking: Taking, needs: Sequence[str]) -> None:
     """Lines for what is needed and not plain, and for what looks like a resistance or a current and is not plain."""
     if not taking.table.named and not taking.chosen:
         taking.faults.append(taking.at_names(_without_names(taking)))
+        return
+    if "time_s" not in taking.chosen and names_twice([column.name for column in taking.table.columns]):
+        text = "every name stands there twice: heating and cooling side by side? expected --branches (heating first)"
+        taking.faults.append(taking.at_names(f"there are {taking.there()}; {text}, or columns by their numbers"))
         return
     offered: set[int] = set()
     for ours in needs:
@@ -334,7 +339,7 @@ def _units_asked(taking: Taking, ours: str, k: int) -> Sequence[str | None]:
     if meaning.unit is not None and not (ours == "current_A" and meaning.unit == "percent"):
         return (meaning.unit,)
     if ending_like(taking.names[k]) and ours == "temperature_degC":
-        return ({"C": "degC", "degC": "degC", "K": "K", "F": "degF"}[taking.names[k].strip().rpartition("_")[2]],)
+        return (ENDING_UNITS[taking.names[k].strip().rpartition("_")[2]],)
     if "milliohms" in meaning.doubt:
         return ("Mohm", "mohm")
     if "logarithm's" in meaning.doubt:
@@ -362,7 +367,8 @@ def _to_type(taking: Taking, ours: str, offered: set[int]) -> str:
     likely = [k for k in named if taking.holds_numbers(k) or (ours == "time_s" and time_like(taking.first(k)))]
     unknown = [k for k in free if taking.meanings[k].ours is None and not _foreign(taking, k, ours)]
     if not likely and ours == "time_s":
-        likely = [k for k in unknown if time_like(taking.first(k)) or _rises(taking.values(k))]
+        rising = [k for k in unknown if _rises(taking.values(k)) and not _counts(taking.values(k))]
+        likely = [k for k in unknown if time_like(taking.first(k)) or k in rising]
     if not likely and ours == "temperature_degC":
         likely = [k for k in unknown if ending_like(taking.names[k]) == "degC" and taking.values(k) is not None]
     if not taking.flags:
@@ -386,8 +392,6 @@ def _foreign(taking: Taking, k: int, ours: str) -> bool:
 
 def _no_times(taking: Taking) -> str:
     """What to type where no column may be one of times."""
-    if names_twice([column.name for column in taking.table.columns]):
-        return "; heating and cooling side by side? expected --branches (heating first), or columns by their numbers"
     return (
         "; no column of times: expected --column time_s=row if the rows stand as they were taken, or --period SECONDS "
         "if they are evenly apart too; with --reversed if the last was taken first, as in a cooling branch that is "
@@ -397,12 +401,16 @@ def _no_times(taking: Taking) -> str:
 
 def ending_like(name: str) -> str:
     """'degC' for a name that ends like a temperature's, as 'y_C' or 'plate1_K'."""
-    tail = name.strip().rpartition("_")[2]
-    return "degC" if tail in ("C", "K", "degC", "F") else ""
+    return "degC" if name.strip().rpartition("_")[2] in ENDING_UNITS else ""
 
 
 def _rises(values: Array | None) -> bool:
     return values is not None and values.size >= 2 and bool(np.all(np.diff(values) > 0.0))
+
+
+def _counts(values: Array | None) -> bool:
+    """Whether a column counts the rows, which is no time."""
+    return values is not None and values[0] in (0.0, 1.0) and bool(np.all(np.diff(values) == 1.0))
 
 
 def _without_names(taking: Taking) -> str:

@@ -284,6 +284,8 @@ def _ends_within_a_number(body: list[str], form: Form, text: str) -> bool:
 def _plain_numbers(body: list[str], form: Form) -> list[Fields] | None:
     """Long tables of nothing but numbers with points, at once; None where they are something else."""
     sample = [divided_line(line, form.separator) for line in body[:SAMPLE]]
+    if any(map(time_like, sample[0])):  # 20241020235500 is a number, and none of seconds
+        return None
     signs = signs_of(list(zip(*sample, strict=False)), form.separator)
     if signs.decimal == "," or signs.points_open:
         return None

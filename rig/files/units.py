@@ -93,6 +93,7 @@ UNITS: Mapping[str, Mapping[str, Conversion]] = {
 
 SHARES = ("duty", "percent", "pwm255")  # of full drive: no amperes
 CONDUCTANCES = ("S", "mS", "uS", "nS")
+LOGARITHMS = ("log10ohm", "lnohm")
 RECIPROCALS = ("1/K", "1000/K")  # of a temperature
 SYMBOLS = {"Ω": "ohm", "Ohm": "ohm", "kΩ": "kohm", "kOhm": "kohm", "MΩ": "Mohm", "MOhm": "Mohm", "GΩ": "Gohm"}
 SYMBOLS |= {"°C": "degC", "°F": "degF", "μA": "uA", "μS": "uS", "μs": "us", "%": "percent"}

@@ -176,7 +176,7 @@ def cells(values: Sequence[Any]) -> Any:
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """A .mat file is read in this process: one of its own takes a second to begin, and others test that."""
-    monkeypatch.setattr(matlab_table, "vectors_of", lambda path: list(_vectors(_content(path, MOST_NUMBERS))))
+    monkeypatch.setattr(matlab_table, "vectors_of", lambda path: (list(_vectors(_content(path, MOST_NUMBERS))), []))
 
 
 @pytest.mark.usefixtures("read_here")

@@ -558,6 +558,9 @@ MEASURED = {
     "heater_two_channels_later.txt": (("temperature_degC=Temperature 1",), {"time_s", "temperature_degC"}),
     "lamp_heating.csv": (("temperature_degC=y_C",), {"time_s", "temperature_degC"}),
     "heater_step.csv": ((), {"time_s", "temperature_degC"}),
+    **{f"tclab_{part}.csv": ((), {"time_s", "temperature_degC"}) for part in ("train", "valid")},
+    **{f"tec_{run}.csv": (("current_A=out@pwm255",), {"current_A"}) for run in ("run12", "run2_1s")},
+    **{f"tune{n}.csv": (("temperature_degC=oven_c@degC",), {"temperature_degC"}) for n in (22, 23, 24, 25)},
 }
 
 
@@ -580,5 +583,5 @@ def test_measured_records_are_read_as_they_are(measured: Path, name: str) -> Non
         assert np.max(record["resistance_ohm"]) < 1e7
         assert record["temperature_degC"][0] == pytest.approx(96.66, abs=0.01)  # 369.81 K
     if record.has("current_A"):
-        assert record.drive == "duty"
+        assert record.drive in ("duty", "pwm255")
         assert np.max(np.abs(record["current_A"])) <= 1.01
