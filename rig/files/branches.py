@@ -149,13 +149,13 @@ def loops(records: Sequence[Record], rows: Rows) -> list[Record]:
         if pair is None:
             found.append(record if rows.turned else _in_its_sense(record, sense_in(Path(record.source).stem)[0]))
         elif record is pair[0]:
-            found.append(_joined(pair[0], pair[1], rows.turned))
+            found.append(_joined(pair[0], pair[1]))
     return found
 
 
 def _in_its_sense(record: Record, sense: str) -> Record:
     """A branch without times in the order in which it was taken, which the name says: heating rises."""
-    degC = record["temperature_degC"]
+    degC = record.columns.get("temperature_degC", np.empty(0))
     if not sense or record.times == "file" or _loop(degC) or rises(degC) == (sense == "heating"):
         return record
     columns = {name: values[::-1].copy() if name != "time_s" else values for name, values in record.columns.items()}
@@ -170,15 +170,13 @@ def _loop(values: Array) -> bool:
     return abs(float(finite[-1] - finite[0])) < 0.5 * float(np.ptp(finite)) if finite.size else True
 
 
-def _joined(one: Record, other: Record, turned: bool) -> Record:
+def _joined(one: Record, other: Record) -> Record:
     """Both branches in one record, in this order: each in the sense that its name says, or the second back again."""
     senses = [sense_in(Path(record.source).stem)[0] for record in (one, other)]
     if not all(senses):
         first = "heating" if rises(one["temperature_degC"]) else "cooling"
         senses = [first, "cooling" if first == "heating" else "heating"]
-    parts = [
-        record if turned else _in_its_sense(record, sense) for record, sense in zip((one, other), senses, strict=True)
-    ]
+    parts = [_in_its_sense(record, sense) for record, sense in zip((one, other), senses, strict=True)]
     names = [name for name in parts[0].columns if name in parts[1].columns]
     time, later = (part["time_s"] for part in parts)
     step = float(np.median(np.diff(time)))

@@ -37,7 +37,8 @@ def one_row_each_moment(table: Table) -> Table:
     value = next((k for k in values if np.any(table.columns[k].filled())), None)
     unit = next((k for k, name in enumerate(names) if name in UNIT and table.columns[k].texts is not None), None)
     keys = [k for k, name in enumerate(names) if name in CHANNEL and np.any(table.columns[k].filled())]
-    if value is None or (unit is None and not keys):
+    meanings = {meaning_of(column.name, column.unit).ours for column in table.columns}
+    if value is None or (unit is None and not keys) or {"temperature_degC", "resistance_ohm"} <= meanings:
         return table
     if "relative time" in names and unit is not None:  # Keithley's manuals: in seconds
         k = names.index("relative time")

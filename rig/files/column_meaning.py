@@ -31,8 +31,8 @@ _ROLES = {
 _NEUTRAL = (
     "sample film dut device sensor input channel ch chan kanal voie bridge measured measurement meas actual act ist "
     "istwert value val reading avg average mean rel relative w wire four two dmm meter ohmmeter smu keithley thermo "
-    "plate stage object peltier tec vo vo2 unix epoch stamp point heat the of in since start total process sheet branch "
-    "curve"
+    "plate stage object peltier tec vo vo2 unix epoch stamp point heat the of in since start total process sheet "
+    "branch curve"
 )
 QUANTITY = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 ROLE = {word: role for role, words in _ROLES.items() for word in words.split()}

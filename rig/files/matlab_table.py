@@ -142,7 +142,7 @@ def _objects(content: Any, path: Path) -> list[tuple[str, str]]:
     found = []
     with path.open("rb") as file:
         for _, one in varmats_from_mat(file):
-            variables: dict[str, Any] = loadmat(one)
+            variables: dict[str, Any] = loadmat(cast(Any, one))
             for name, value in variables.items():
                 if isinstance(value, MatlabOpaque):
                     fields = list(
