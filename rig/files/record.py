@@ -53,7 +53,7 @@ class Record:
         """
         from rig.files.array_table import array_table
         from rig.files.column_mapping import ColumnMapping
-        from rig.files.taken_columns import record_of
+        from rig.files.converted_columns import record_of
 
         return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
 

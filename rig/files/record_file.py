@@ -22,13 +22,13 @@ from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
 from rig.files.branches import Rows
 from rig.files.column_mapping import ColumnMapping
+from rig.files.converted_columns import record_of
 from rig.files.decoded import decoded
 from rig.files.lvm_table import is_lvm, lvm_table
 from rig.files.other_kind import other_kind
 from rig.files.record import Record, unit_of
 from rig.files.run_columns import run_table
 from rig.files.table import Table
-from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
 from rig.files.units import UNITS
 from rig.files.unpacked import unpacked

@@ -68,7 +68,7 @@ def _converted(taking: Taking) -> Record:
         raise Faults(faults)
     current = taking.chosen.get("current_A")
     drive = current.unit if current is not None and current.unit in SHARES else None
-    return Record(values, table.source, drive, texts, tuple(_told(taking)), table.times)
+    return Record(values, table.source, drive, texts, tuple(_told(taking)), times=table.times)
 
 
 def _in_order(
