@@ -87,17 +87,6 @@ def diagnosed(
     return with_prediction(diagnosis, model_of(extended), holdout) if holdout else diagnosis, extended
 
 
-def _require_times(records: Sequence[Record]) -> None:
-    """Raises Faults: effects are told apart by how fast they are, and of a table without times nobody knows that."""
-    lines = [
-        f"{one.source}: it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
-        for one in records
-        if one.times == "rows"
-    ]
-    if lines:
-        raise Faults(lines)
-
-
 def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> None:
     """Raises Faults where records of one rig lack what heats the plate in others of them."""
     inputs = [name for name in INPUTS if any(one.has(name) for one in together)]
@@ -110,6 +99,17 @@ def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> Non
         f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
         for one in together
         if not one.has("current_A") and any(other.has("current_A") for other in together)
+    ]
+    if lines:
+        raise Faults(lines)
+
+
+def _require_times(records: Sequence[Record]) -> None:
+    """Raises Faults: effects are told apart by how fast they are, and of a table without times nobody knows that."""
+    lines = [
+        f"{one.source}: it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
+        for one in records
+        if one.times == "rows"
     ]
     if lines:
         raise Faults(lines)

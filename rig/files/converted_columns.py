@@ -71,6 +71,19 @@ def _converted(taking: Taking) -> Record:
     return Record(values, table.source, drive, texts, tuple(_told(taking)), times=table.times)
 
 
+def _kept_names(taking: Taking) -> dict[int, str]:
+    """Names of the columns that are kept as they are, each once, by index."""
+    kept: dict[int, str] = {}
+    used = set(taking.chosen)
+    for k in taking.free() + sorted(taking.renamed):
+        name = taking.renamed.get(k, taking.names[k].strip()) or f"#{k + 1}"
+        if name in used:
+            name = f"{name} #{k + 1}"
+        used.add(name)
+        kept[k] = name
+    return kept
+
+
 def _in_order(
     taking: Taking, values: dict[str, Array], texts: dict[str, list[str]]
 ) -> tuple[Table, dict[str, Array], dict[str, list[str]]]:
@@ -120,19 +133,6 @@ def _refuse_summer_time(taking: Taking, time: Array) -> None:
     what = typed("time_s", taking.names, choice.index, f"{choice.layout}+{SUMMER}" if choice.layout else SUMMER)
     text = f"time_s: the clock went back by 1 h (end of summer time?); expected {what}"
     raise fault(taking.table.source, taking.table.at(int(back[0])), text)
-
-
-def _kept_names(taking: Taking) -> dict[int, str]:
-    """Names of the columns that are kept as they are, each once, by index."""
-    kept: dict[int, str] = {}
-    used = set(taking.chosen)
-    for k in taking.free() + sorted(taking.renamed):
-        name = taking.renamed.get(k, taking.names[k].strip()) or f"#{k + 1}"
-        if name in used:
-            name = f"{name} #{k + 1}"
-        used.add(name)
-        kept[k] = name
-    return kept
 
 
 def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
