@@ -25,6 +25,8 @@ COOLING = "cooling cool cooled cooldown down downward downwards falling decreasi
 SENSE = {**dict.fromkeys(HEATING.split(), "heating"), **dict.fromkeys(COOLING.split(), "cooling")}
 ENDS = 0.1  # of the rows: their means at both ends tell which way a branch goes
 FEWEST_ROWS = 3  # of a branch
+A_JUMP = 0.5  # of the range, in one row: a branch that begins where the other one did
+MOST_WORDS = 8  # that a column may have that says heating or cooling
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,64 @@ def one_after_the_other(table: Table, asked: bool) -> Table:
     said = [*table.said, "branches side by side taken one after the other, heating first; no times, so no rates"]
     said += [f"left: {', '.join(map(repr, left))}"] if left else []
     return replace(table, columns=columns, line_of=[table.line_of[k] for k in rows], said=said, times="rows")
+
+
+def below_each_other(table: Table) -> Table:
+    """The table with the rows of each branch in the order of time, where a column says which is which and no column has
+    times: heating rises. The same where it has no such column, or both come more than once."""
+    meanings = [meaning_of(column.name, column.unit).ours for column in table.columns]
+    named = next((k for k, column in enumerate(table.columns) if _names_branches(column)), None)
+    if named is None or "time_s" in meanings or meanings.count("temperature_degC") != 1:
+        return table
+    senses = [sense_in(text)[0] for text in table.columns[named].texts or []]
+    column = table.columns[meanings.index("temperature_degC")]
+    try:
+        degC = read_numbers(column.texts, table.signs).values if column.texts is not None else np.asarray(column.fields)
+    except ValueError:
+        return table
+    second = next(k for k, sense in enumerate(senses) if sense != senses[0])
+    if len(set(senses[second:])) > 1:
+        return table
+    rows: list[int] = []
+    for part in (range(second), range(second, len(senses))):
+        rows += part if rises(degC[list(part)]) == (senses[part[0]] == "heating") else part[::-1]
+    time = Column("time_s", np.arange(len(rows), dtype=np.float64))
+    said = [*table.said, f"rows in the order of the branches in {table.names()[named]!r}; no times, so no rates"]
+    ordered = table.of(rows)
+    return replace(ordered, columns=[*ordered.columns, time], said=said, times="rows")
+
+
+def _names_branches(column: Column) -> bool:
+    """Whether each field says heating or cooling, and both are said."""
+    words = set(column.texts or ())
+    senses = {sense_in(word)[0] for word in words} if len(words) <= MOST_WORDS else set()
+    return senses == {"heating", "cooling"}
+
+
+def in_sequence(record: Record, rows: Rows) -> Record:
+    """A record without times whose temperature jumps back once, from one branch's end to the other's begin: where
+    somebody said that it has branches, with the second turned round. Raises Faults where nobody did."""
+    degC = record.columns.get("temperature_degC")
+    if record.times == "file" or degC is None or not np.all(np.isfinite(degC)) or degC.size < 4 * FEWEST_ROWS:
+        return record
+    steps = np.abs(np.diff(degC)) / max(float(np.ptp(degC)), 1e-300)
+    k = int(np.argmax(steps))
+    if (
+        steps[k] < A_JUMP
+        or np.partition(steps, -2)[-2] > 0.5 * steps[k]
+        or rises(degC[: k + 1]) != rises(degC[k + 1 :])
+    ):
+        return record
+    if not rows.branches:
+        text = (
+            f"temperature_degC: from {degC[k]:.1f} to {degC[k + 1]:.1f} degC in one row: two branches, sorted alike? "
+        )
+        raise fault(record.source, f"row {k + 2}", f"{text}expected --branches (the second is turned round)")
+    order = np.concatenate([np.arange(k + 1), np.arange(k + 1, degC.size)[::-1]])
+    columns = {name: values if name == "time_s" else values[order] for name, values in record.columns.items()}
+    texts = {name: [values[n] for n in order] for name, values in record.text_columns.items()}
+    said = f"two branches, the second from row {k + 2} on turned round"
+    return replace(record, columns=columns, text_columns=texts, said=(*record.said, said))
 
 
 def _pairs(table: Table, asked: bool) -> dict[str, tuple[int, int]]:

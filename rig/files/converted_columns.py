@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
-from rig.files.branches import Rows, one_after_the_other
+from rig.files.branches import Rows, below_each_other, in_sequence, one_after_the_other
 from rig.files.channel_rows import one_row_each_moment
 from rig.files.column_mapping import ColumnMapping, ending_of, typed
 from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
@@ -328,13 +328,13 @@ def record_of(
     ask(taking, ["time_s", *(name for name in needs if name != "time_s")])
     if taking.faults:
         raise Faults(taking.faults)
-    return _converted(taking)
+    return in_sequence(_converted(taking), rows)
 
 
 def _reshaped(table: Table, mappings: Sequence[ColumnMapping], rows: Rows) -> Table:
     """The table with a row for each moment and a column for each quantity; the same where somebody typed names that it
     would not have then."""
-    shaped = one_after_the_other(one_row_each_moment(table), rows.branches)
+    shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
     before, after = ([column.name for column in each.columns] for each in (table, shaped))
     lost = [each for each in mappings if each.found_in(before) is not None and each.found_in(after) is None]
     return table if lost else shaped

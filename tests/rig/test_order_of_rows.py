@@ -168,6 +168,19 @@ def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
     assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(branches=True)))
 
 
+def test_branches_below_each_other(tmp_path: Path) -> None:
+    """Both sorted upwards, the cooling branch would be a second heating."""
+    parts = [branch(True), tuple(values[::-1] for values in branch(False))]
+    text = "T (C),R (ohm)\n" + "".join(rows_of(*part) for part in parts)
+    said = refusal(tmp_path / "film.csv", text, "time_s=row")
+    assert "in one row: two branches, sorted alike? expected --branches" in said
+    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True)))
+    named = "T (C),R (ohm),sweep\n"
+    for part, word in zip(parts, ("heating", "cooling"), strict=True):
+        named += rows_of(*part).replace("\n", f",{word}\n")
+    assert_the_loop(read(tmp_path / "film.csv", named))
+
+
 def test_a_heater_beside_a_film_is_no_branch(tmp_path: Path) -> None:
     """T_heating of a rig with times is a thermometer of its own."""
     text = "Time (s),T_heating (C),T_cooling (C),T (C)\n" + "".join(
