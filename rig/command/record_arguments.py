@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rig.files.branches import Rows
     from rig.files.record import Record, Refused
 
+MOST_NAMED = 3  # files, in a line that is about all of them
+
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, --decimal, and what a file without times does not say."""
@@ -93,12 +95,17 @@ def read_each(
 
 
 def _faults_of(refused: Iterable[Refused]) -> list[str]:
-    """The lines of files that were refused; one that is the same of several files is one line."""
+    """The lines of files that were refused; one about names that several files have is one line."""
     sources: dict[str, list[str]] = {}
     for one in refused:
         for line in one.faults:
-            sources.setdefault(line.removeprefix(one.source), []).append(one.source)
-    return [f"{of[0]}{f' and {len(of) - 1} more' if len(of) > 1 else ''}{line}" for line, of in sources.items()]
+            text = line.removeprefix(one.source)
+            sources.setdefault(text if "--column" in text else line, []).append(one.source)
+    lines = []
+    for text, of in sources.items():
+        more = f" and {len(of) - MOST_NAMED} more" if len(of) > MOST_NAMED else ""
+        lines.append(f"{', '.join(of[:MOST_NAMED])}{more}{text}" if "--column" in text else text)
+    return lines
 
 
 def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:

@@ -141,17 +141,13 @@ def in_sequence(record: Record, rows: Rows) -> Record:
         return record
     steps = np.abs(np.diff(degC)) / max(float(np.ptp(degC)), 1e-300)
     k = int(np.argmax(steps))
-    if (
-        steps[k] < A_JUMP
-        or np.partition(steps, -2)[-2] > 0.5 * steps[k]
-        or rises(degC[: k + 1]) != rises(degC[k + 1 :])
-    ):
+    once = steps[k] >= A_JUMP and np.partition(steps, -2)[-2] < 0.5 * steps[k]
+    if not once or rises(degC[: k + 1]) != rises(degC[k + 1 :]):
         return record
     if not rows.branches:
-        text = (
-            f"temperature_degC: from {degC[k]:.1f} to {degC[k + 1]:.1f} degC in one row: two branches, sorted alike? "
-        )
-        raise fault(record.source, f"row {k + 2}", f"{text}expected --branches (the second is turned round)")
+        text = f"temperature_degC: from {degC[k]:.1f} to {degC[k + 1]:.1f} degC in one row: two branches, sorted alike?"
+        expected = "expected --branches (the second is turned round), or a file for each sweep"
+        raise fault(record.source, f"row {k + 2}", f"{text} {expected}")
     order = np.concatenate([np.arange(k + 1), np.arange(k + 1, degC.size)[::-1]])
     columns = {name: values if name == "time_s" else values[order] for name, values in record.columns.items()}
     texts = {name: [values[n] for n in order] for name, values in record.text_columns.items()}
