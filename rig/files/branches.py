@@ -128,7 +128,9 @@ def below_each_other(table: Table) -> Table:
 
 def _names_branches(column: Column) -> bool:
     """Whether each field says heating or cooling, and both are said."""
-    words = set(column.texts or ())
+    if not column.texts or not sense_in(column.texts[0])[0]:
+        return False
+    words = set(column.texts)
     senses = {sense_in(word)[0] for word in words} if len(words) <= MOST_WORDS else set()
     return senses == {"heating", "cooling"}
 
