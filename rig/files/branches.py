@@ -20,7 +20,9 @@ from rig.files.field_numbers import read_numbers
 from rig.files.record import Record
 from rig.files.table import Column, Table
 
-HEATING = "heating heat heated warming warmup up upward upwards rising increasing erwärmen aufheizen heizen chauffage"
+HEATING = (
+    "heating heat heated warm warming warmup up upward upwards rising increasing erwärmen aufheizen heizen chauffage"
+)
 COOLING = "cooling cool cooled cooldown down downward downwards falling decreasing abkühlen kühlen refroidissement"
 SENSE = {**dict.fromkeys(HEATING.split(), "heating"), **dict.fromkeys(COOLING.split(), "cooling")}
 ENDS = 0.1  # of the rows: their means at both ends tell which way a branch goes
@@ -40,14 +42,14 @@ class Rows:
 
 
 def sense_in(name: str) -> tuple[str, str]:
-    """'heating', 'cooling' or '', as a word of a name says, and the name without that word."""
+    """'heating', 'cooling' or '', as a word of a name says, and the name without such words."""
     words = [word for word in re.findall(r"[^\W\d_]+", name) if word.lower() in SENSE]
     if len({SENSE[word.lower()] for word in words}) != 1:
         return "", name
-    word = re.escape(words[0])
-    bare = re.sub(rf"[\[(]\s*{word}\s*[\])]", "", name)
-    if bare == name:
-        bare = re.sub(rf"(?:^|[\s_\-.,:/]+){word}(?![^\W\d_])", "", name)
+    bare = name
+    for word in map(re.escape, words):
+        without = re.sub(rf"[\[(]\s*{word}\s*[\])]", "", bare)
+        bare = re.sub(rf"(?:^|[\s_\-.,:/]+){word}(?![^\W\d_])", "", bare) if without == bare else without
     return SENSE[words[0].lower()], " ".join(bare.split()).strip(" _-.,:/")
 
 
@@ -68,37 +70,59 @@ def one_after_the_other(table: Table, asked: bool) -> Table:
     paired = {k for both in pairs.values() for k in both}
     alone = [k for k in range(len(table.columns)) if k not in paired]
     common = [k for k in alone if meaning_of(table.columns[k].name, table.columns[k].unit).ours == "time_s"]
-    timed = any(meaning.ours == "time_s" for meaning in meanings.values())
-    if degrees is None or len(pairs) < 2 or common or timed:
+    timed = next((base for base, meaning in meanings.items() if meaning.ours == "time_s"), None)
+    if degrees is None or len(pairs) < 2 or common:
         return table
     rows: list[int] = []
     for number, sense in enumerate(("heating", "cooling")):
         filled = np.logical_or.reduce([table.columns[both[number]].filled() for both in pairs.values()])
         own = [int(k) for k in np.flatnonzero(filled)]
-        column = table.columns[pairs[degrees][number]].of(own)
         try:
-            values = read_numbers(column.texts, table.signs).values if column.texts is not None else column.fields
+            values = _numbers_of(table.columns[pairs[degrees][number]].of(own), table)
         except ValueError:
             return table
         if len(own) < FEWEST_ROWS:
             return table
-        rows += own if rises(np.asarray(values)) == (sense == "heating") else own[::-1]
+        rows += own if timed or rises(values) == (sense == "heating") else own[::-1]
         if not number:
             first = len(rows)
     columns = []
     for base, (warm, cold) in pairs.items():
         parts = table.columns[warm].of(rows[:first]), table.columns[cold].of(rows[first:])
         texts = [part.texts for part in parts]
-        if texts[0] is not None and texts[1] is not None:
+        if base == timed:
+            try:
+                numbers = _behind(*(_numbers_of(part, table) for part in parts))
+            except ValueError:  # dates, or words
+                return table
+            columns.append(Column(base, numbers, table.columns[warm].unit))
+        elif texts[0] is not None and texts[1] is not None:
             columns.append(Column(base, [*texts[0], *texts[1]], table.columns[warm].unit))
         else:
             numbers = np.concatenate([np.asarray(part.fields) for part in parts])
             columns.append(Column(base, numbers, table.columns[warm].unit))
-    columns.append(Column("time_s", np.arange(len(rows), dtype=np.float64)))
+    if timed is None:
+        columns.append(Column("time_s", np.arange(len(rows), dtype=np.float64)))
     left = [table.columns[k].name or f"#{k + 1}" for k in alone]
-    said = [*table.said, "branches side by side taken one after the other, heating first; no times, so no rates"]
+    no_rates = "; no times, so no rates" if timed is None else ""
+    said = [*table.said, f"branches side by side taken one after the other, heating first{no_rates}"]
     said += [f"left: {', '.join(map(repr, left))}"] if left else []
-    return replace(table, columns=columns, line_of=[table.line_of[k] for k in rows], said=said, times="rows")
+    times = "rows" if timed is None else "file"
+    return replace(table, columns=columns, line_of=[table.line_of[k] for k in rows], said=said, times=times)
+
+
+def _numbers_of(column: Column, table: Table) -> Array:
+    """A column's numbers. Raises ValueError."""
+    if column.texts is None:
+        return np.asarray(column.fields, dtype=np.float64)
+    return read_numbers(column.texts, table.signs).values
+
+
+def _behind(first: Array, second: Array) -> Array:
+    """Times of both branches, those of the second put behind the first where they begin anew."""
+    step = float(np.median(np.diff(first)))
+    shift = float(first[-1]) + step - float(second[0]) if second[0] <= first[-1] else 0.0
+    return np.concatenate([first, second + shift])
 
 
 def below_each_other(table: Table) -> Table:
@@ -109,9 +133,8 @@ def below_each_other(table: Table) -> Table:
     if named is None or "time_s" in meanings or meanings.count("temperature_degC") != 1:
         return table
     senses = [sense_in(text)[0] for text in table.columns[named].texts or []]
-    column = table.columns[meanings.index("temperature_degC")]
     try:
-        degC = read_numbers(column.texts, table.signs).values if column.texts is not None else np.asarray(column.fields)
+        degC = _numbers_of(table.columns[meanings.index("temperature_degC")], table)
     except ValueError:
         return table
     second = next(k for k, sense in enumerate(senses) if sense != senses[0])

@@ -127,7 +127,11 @@ def test_a_cooling_branch_that_is_sorted_upwards(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "asked"),
-    [(("b_heating.csv", "b_cooling.csv"), False), (("up.csv", "down.csv"), False), (("1.csv", "2.csv"), True)],
+    [
+        (("b_heating.csv", "b_cooling.csv"), False),
+        (("warm_up.csv", "cool_down.csv"), False),
+        (("1.csv", "2.csv"), True),
+    ],
 )
 def test_branches_in_two_files(tmp_path: Path, names: tuple[str, str], asked: bool) -> None:
     """Two records of a branch each have no hysteresis."""
@@ -160,6 +164,16 @@ def test_branches_side_by_side(tmp_path: Path, head: str) -> None:
     record = read(tmp_path / "film.csv", text)
     assert_the_loop(record)
     assert "branches side by side taken one after the other" in " ".join(record.said)
+
+
+def test_branches_side_by_side_with_times(tmp_path: Path) -> None:
+    """Each with times that begin anew: the second is put behind the first."""
+    seconds = np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    record = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
+    assert_the_loop(record)
+    assert record.times == "file"
+    np.testing.assert_allclose(np.diff(record["time_s"]), 1.0)
 
 
 def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
