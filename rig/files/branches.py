@@ -21,7 +21,7 @@ from rig.files.record import Record
 from rig.files.table import Column, Table
 
 HEATING = (
-    "heating heat heated warm warming warmup up upward upwards rising increasing erwärmen aufheizen heizen chauffage"
+    "heating heat heated warm warming warmup up upward rising increasing erwärmen aufheizen heizen chauffage"
 )
 COOLING = "cooling cool cooled cooldown down downward downwards falling decreasing abkühlen kühlen refroidissement"
 SENSE = {**dict.fromkeys(HEATING.split(), "heating"), **dict.fromkeys(COOLING.split(), "cooling")}
