@@ -54,6 +54,7 @@ def diagnosed(
     tell the extended model's, too. Raises Faults where nothing can be said."""
     together = [record, *further]
     require_different([*together, *holdout])
+    _require_times([*together, *holdout])
     output = rising(together, output, say)
     telling = [telling_columns(one, output) for one in together]
     for note in dict.fromkeys(note for _, notes in telling for note in notes):
@@ -98,6 +99,17 @@ def _require_alike(together: Sequence[Record], holdout: Sequence[Record]) -> Non
         f"{one.source}: current_A: missing; expected it in all records of a rig or in none"
         for one in together
         if not one.has("current_A") and any(other.has("current_A") for other in together)
+    ]
+    if lines:
+        raise Faults(lines)
+
+
+def _require_times(records: Sequence[Record]) -> None:
+    """Raises Faults: effects are told apart by how fast they are, and of a table without times nobody knows that."""
+    lines = [
+        f"{one.source}: it has no times, only the order of its rows; a diagnosis needs them: expected --period SECONDS"
+        for one in records
+        if one.times == "rows"
     ]
     if lines:
         raise Faults(lines)

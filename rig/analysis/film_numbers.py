@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,25 +23,27 @@ MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has mo
 @dataclass(frozen=True, eq=False)
 class FilmNumbers:
     """What a record shows of its film without a model. output: its name; lag_s: the thermometer's lag behind the plate
-    that was taken out of the temperatures, None where none is known."""
+    that was taken out of the temperatures, None where none is known. timed: whether the record has times, else no rates
+    are reported."""
 
     source: str
     output: str
     transition: Transition
     forc: Forc
     lag_s: float | None = None
+    timed: bool = True
 
     def lines(self) -> list[str]:
         """For the terminal."""
-        return lines(self.transition, self.forc, self.unit, self.lag_s)
+        return lines(self.transition, self.forc, self.unit, self.lag_s, self.timed)
 
     def notes(self) -> list[str]:
         """What to know of the numbers."""
-        return notes(self.transition, self.lag_s)
+        return notes(self.transition, self.lag_s, self.timed)
 
     def document(self) -> dict[str, Any]:
         """For the JSON."""
-        return document(self.source, self.transition, self.forc, self.lag_s)
+        return document(self.source, self.transition, self.forc, self.lag_s, self.timed)
 
     @property
     def unit(self) -> str:
@@ -69,7 +71,7 @@ def numbers_of_record(record: Record, output: str) -> FilmNumbers:
     if record.has("resistance_time_s"):
         own = record["resistance_time_s"]
         values = at_own_times(time, values, own)
-    return film_numbers(time, degC, values, output, record.source)
+    return replace(film_numbers(time, degC, values, output, record.source), timed=record.times == "file")
 
 
 def fresh(values: Array) -> Array:

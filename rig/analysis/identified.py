@@ -70,7 +70,12 @@ class Identified:
 def identified(records: Sequence[Record], asked: AskedFit, say: Callable[[str], None]) -> Identified:
     """One film and one plate of all records. Raises Faults."""
     with_film = [r for r in records if r.has_output(asked.output)]
-    with_plate = [r for r in records if r.has("current_A")]
+    with_plate = [r for r in records if r.has("current_A") and r.times != "rows"]
+    for record in records:
+        if record.has("current_A") and record.times == "rows":
+            say(
+                f"{record.source}: it has no times, so no plate is fitted; --period SECONDS says how far apart rows are"
+            )
     if not with_film and not with_plate:
         raise _nothing_to_fit(records, asked.output)
     output = rising(records, asked.output, say)

@@ -44,7 +44,7 @@ class ChannelError:
 def require_something_to_predict(model: Model, record: Record, where: object, drive: Drive | None = None) -> None:
     """Raises Faults for a model without a film on a record from whose current no plate can be simulated, and where such
     a plate is to drive the film (drive, None: as the model says)."""
-    plate = model.plate is not None and record.has("current_A")
+    plate = model.plate is not None and record.has("current_A") and record.times != "rows"
     if model.film is None and not plate:
         text = f"missing; expected a [film], or a [plate] and current_A in {record.source}"
         raise fault(where, "film", text)

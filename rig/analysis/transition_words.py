@@ -41,7 +41,7 @@ def rows(found: Transition, unit: str = "") -> list[tuple[str, str]]:
     return [(what, number(found.quantities[name], of or unit)) for name, (what, of) in named.items()]
 
 
-def lines(found: Transition, forc: Forc, unit: str = "", lag_s: float | None = None) -> list[str]:
+def lines(found: Transition, forc: Forc, unit: str = "", lag_s: float | None = None, timed: bool = True) -> list[str]:
     """What the terminal shows. Of reversal curves only where there is a diagram: a record that was not made for one has
     too few of them, and the page and the JSON say so."""
     told = [f"  {what:<36}{value}" for what, value in rows(found, unit)]
@@ -49,7 +49,7 @@ def lines(found: Transition, forc: Forc, unit: str = "", lag_s: float | None = N
     return [
         "transition, with 95 % intervals:",
         *told,
-        *(f"  {note}" for note in [*notes(found, lag_s), *of_curves]),
+        *(f"  {note}" for note in [*notes(found, lag_s, timed), *of_curves]),
     ]
 
 
@@ -62,14 +62,14 @@ def definition(found: Transition) -> str:
     return f"{text}; midpoint: where {what} is halfway between {low:.1f} and {high:.1f} degC" if found.shapes else ""
 
 
-def notes(found: Transition, lag_s: float | None = None) -> list[str]:
+def notes(found: Transition, lag_s: float | None = None, timed: bool = True) -> list[str]:
     """What to know of the numbers. lag_s: of the thermometer behind the plate, taken out of the temperatures, where it
-    is known."""
+    is known. timed: whether the record has times: else there are no rates."""
     said = [definition(found)] if found.shapes else []
     if found.activation is not None and found.activation.energy_eV.value is not None:
         low, high = found.activation.low_degC, found.activation.high_degC
         said.append(f"activation energy: of ln R over 1/(kT) between {low:.1f} and {high:.1f} degC")
-    rates = found.rates_K_per_s()
+    rates = found.rates_K_per_s() if timed else {}
     if rates:
         ramps = " and ".join(f"{rate:.2g} K/s on {sense}" for sense, rate in rates.items())
         text = f"ramps: {ramps}; each second that the thermometer lags behind the film makes the loop look "
@@ -92,7 +92,9 @@ def forc_note(forc: Forc) -> str:
     return f"{text}; largest at T_r {peak[0]:.1f} degC, T {peak[1]:.1f} degC"
 
 
-def document(source: str, found: Transition, forc: Forc, lag_s: float | None = None) -> dict[str, Any]:
+def document(
+    source: str, found: Transition, forc: Forc, lag_s: float | None = None, timed: bool = True
+) -> dict[str, Any]:
     """One record's entry under "transition" in the JSON."""
     peak = forc.peak()
     return {
@@ -100,7 +102,7 @@ def document(source: str, found: Transition, forc: Forc, lag_s: float | None = N
         **{name: quantity.table() for name, quantity in found.quantities.items()},
         "definition": definition(found),
         "window_K": {sense: 2.0 * shape.window_K for sense, shape in found.shapes.items()},
-        "rate_K_per_s": found.rates_K_per_s(),
+        "rate_K_per_s": found.rates_K_per_s() if timed else None,
         "sensor_lag": None if lag_s is None else {"tau_s": lag_s, "shift_K": found.shift_K(lag_s), "taken_out": True},
         "range_degC": list(found.range_degC) if found.shapes else None,
         "activation_range_degC": (

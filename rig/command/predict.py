@@ -78,11 +78,11 @@ def main(options: argparse.Namespace) -> int:
     if warning is not None:
         print(warning, file=sys.stderr)
     results, compared = [], True
-    for path, record in zip(options.records, records, strict=True):
+    for record in records:
         folder = options.report
         if several:
             voice.say(f"{record.source}:")
-            folder = options.report / path.stem if options.report is not None else None
+            folder = options.report / Path(record.source).stem if options.report is not None else None
         result, errors = _predicted(model, record, folder, options, voice)
         results.append(result)
         compared = compared and errors > 0

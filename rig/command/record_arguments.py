@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -14,11 +15,14 @@ from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.toml_text import shown
 
 if TYPE_CHECKING:
+    from rig.files.branches import Rows
     from rig.files.record import Record, Refused
+
+MOST_NAMED = 3  # files, in a line that is about all of them
 
 
 def add_record_arguments(parser: argparse.ArgumentParser) -> None:
-    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, and --decimal."""
+    """--column OURS=THEIRS[|OTHER...][@UNIT], repeatable, --decimal, and what a file without times does not say."""
     parser.add_argument(
         "--column",
         action="append",
@@ -30,6 +34,22 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--decimal", choices=[".", ","], default="", help="the decimal sign, where a record's numbers leave it open"
     )
+    parser.add_argument(
+        "--period", type=float, metavar="SECONDS", help="a record without times: its rows are this far apart"
+    )
+    parser.add_argument("--reversed", action="store_true", help="the last row of a record was taken first")
+    parser.add_argument(
+        "--branches", action="store_true", help="heating and cooling stand in two files, or side by side in one"
+    )
+
+
+def rows_of(options: argparse.Namespace) -> Rows:
+    """What was typed of the order of the rows. Raises Faults."""
+    from rig.files.branches import Rows
+
+    if options.period is not None and not 0.0 < options.period < math.inf:
+        raise fault("--period", f"{options.period:g}", "expected a number of seconds > 0")
+    return Rows(options.period, options.reversed, options.branches)
 
 
 def read_records(
@@ -38,7 +58,7 @@ def read_records(
     """The records of a verb, by its arguments; what was taken for what is printed on stderr. Raises Faults, of all."""
     records, refused = _read(read_each(paths, options, needs))
     if refused:
-        raise Faults(line for one in refused for line in one.faults)
+        raise Faults(_faults_of(refused))
     return records
 
 
@@ -47,17 +67,21 @@ def read_each(
 ) -> list[Record | Refused]:
     """The same for a verb that goes on without those that are refused, in the order of the paths. Raises Faults where
     none is left."""
+    from rig.files.branches import loops
     from rig.files.record import Refused
     from rig.files.record_file import ColumnMapping, read_record
 
-    mappings = [ColumnMapping.parse(text) for text in options.column]
+    mappings, rows = [ColumnMapping.parse(text) for text in options.column], rows_of(options)
     found: list[Record | Refused] = []
     for path in paths:
         try:
-            found.append(read_record(path, mappings, needs, options.decimal))
+            found.append(read_record(path, mappings, needs, options.decimal, rows=rows))
         except Faults as faults:
             found.append(Refused(str(path), tuple(faults.lines)))
     records, refused = _read(found)
+    if not refused:
+        found = [*loops(records, rows)]
+        records, refused = _read(found)
     said: dict[str, list[str]] = {}  # of hundreds of records of one make the same is said of all: once is enough
     for record in records:
         for line in record.said:
@@ -66,8 +90,22 @@ def read_each(
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
         print(f"{sources[0]}{more}: {line}", file=sys.stderr)
     if not records:
-        raise Faults(line for one in refused for line in one.faults)
+        raise Faults(_faults_of(refused))
     return found
+
+
+def _faults_of(refused: Iterable[Refused]) -> list[str]:
+    """The lines of files that were refused; one about names that several files have is one line."""
+    sources: dict[str, list[str]] = {}
+    for one in refused:
+        for line in one.faults:
+            text = line.removeprefix(one.source)
+            sources.setdefault(text if "--column" in text else line, []).append(one.source)
+    lines = []
+    for text, of in sources.items():
+        more = f" and {len(of) - MOST_NAMED} more" if len(of) > MOST_NAMED else ""
+        lines.append(f"{', '.join(of[:MOST_NAMED])}{more}{text}" if "--column" in text else text)
+    return lines
 
 
 def _read(found: Iterable[Record | Refused]) -> tuple[list[Record], list[Refused]]:

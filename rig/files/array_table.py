@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rig.core.faults import Faults, fault
-from rig.files.column_meaning import meaning_of
-from rig.files.matlab_vectors import vectors_of
+from rig.core.faults import fault
 from rig.files.table import Column, Table
 
 
@@ -58,24 +55,3 @@ def columns_of_frame(frame: Any) -> dict[str, Any]:
     for name in frame.columns:
         columns[str(name)] = np.asarray(frame[name])
     return columns
-
-
-def matlab_table(path: Path) -> Table:
-    """The vectors of one length in a .mat file, in structs and arrays of them too. Raises Faults."""
-    vectors = vectors_of(path)
-    lengths = [values.size for _, values in vectors if values.size >= 2 and values.dtype.kind != "U"]
-    if not lengths:
-        text = "in a struct or beside each other, or an array of structs with a number in each field"
-        raise fault(path, "", f"no vectors of numbers; expected one for each column, {text}")
-    lengths += [values.size for name, values in vectors if meaning_of(name).ours is not None]  # each counts twice
-    rows = max(set(lengths) - {0, 1}, key=lambda n: (lengths.count(n), n))
-    chosen = [(name, values) for name, values in vectors if values.size == rows]
-    names = [name for name, _ in chosen]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        raise Faults([f"{path}: {name!r} appears in more than one struct; expected each name once" for name in twice])
-    table = array_table(dict(chosen), str(path))
-    left = sorted({name for name, values in vectors if values.size not in (1, rows)})
-    if left:
-        table.said.append(f"of another length and left: {', '.join(left[:8])}")
-    return table

@@ -56,6 +56,11 @@ class ColumnMapping:
             raise fault("--column", repr(text), f"unit {typed!r} is none of {known}")
         return cls(ours, theirs, unit, True)
 
+    @property
+    def of_rows(self) -> bool:
+        """Whether it says that times are those of the rows' order: time_s=row."""
+        return self.ours == "time_s" and self.theirs.strip() == "row" and not self.unit_said
+
     def found_in(self, names: Sequence[str]) -> int | None:
         """Which of a file's columns it means; None where it has none of them."""
         stripped = [name.strip() for name in names]

@@ -12,7 +12,7 @@ import unicodedata
 from dataclasses import dataclass, replace
 
 from rig.core.columns import OF_A_RECORD
-from rig.files.units import CONDUCTANCES, OTHER_UNITS, spelled, straightened
+from rig.files.units import CONDUCTANCES, OTHER_UNITS, foreign, spelled, straightened
 
 _QUANTITIES = {
     "time": "time zeit temps tiempo tempo elapsed timestamp datetime date datum uhrzeit clock heure t 時間 时间 時刻",
@@ -30,8 +30,9 @@ _ROLES = {
 }
 _NEUTRAL = (
     "sample film dut device sensor input channel ch chan kanal voie bridge measured measurement meas actual act ist "
-    "istwert value reading avg average mean rel relative w wire four two dmm meter ohmmeter smu keithley thermo plate "
-    "stage object peltier tec vo vo2 unix epoch stamp point heat the of in since start total process"
+    "istwert value val reading avg average mean rel relative w wire four two dmm meter ohmmeter smu keithley thermo "
+    "plate stage object peltier tec vo vo2 unix epoch stamp point heat the of in since start total process sheet "
+    "branch curve"
 )
 QUANTITY = {word: quantity for quantity, words in _QUANTITIES.items() for word in words.split()}
 ROLE = {word: role for role, words in _ROLES.items() for word in words.split()}
@@ -64,6 +65,9 @@ class Meaning:
 
 
 NOTHING = Meaning(None)
+RECIPROCAL = re.compile(
+    r"(?:(1000|1e3|10\^?3|1)\s*/\s*(?:T|[Tt]emp\w*)|T\s*\^?[-−]1)\b(.*)"
+)  # as Arrhenius plots have it
 
 
 def meaning_of(name: str, below: str = "") -> Meaning:
@@ -73,6 +77,9 @@ def meaning_of(name: str, below: str = "") -> Meaning:
         return Meaning(name) if name else NOTHING
     if re.search(r"(?i)\b(log_?10|lg|log|ln)\b\s*_?\s*[(|]?\s*(R\b|resistance|Ω|ohm)", name):
         return _logarithm(name)
+    if match := RECIPROCAL.fullmatch(name):
+        thousand = match[1] not in (None, "1") or re.search(r"10\^?[-−]3|\bk", match[2] + below) is not None
+        return Meaning("temperature_degC", "1000/K" if thousand else "1/K", False, "1/K is no temperature", True)
     words, bracket = divided(name)
     unit = bracket or below
     if bracket and below and spelled(bracket) != spelled(below):
@@ -86,11 +93,12 @@ def other_unit(name: str, below: str, ending: str) -> str:
     if name in OF_A_RECORD:
         return ""
     name = straightened(name.strip().strip("\"'")[:200])[:200]
+    if RECIPROCAL.fullmatch(name):
+        return "1/K"
     unit = divided(name)[1] or below
     if not unit and (match := re.fullmatch(r".*?(?:[_/(\[{<]|\s)\s*([^\s_/()\[\]{}<>]+)[)\]}>]?", name)):
         unit = match[1] if match[1] in OTHER_UNITS else ""
-    found = spelled(unit)
-    return unit if unit in OTHER_UNITS or (found is not None and found[0] != ending) else ""
+    return unit if unit and foreign(unit, ending) else ""
 
 
 def divided(name: str) -> tuple[str, str]:

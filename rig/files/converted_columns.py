@@ -1,26 +1,45 @@
-"""Columns that were taken, in our units: numbers, times, and what their fields say beside that."""
+"""From a file's table to a record: which column is taken for which of ours, what that is worth, what has to be asked.
+
+What somebody typed with --column comes first, then our own names, then names that are plain
+(`rig.files.column_meaning`). What was taken for what is told in a line. Where a column that is needed, or one that
+looks as if it held the resistance, is not plain, the file is refused with the line to type.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
-from rig.files.column_mapping import ending_of, typed
+from rig.files.branches import Rows, below_each_other, in_sequence, one_after_the_other
+from rig.files.channel_rows import one_row_each_moment
+from rig.files.column_mapping import ColumnMapping, ending_of, typed
 from rig.files.credible_columns import ABSOLUTE_ZERO_DEGC, faults_in
 from rig.files.field_numbers import Undecided, beyond_as_a_number, number_of, read_numbers, tidied
-from rig.files.field_times import Unclear, clock_alone, date_alone, read_times, time_like
+from rig.files.field_times import SUMMER, Unclear, clock_alone, date_alone, hours_off, read_times, time_like
 from rig.files.record import Record
-from rig.files.taking import Choice, Taking
-from rig.files.units import CONDUCTANCES, SHARES, UNITS
+from rig.files.table import Column, Table
+from rig.files.taking import Choice, Taking, ask, take_own, take_plain, take_typed
+from rig.files.units import CONDUCTANCES, LOGARITHMS, SHARES, UNITS
 
-MOST_NUMBER_FAULTS = 5  # a column: five lines show what is wrong with it as well as a thousand
+FEW_ROWS, MOST_STEPS_BACK = 20, 0.01  # rows, and how many of more of them may follow a clock that was set
+LARGEST_STEP_BACK_S = 1.0  # what a clock that is kept right over the network is set back by
+# names of columns that have the fraction of a second, and what is a second's part in them
+PARTS = {
+    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "millisec", "milli"), 1e-3),
+    **dict.fromkeys(("us", "usec", "usecs", "microsecond", "microseconds", "tv_usec", "micros"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosecond", "nanoseconds", "nanosec", "tv_nsec"), 1e-9),
+    **dict.fromkeys(("fractional seconds", "fractional second", "fraction", "frac", "fraction of second"), 1.0),
+    **dict.fromkeys(("fractional_seconds", "subsec", "subseconds", "sub-seconds", "frac sec", "seconds fraction"), 1.0),
+}
 
 
-def converted(taking: Taking) -> Record:
+def _converted(taking: Taking) -> Record:
     """Every column in our units. Raises Faults."""
     values: dict[str, Array] = {}
     texts: dict[str, list[str]] = {}
@@ -41,13 +60,15 @@ def converted(taking: Taking) -> Record:
             values[names[k]] = taking.numbers(k).values
         except ValueError:
             texts[names[k]] = list(taking.table.columns[k].texts or [])
-    if not faults:
-        faults = faults_in(taking.table, values, taking.chosen, taking.names)
+    if faults:
+        raise Faults(faults)
+    table, values, texts = _in_order(taking, values, texts)
+    faults = faults_in(table, values, taking.chosen, taking.names)
     if faults:
         raise Faults(faults)
     current = taking.chosen.get("current_A")
     drive = current.unit if current is not None and current.unit in SHARES else None
-    return Record(values, taking.table.source, drive, texts, tuple(_told(taking)))
+    return Record(values, table.source, drive, texts, tuple(_told(taking)), times=table.times)
 
 
 def _kept_names(taking: Taking) -> dict[int, str]:
@@ -63,11 +84,69 @@ def _kept_names(taking: Taking) -> dict[int, str]:
     return kept
 
 
+def _in_order(
+    taking: Taking, values: dict[str, Array], texts: dict[str, list[str]]
+) -> tuple[Table, dict[str, Array], dict[str, list[str]]]:
+    """Without the few rows that cannot be placed in time: doubled word for word, or written before a clock that was set
+    back by less than a second came to where it had been. Raises Faults where a clock went back by an hour."""
+    table, time = taking.table, values["time_s"]
+    if np.all(np.diff(time) > 0.0) or not np.all(np.isfinite(time)):
+        return table, values, texts
+    _refuse_summer_time(taking, time)
+    first = _first_alike(table)
+    doubled = first < np.arange(time.size)
+    if np.any(doubled):
+        k, more = int(np.flatnonzero(doubled)[0]), int(np.sum(doubled)) - 1
+        text = f"{table.at(k)}{f' and {more} more' if more else ''} left out, the same word for word as"
+        taking.said.append(f"{text} {table.at(int(first[k]))}")
+    kept = np.flatnonzero(~doubled)
+    behind = time[kept] <= np.concatenate([[-np.inf], np.maximum.accumulate(time[kept])[:-1]])
+    back = np.diff(time[kept])
+    step, back = float(np.median(back)), back[back <= 0.0]
+    few = kept.size > FEW_ROWS and back.size <= max(1.0, MOST_STEPS_BACK * kept.size)
+    if back.size and few and np.min(back) > -LARGEST_STEP_BACK_S:
+        rows = kept[behind]
+        text = f"{table.at(int(rows[0]))}{f' and {rows.size - 1} more' if rows.size > 1 else ''} left out: the clock"
+        taking.said.append(
+            f"{text} {f'went back by {step - np.min(back):.3g} s' if np.min(back) < 0.0 else 'stood still'}"
+        )
+        kept = kept[~behind]
+    if kept.size == time.size:
+        return table, values, texts
+    values = {name: column[kept] for name, column in values.items()}
+    return table.of(kept), values, {name: [column[k] for k in kept] for name, column in texts.items()}
+
+
+def _first_alike(table: Table) -> NDArray[np.intp]:
+    """Of each row the first that is the same word for word."""
+    seen: dict[tuple[object, ...], int] = {}
+    rows = zip(*(column.fields for column in table.columns), strict=True)
+    return np.array([seen.setdefault(row, k) for k, row in enumerate(rows)], dtype=np.intp)
+
+
+def _refuse_summer_time(taking: Taking, time: Array) -> None:
+    """A clock that goes back by an hour and on as before, in a column of dates."""
+    choice = taking.chosen["time_s"]
+    back = np.flatnonzero(hours_off(time) > 0.0)
+    if back.size != 1 or not time_like(taking.first(choice.index)):
+        return
+    what = typed("time_s", taking.names, choice.index, f"{choice.layout}+{SUMMER}" if choice.layout else SUMMER)
+    text = f"time_s: the clock went back by 1 h (end of summer time?); expected {what}"
+    raise fault(taking.table.source, taking.table.at(int(back[0])), text)
+
+
 def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
     """One of our columns. Raises Faults: a field that is no number or no time."""
     table, ending = taking.table, ending_of(ours)
     if ours == "time_s" and time_like(taking.first(choice.index)):
+        if choice.how == "typed" and choice.unit_said and choice.layout is None:
+            expected = typed(ours, taking.names, choice.index)
+            text = f"{ours}: {taking.first(choice.index)[:40]!r} is a date or a clock's time, and was typed as a number"
+            raise fault(table.source, table.at(0), f"{text} in {choice.unit}; expected {expected}")
         return _times(taking, choice)
+    if choice.layout is not None:
+        text = f"{ours}: {taking.first(choice.index)[:40]!r} was typed as a date or a clock's time ({choice.layout})"
+        raise fault(table.source, table.at(0), f"{text}; expected one, or a unit such as @s")
     try:
         numbers = taking.numbers(choice.index, ending)
     except Undecided as error:
@@ -75,11 +154,17 @@ def _ours(taking: Taking, ours: str, choice: Choice) -> Array:
         text = f"{ours}: {str(error)[:40]!r}: a comma or point before decimals, or between thousands?"
         raise fault(table.source, _place(taking, choice, str(error)), f"{text}{what}") from None
     except ValueError:
-        raise Faults(_no_numbers(taking, ours, choice)) from None
+        raise Faults([_no_numbers(taking, ours, choice)]) from None
     taking.said += [f"in {ours} {text}" for text in numbers.said]
     values = numbers.values
+    if ours == "time_s" and (parts := _parts_of_seconds(taking, values, [choice.index])) is not None:
+        taking.said.append(f"time_s with {parts[1]!r}")
+        values = parts[0]
     if numbers.ending is None and choice.unit != ending:
         values = np.asarray(UNITS[ending][choice.unit](values), dtype=np.float64)
+    if ours == "resistance_ohm" and choice.unit not in LOGARITHMS and np.any(np.isneginf(values)):
+        taking.said.append(f"in {ours} -inf as beyond the range ({int(np.sum(np.isneginf(values)))} rows)")
+        values = np.where(np.isneginf(values), np.inf, values)
     endless = np.isinf(numbers.values)
     if np.any(endless):
         _refuse_endless(taking, ours, choice, endless)
@@ -114,14 +199,13 @@ def _refuse_endless(taking: Taking, ours: str, choice: Choice, endless: NDArray[
     rows = [int(k) for k in np.flatnonzero(endless)] if texts is not None else []
     wrong = [k for k in rows if texts is not None and sum(map(str.isdigit, texts[k])) > 2 and not _sentinel(texts[k])]
     if wrong and texts is not None:
-        raise Faults(
-            f"{table.source}: {table.at(k)}: {ours}: {texts[k][:24]!r}: expected a number that a double holds"
-            for k in wrong[:MOST_NUMBER_FAULTS]
-        )
+        more = f" ({len(wrong)} such fields)" if len(wrong) > 1 else ""
+        text = f"{ours}: {texts[wrong[0]][:24]!r}: expected a number that a double holds{more}"
+        raise fault(table.source, table.at(wrong[0]), text)
 
 
 def _sentinel(text: str) -> bool:
-    return re.search(r"[eE]\+?3[78]\b", text) is not None
+    return re.search(r"[eE]\+?0*3[78]\b", text) is not None
 
 
 def _place(taking: Taking, choice: Choice, text: str) -> str:
@@ -129,10 +213,9 @@ def _place(taking: Taking, choice: Choice, text: str) -> str:
     return taking.table.at(texts.index(text)) if text in texts else taking.table.place
 
 
-def _no_numbers(taking: Taking, ours: str, choice: Choice) -> list[str]:
-    """Lines for the first fields that are no numbers."""
-    table, more = taking.table, 0
-    lines: list[str] = []
+def _no_numbers(taking: Taking, ours: str, choice: Choice) -> str:
+    """The line about the first field that is no number, and how many more there are."""
+    table, wrong = taking.table, []
     sign = table.signs.decimal or "."
     for row, text in enumerate(table.columns[choice.index].texts or []):
         try:
@@ -140,14 +223,13 @@ def _no_numbers(taking: Taking, ours: str, choice: Choice) -> list[str]:
         except Undecided:
             continue
         except ValueError:
-            if len(lines) < MOST_NUMBER_FAULTS:
-                hint = " with a point" if sign == "." and _is_number(tidied(text), ",") else ""
-                lines.append(f"{table.source}: {table.at(row)}: {ours}: {text[:40]!r}: expected a number{hint}")
-            else:
-                more += 1
-    if more:
-        lines.append(f"{table.source}: {ours}: and {more} more fields that are no numbers")
-    return lines or [f"{table.source}: {ours}: some fields have a unit and some have none; expected one way of writing"]
+            wrong.append((row, text))
+    if not wrong:
+        return f"{table.source}: {ours}: some fields have a unit and some have none; expected one way of writing"
+    row, text = wrong[0]
+    hint = " with a point" if sign == "." and _is_number(tidied(text), ",") else ""
+    more = f" ({len(wrong)} such fields, to {table.at(wrong[-1][0])})" if len(wrong) > 1 else ""
+    return f"{table.source}: {table.at(row)}: {ours}: {text[:40]!r}: expected a number{hint}{more}"
 
 
 def _is_number(text: str, sign: str) -> bool:
@@ -162,7 +244,7 @@ def _times(taking: Taking, choice: Choice) -> Array:
     """Dates and clock times as seconds; a date's column goes with the clock's beside it, and with one of ms."""
     table, k = taking.table, choice.index
     fields = list(table.columns[k].texts or [])
-    layout, beside = choice.layout, ""
+    layout, beside, clock = choice.layout, "", None
     if date_alone(taking.first(k)):
         clock = next((j for j in taking.free() if clock_alone(taking.first(j))), None)
         if clock is not None:
@@ -179,22 +261,33 @@ def _times(taking: Taking, choice: Choice) -> Array:
         row = fields.index(bad) if bad in fields else None
         place = table.at(row) if row is not None else table.place
         raise fault(table.source, place, f"time_s: {bad[:60]!r}: expected a time as in the other rows") from None
-    seconds = times.seconds
-    milli = _milliseconds(taking, k) if not np.any(seconds % 1.0) else None
-    if milli is not None:
-        seconds = seconds + (milli - milli[0]) * 1e-3
-        beside += " with its milliseconds"
-    taking.said.append(f"{times.said}{beside}")
-    return seconds
+    missing = np.flatnonzero(hours_off(times.seconds) < 0.0)
+    if missing.size == 1 and not (layout or "").endswith(SUMMER):
+        what = typed("time_s", taking.names, k, f"{layout}+{SUMMER}" if layout else SUMMER)
+        text = f"an hour is missing before {table.at(int(missing[0]))}: if summer time began there, {what}"
+        taking.said.append(text)
+    parts = _parts_of_seconds(taking, times.seconds, [each for each in (k, clock) if each is not None])
+    taking.said.append(f"{times.said}{beside}{f' with {parts[1]!r}' if parts is not None else ''}")
+    return times.seconds if parts is None else parts[0]
 
 
-def _milliseconds(taking: Taking, k: int) -> Array | None:
-    """The column of milliseconds right behind one of times, as loggers write it."""
-    if k + 1 >= len(taking.names) or taking.names[k + 1].strip().lower() not in ("ms", "msec", "milliseconds"):
+def _parts_of_seconds(taking: Taking, seconds: Array, indices: Sequence[int]) -> tuple[Array, str] | None:
+    """Full seconds with what another column says of their fractions, and its name: milliseconds, as loggers write them,
+    or 'Fractional Seconds'. It stands right behind the seconds, or is the only one of its kind."""
+    if np.any(seconds % 1.0):
         return None
-    values = taking.values(k + 1)
-    complete = values is not None and values.size == len(taking.table.line_of)
-    return values if values is not None and complete and np.min(values) >= 0.0 and np.max(values) < 1000.0 else None
+    parts = [k for k in taking.free() if taking.names[k].strip().lower() in PARTS]
+    near = [k for k in parts if k - 1 in indices] or parts
+    if len(near) != 1:
+        return None
+    name = taking.names[near[0]].strip()
+    try:
+        values = PARTS[name.lower()] * taking.numbers(near[0]).values
+    except ValueError:
+        return None
+    if values.size != seconds.size or not np.all((values >= 0.0) & (values < 1.0)):
+        return None
+    return np.round(seconds + values - values[0], 9), name
 
 
 def _told(taking: Taking) -> list[str]:
@@ -208,3 +301,55 @@ def _told(taking: Taking) -> list[str]:
         told.append(f"{ours} from {taking.shown[choice.index]!r}{unit}{note}")
     parts = [f"taken: {', '.join(told)}"] if told else []
     return ["; ".join([*parts, *taking.table.said, *taking.said])] if parts or taking.table.said or taking.said else []
+
+
+def record_of(
+    table: Table,
+    mappings: Iterable[ColumnMapping] = (),
+    needs: Iterable[str] = (),
+    flags: bool = True,
+    rows: Rows | None = None,
+) -> Record:
+    """Return the record in a table. Raises Faults, a line for each, with what to type, where there are flags to type.
+
+    rows: what somebody says of the order of the rows.
+    """
+    mappings, rows = list(mappings), rows or Rows()
+    table = _reshaped(table, mappings, rows)
+    if rows.turned:
+        table = table.of(range(len(table.line_of))[::-1])
+    table, mappings = _with_row_times(table, mappings, rows)
+    taking = Taking(table, flags)
+    take_typed(taking, mappings)
+    take_own(taking)
+    if taking.faults:
+        raise Faults(taking.faults)
+    take_plain(taking)
+    ask(taking, ["time_s", *(name for name in needs if name != "time_s")])
+    if taking.faults:
+        raise Faults(taking.faults)
+    return in_sequence(_converted(taking), rows)
+
+
+def _reshaped(table: Table, mappings: Sequence[ColumnMapping], rows: Rows) -> Table:
+    """The table with a row for each moment and a column for each quantity; the same where somebody typed names that it
+    would not have then."""
+    shaped = below_each_other(one_after_the_other(one_row_each_moment(table), rows.branches))
+    before, after = ([column.name for column in each.columns] for each in (table, shaped))
+    lost = [each for each in mappings if each.found_in(before) is not None and each.found_in(after) is None]
+    return table if lost else shaped
+
+
+def _with_row_times(table: Table, mappings: list[ColumnMapping], rows: Rows) -> tuple[Table, list[ColumnMapping]]:
+    """With times by the rows' order, where `time_s=row` or a period was typed."""
+    others = [each for each in mappings if not each.of_rows]
+    if rows.period_s is None and len(others) == len(mappings):
+        return table, mappings
+    step, times = (1.0, "rows") if rows.period_s is None else (rows.period_s, "period")
+    left = [column for column in table.columns if column.name.strip() != "time_s"]
+    if len(left) < len(table.columns) and table.times == "file":
+        text = "a period or time_s=row was typed, and the file has time_s; expected one of them"
+        raise fault(table.source, table.place, text)
+    time = Column("time_s", step * np.arange(len(table.line_of), dtype=np.float64))
+    said = [*table.said, "rows in the order in which they were taken; no rates are reported"]
+    return replace(table, columns=[*left, time], said=said, times=times), others

@@ -17,7 +17,6 @@ from compensator.hysteresis.functions import Array
 from rig.files.column_mapping import typed
 from rig.files.table import Table
 
-MOST_FAULTS = 5  # of a kind
 FILM_K = (200.0, 500.0)  # a film's record that stays within these is one in K: as degC no Peltier plate reaches them
 ROOM_K = (270.0, 320.0)  # a plate's record that begins here and stays below FILM_K's end is one in K
 HOT_DEGC = 2000.0  # a record that goes beyond again and again has another column's numbers: no furnace of films does
@@ -63,19 +62,17 @@ def faults_in(
 
 
 def _told(table: Table, name: str, rows: NDArray[np.intp], column: Array, expected: str) -> list[str]:
-    """Lines for the first rows with a fault, each with its number, and how many there are beside them."""
-    lines = [
-        f"{table.source}: {table.at(int(k))}: {name}: {float(column[k])!r}: {expected}" for k in rows[:MOST_FAULTS]
-    ]
-    return [*lines, *_more(table, name, rows.size)]
+    """A line about the first row with a fault, and how many more there are; none where there is none."""
+    if not rows.size:
+        return []
+    first = int(rows[0])
+    text = f"{table.source}: {table.at(first)}: {name}: {float(column[first])!r}: {expected}"
+    return [text + _more(table, rows)]
 
 
-def _more(table: Table, name: str, count: int) -> list[str]:
-    """How many rows have the fault that was told of the first of them."""
-    more = count - MOST_FAULTS
-    return (
-        [f"{table.source}: {name}: and {more} more {table.row_word}{'s' * (more > 1)} like these"] if more > 0 else []
-    )
+def _more(table: Table, rows: NDArray[np.intp]) -> str:
+    """How many rows have the fault that is told of the first of them."""
+    return f" ({rows.size} such rows, to {table.at(int(rows[-1]))})" if rows.size > 1 else ""
 
 
 def _exchanged(table: Table, values: Mapping[str, Array]) -> list[str]:
@@ -94,12 +91,21 @@ def _time_faults(table: Table, time: Array, chosen: Mapping[str, Chosen], names:
     with np.errstate(over="ignore", invalid="ignore"):
         back = np.flatnonzero(np.diff(time) <= 0.0) + 1
     if back.size == time.size - 1 > 1:
-        return [f"{table.source}: time_s: falls in every row; expected increasing times: turn the file round"]
-    for k in back[:MOST_FAULTS]:
+        return [
+            f"{table.source}: time_s: falls in every row; expected increasing times, or --reversed: the last row was "
+            "taken first"
+        ]
+    if back.size and not faults:
+        k = int(back[0])
         after = f"{float(time[k])!r} after {float(time[k - 1])!r}"
+        same = int(np.sum(np.diff(time) == 0.0))
+        if 2 * same > back.size and same > 1:
+            text = f"{table.source}: {table.at(k)}: time_s: the same as in the row before"
+            expected = "expected a time of its own for each row, or --period SECONDS if they are evenly apart"
+            return [f"{text}{_more(table, back)}: {expected}"]
         again = "; it begins anew, as of another sweep: give each as a file of its own" if time[k] <= time[0] else ""
-        faults.append(f"{table.source}: {table.at(int(k))}: time_s: {after}: expected increasing times{again}")
-    faults += _more(table, "time_s", back.size)
+        text = f"{table.source}: {table.at(k)}: time_s: {after}: expected increasing times{again}"
+        faults.append(text + _more(table, back))
     if not faults and np.max(np.abs(time)) > MOST_S:
         what = typed("time_s", names, chosen["time_s"].index, "ms") if "time_s" in chosen else ""
         faults.append(

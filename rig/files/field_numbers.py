@@ -157,14 +157,14 @@ def within_range(values: Array, ending: str | None, said: Sequence[str] = ()) ->
         large = (size >= OVERFLOW[0]) & (size <= OVERFLOW[1]) & ~none
         if np.any(large) or np.any(none):
             said.append(f"9.9E37 as beyond the range or no reading ({int(np.sum(large | none))} rows)")
-            values = np.where(large, np.copysign(np.inf, values), values)
+            values = np.where(large, np.inf, values)  # the sign follows the input's, and says nothing of a resistance
             values[none] = math.nan
     return Numbers(values, None, said)
 
 
 def beyond_as_a_number(ohm: Array) -> NDArray[np.bool_]:
     """The rows in which a meter wrote its overload as a number: 1E+9 or 9.99999E+9, far above all that it read."""
-    finite = ohm[np.isfinite(ohm)]
+    finite = np.abs(ohm[np.isfinite(ohm)])
     largest = float(np.max(finite, initial=0.0))
     below = finite[finite < largest]
     low, high = OVERLOAD_OHM
@@ -172,7 +172,7 @@ def beyond_as_a_number(ohm: Array) -> NDArray[np.bool_]:
         return np.zeros(ohm.size, dtype=np.bool_)
     digits = f"{largest:.5e}".partition("e")[0].replace(".", "")
     code = digits in ("100000", "999999") or digits.rstrip("0") in ("99", "999", "9999", "99999")
-    return np.asarray((ohm == largest) & code, dtype=np.bool_)
+    return np.asarray((np.abs(ohm) == largest) & code, dtype=np.bool_)
 
 
 def _one_by_one(fields: Sequence[str], signs: Signs, ending: str | None) -> Numbers:
@@ -190,7 +190,7 @@ def _one_by_one(fields: Sequence[str], signs: Signs, ending: str | None) -> Numb
         if low in MISSING:
             continue
         if low.lstrip("+-") in BEYOND:
-            values[k] = -math.inf if low.startswith("-") else math.inf
+            values[k] = -math.inf if low.startswith("-inf") else math.inf
             beyond += "inf" not in low
             continue
         unit = None

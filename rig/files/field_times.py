@@ -19,8 +19,10 @@ from compensator.hysteresis.functions import Array
 from rig.core.clock import DAY_S
 
 ORDERS = ("ymd", "dmy", "mdy")
-LAYOUTS = (*ORDERS, "hh:mm", "mm:ss")
+SUMMER = "dst"  # local time, in which an hour comes twice at the end of summer time
+LAYOUTS = (*ORDERS, "hh:mm", "mm:ss", SUMMER, *(f"{order}+{SUMMER}" for order in ORDERS))
 LONGEST = 60  # characters of a time
+HOUR_STEPS = 3.0  # usual steps by which a clock's hour may be off: rows are not read on the second
 HOUR_S = 3600.0  # after which minutes and seconds begin again
 MONTHS = {"jan": 1, "feb": 2, "mar": 3, "apr": 4, "may": 5, "jun": 6, "jul": 7, "aug": 8, "sep": 9, "oct": 10}
 MONTHS |= {"nov": 11, "dec": 12, "mai": 5, "okt": 10, "dez": 12, "mrz": 3, "mär": 3}
@@ -29,6 +31,17 @@ CLOCK = r"(\d{1,3}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?|([.,]\d{1,9}))?\s*([Aa
 DATE = r"(\d{1,4})([-/. ])\s*(\d{1,2}|[^\W\d_]{3,9})\.?\2\s*(\d{1,4})"
 STAMP = re.compile(rf"(?:[^\W\d_]{{2,3}},?\s+)?{DATE}(?:[T ,]\s*{CLOCK})?")
 ALONE = re.compile(rf"{CLOCK}")
+# ways of writing that become the one above: digits alone, the clock first, another sign behind the date or within the
+# clock, and C's asctime
+COMPACT = re.compile(r"((?:19|20)\d\d)([01]\d)([0-3]\d)[T _-]?([0-2]\d)([0-5]\d)([0-5]\d)([.,]\d{1,9})?")
+CLOCK_FIRST = re.compile(
+    r"(\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?(?: ?[AaPp][Mm])?)[ ,;_-]+(\d{1,4}([-/.])\d{1,2}\3\d{1,4})"
+)
+OTHER_SIGNS = re.compile(
+    r"(\d{1,4}([-/. ])(?:\d{1,2}|[^\W\d_]{3,9})\2\d{1,4})\s*[-_/;|T ,:]\s*"
+    r"(\d{1,2})([:.h-])(\d\d)(?:[:.m-](\d\d))?s?((?:[.,:]\d{1,9})?)((?: ?[AaPp][Mm])?)"
+)
+ASCTIME = re.compile(r"[^\W\d_]{3} ([^\W\d_]{3}) +(\d{1,2}) (\d\d:\d\d:\d\d) (\d{4})")
 
 
 @dataclass(frozen=True)
@@ -49,7 +62,7 @@ class Unclear(ValueError):
 
 def time_like(text: str) -> bool:
     """Whether a field is a date, a clock's time, or both."""
-    text = text.strip().strip('"')
+    text = straight(text)
     if not text[:1].isalnum() or len(text) > LONGEST or not any(c in text for c in ":-/. "):
         return False
     if ALONE.fullmatch(text):
@@ -59,8 +72,26 @@ def time_like(text: str) -> bool:
 
 def date_alone(text: str) -> bool:
     """Whether a field is a date without a time of the day."""
-    match = STAMP.fullmatch(text.strip().strip('"'))
+    match = STAMP.fullmatch(straight(text))
     return match is not None and match[5] is None
+
+
+def straight(text: str) -> str:
+    """A date with a clock's time in the one way of writing that is read: the date, a blank, and colons."""
+    text = text.strip().strip('"').strip()
+    if len(text) > LONGEST or STAMP.fullmatch(text):
+        return text
+    text = re.sub(r"(?<=\d) ?(?:UTC|GMT)$", "", text)
+    if match := COMPACT.fullmatch(text):
+        return "{}-{}-{} {}:{}:{}".format(*match.groups()[:6]) + (match[7] or "")
+    if match := CLOCK_FIRST.fullmatch(text):
+        return f"{match[2]} {match[1]}"
+    if match := ASCTIME.fullmatch(text):
+        return f"{match[2]}-{match[1]}-{match[4]} {match[3]}"
+    if match := OTHER_SIGNS.fullmatch(text):
+        seconds = f":{match[6]}" if match[6] else ""
+        return f"{match[1]} {match[3]}:{match[5]}{seconds}{match[7]}{match[8]}"
+    return text
 
 
 def clock_alone(text: str) -> bool:
@@ -71,9 +102,14 @@ def clock_alone(text: str) -> bool:
 def read_times(fields: Sequence[str], layout: str | None = None) -> Times:
     """Seconds from the first row. Raises Unclear, and ValueError with the field that is no time.
 
-    layout: 'dmy', 'mdy', 'ymd', 'hh:mm' or 'mm:ss', where somebody typed it.
+    layout: 'dmy', 'mdy', 'ymd', 'hh:mm' or 'mm:ss', where somebody typed it; 'dst', or one of the first three with
+    '+dst', of local times in which an hour comes twice, or is missing.
     """
+    if layout is not None and layout.endswith(SUMMER):
+        return _without_summer_time(read_times(fields, layout.partition("+")[0] if "+" in layout else None))
     texts = [text.strip().strip('"') for text in fields]
+    if not STAMP.fullmatch(next((text for text in texts if text), "")):
+        texts = [straight(text) for text in texts]
     first = next((text for text in texts if text), "")
     if ALONE.fullmatch(first):
         return _clock_times(texts, layout)
@@ -99,6 +135,25 @@ def _iso(text: str) -> datetime | None:
         return datetime.fromisoformat(text)
     except ValueError:
         return None
+
+
+def hours_off(seconds: Array) -> Array:
+    """At each row 1 where a clock went back by an hour since the row before, -1 where it went on by one more than its
+    usual step, else 0: the end and the begin of summer time."""
+    steps = np.diff(seconds, prepend=seconds[:1])
+    usual = float(np.nanmedian(steps[1:])) if np.any(np.isfinite(steps[1:])) else 0.0
+    within = max(HOUR_STEPS * usual, 1.0)
+    if not 0.0 < within < HOUR_S / 2.0:
+        return np.zeros(seconds.size)
+    back = np.abs(steps + HOUR_S - usual) <= within
+    return back.astype(np.float64) - (np.abs(steps - HOUR_S - usual) <= within)
+
+
+def _without_summer_time(times: Times) -> Times:
+    off = hours_off(times.seconds)
+    count = int(np.sum(off != 0.0))
+    said = f"{times.said}, an hour {'back' if np.any(off > 0.0) else 'on'} at the change of summer time taken out"
+    return Times(times.seconds + HOUR_S * np.cumsum(off), said) if count else times
 
 
 def _clock_times(texts: Sequence[str], layout: str | None) -> Times:

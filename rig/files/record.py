@@ -30,7 +30,9 @@ class Refused:
 class Record:
     """Columns by name, each of the shape (rows,); drive: the unit of a current_A that is a share of full drive.
 
-    said: what was taken for what, and what was left, a line each; empty where the names are ours.
+    said: what was taken for what, and what was left, a line each; empty where the names are ours. times: "file" where
+    it has times, "period" where somebody typed how far apart its rows are, "rows" where only their order is known: of
+    both no rates are reported.
     """
 
     columns: dict[str, Array]
@@ -38,6 +40,7 @@ class Record:
     drive: str | None = None
     text_columns: dict[str, list[str]] = field(default_factory=dict)
     said: tuple[str, ...] = ()
+    times: str = "file"
 
     @classmethod
     def from_arrays(
@@ -50,7 +53,7 @@ class Record:
         """
         from rig.files.array_table import array_table
         from rig.files.column_mapping import ColumnMapping
-        from rig.files.taken_columns import record_of
+        from rig.files.converted_columns import record_of
 
         return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
 

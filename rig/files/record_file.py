@@ -20,19 +20,21 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
+from rig.files.branches import Rows
 from rig.files.column_mapping import ColumnMapping
+from rig.files.converted_columns import record_of
 from rig.files.decoded import decoded
+from rig.files.lvm_table import is_lvm, lvm_table
 from rig.files.other_kind import other_kind
 from rig.files.record import Record, unit_of
 from rig.files.run_columns import run_table
 from rig.files.table import Table
-from rig.files.taken_columns import record_of
 from rig.files.text_table import text_table
 from rig.files.units import UNITS
 from rig.files.unpacked import unpacked
 from rig.files.written import written
 
-__all__ = ["UNITS", "ColumnMapping", "Record", "print_columns", "read_record", "unit_of", "write_columns"]
+__all__ = ["UNITS", "ColumnMapping", "Record", "Rows", "print_columns", "read_record", "unit_of", "write_columns"]
 
 WORKBOOKS, MATLAB = (".xlsx", ".xlsm"), ".mat"  # endings of files that are no text
 
@@ -43,15 +45,17 @@ def read_record(
     needs: Iterable[str] = (),
     decimal: str = "",
     flags: bool = True,
+    rows: Rows | None = None,
 ) -> Record:
     """Read a record. Raises Faults: a missing column, a field that is no number, time that does not increase, a file
     that is no table at all.
 
     needs: columns that have to be there, besides time_s. decimal: '.' or ',' where the file leaves open which sign
-    stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type.
+    stands before its decimals. flags: whether the caller takes --column, so that refusals may say what to type. rows:
+    what somebody says of their order, where the file has no times.
     """
     try:
-        return record_of(_table(path, decimal), mappings, needs, flags)
+        return record_of(_table(path, decimal), mappings, needs, flags, rows)
     except Faults:
         kind = other_kind(path) if not _workbook(path) and path.suffix.lower() != MATLAB else ""
         if not kind:
@@ -97,7 +101,7 @@ def _table(path: Path, decimal: str) -> Table:
 
         return workbook_table(path, decimal)
     if ending == MATLAB:
-        from rig.files.array_table import matlab_table
+        from rig.files.matlab_table import matlab_table
 
         return matlab_table(path)
     try:
@@ -110,7 +114,7 @@ def _table(path: Path, decimal: str) -> Table:
         raise fault(path, "", f"cannot be read: {error.strerror}") from None
     data, packed_by = unpacked(data, path)
     text, encoding = decoded(data, path)
-    table = text_table(text, path, decimal)
+    table = lvm_table(text, path) if is_lvm(text) else text_table(text, path, decimal)
     if packed_by:
         table.said.append(f"unpacked ({packed_by})")
     if ending in WORKBOOKS:

@@ -32,6 +32,12 @@ def _reciprocal(factor: float) -> Conversion:
     return convert
 
 
+def _kelvins(factor: float, x: Array) -> Array:
+    """A reciprocal temperature in degC; of 0 there is none."""
+    with np.errstate(divide="ignore"):
+        return np.where(x == 0.0, np.nan, factor / x - 273.15)
+
+
 def _power(base: float) -> Conversion:
     """A resistance of which the logarithm was written; what no float can hold is beyond the range."""
 
@@ -58,6 +64,8 @@ UNITS: Mapping[str, Mapping[str, Conversion]] = {
         "K": lambda x: x - 273.15,
         "mK": lambda x: x * 1e-3 - 273.15,
         "degF": lambda x: (x - 32.0) / 1.8,
+        "1/K": lambda x: _kelvins(1.0, x),  # as Arrhenius plots have it
+        "1000/K": lambda x: _kelvins(1e3, x),
     },
     "ohm": {
         "ohm": lambda x: x,
@@ -85,6 +93,8 @@ UNITS: Mapping[str, Mapping[str, Conversion]] = {
 
 SHARES = ("duty", "percent", "pwm255")  # of full drive: no amperes
 CONDUCTANCES = ("S", "mS", "uS", "nS")
+LOGARITHMS = ("log10ohm", "lnohm")
+RECIPROCALS = ("1/K", "1000/K")  # of a temperature
 SYMBOLS = {"Ω": "ohm", "Ohm": "ohm", "kΩ": "kohm", "kOhm": "kohm", "MΩ": "Mohm", "MOhm": "Mohm", "GΩ": "Gohm"}
 SYMBOLS |= {"°C": "degC", "°F": "degF", "μA": "uA", "μS": "uS", "μs": "us", "%": "percent"}
 LATEX = {r"\Omega": "Ω", r"\omega": "Ω", r"^\circ": "°", r"^{\circ}": "°", r"\circ": "°", r"\degree": "°", r"\mu": "μ"}
@@ -107,7 +117,7 @@ _AMPERE = {"": "A", "m": "mA", "μ": "uA", "u": "uA", "n": "nA", "milli": "mA", 
 
 
 # of quantities that no column of ours is: a name that ends in one says so
-_OTHER_UNITS = "V mV uV μV kV W mW kW Hz kHz MHz Pa hPa kPa MPa bar mbar Torr nm um μm mm"
+_OTHER_UNITS = "V mV uV μV kV W mW kW Hz kHz MHz Pa hPa kPa MPa bar mbar Torr nm um μm mm cm counts LSB dB dBm ppm"
 OTHER_UNITS = frozenset(_OTHER_UNITS.split())
 
 
@@ -120,6 +130,18 @@ def straightened(text: str) -> str:
     return text.replace("º", "°").strip()
 
 
+def foreign(text: str, ending: str) -> bool:
+    """Whether a unit's spelling is one of another quantity than that of our columns with this ending: 'V', 'K/min',
+    '1/K', 'Ohm cm'."""
+    found = spelled(text)
+    if found is not None:
+        return found[0] != ending
+    text = straightened(text)
+    parts = [part for part in re.split(r"[/·*⋅\s]|\^?-\d", text) if part]
+    known = [part for part in parts if spelled(part) is not None or part in OTHER_UNITS]
+    return text in OTHER_UNITS or (bool(known) and parts != [text])
+
+
 @lru_cache(maxsize=4096)
 def spelled(text: str) -> tuple[str, str | None] | None:
     """What a unit's spelling says: the ending of our column's name, and the unit; None for the unit where the spelling
@@ -130,8 +152,11 @@ def spelled(text: str) -> tuple[str, str | None] | None:
     if not text or len(text) > 24:
         return None
     low = text.lower()
+    if re.fullmatch(r".*[a-z]dc", low) and low[0] in "av":  # 'Amp DC', 'Volt DC': as meters write into their buffers
+        text, low = text[:-2], low[:-2]
     if low in ("mohm", "mohms") and (text.islower() or text.isupper()):
         return "ohm", None
+    text = re.sub(r"/(?:sq|square|□)$", "", text)  # a sheet's resistance, ohms per square, is one
     if match := re.fullmatch(r"(.*?)(?:Ω|[Oo]hms?|OHMS?)", text):
         unit = _OHM_PREFIX.get(match[1].rstrip("-"))
         return ("ohm", unit) if unit else None

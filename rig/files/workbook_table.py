@@ -13,8 +13,7 @@ from typing import Any
 from rig.core.extras import to_install
 from rig.core.faults import Faults, fault
 from rig.files.table import Table
-from rig.files.text_form import is_value
-from rig.files.text_table import text_table
+from rig.files.text_table import is_value, text_table
 
 FEWEST_ROWS = 12  # no model is fitted to fewer readings: a shorter table beside a longer one is a summary, not a record
 FORMULA = re.compile(rb"<f[ >/]")  # of a cell, in the XML of a sheet (ECMA-376, part 1, 18.3.1.40)

@@ -191,7 +191,7 @@ def _tell_lag(lag_s: float, numbers: Sequence[FilmNumbers], result: dict[str, An
     """What a thermometer that lags behind the plate, as the current shows it, does to the transition's numbers."""
     for one, entry in zip(numbers, result.get("transition", []), strict=True):
         shift = one.transition.shift_K(lag_s)
-        if lag_s > 0.0 and shift > 0.0:
+        if lag_s > 0.0 and shift > 0.0 and one.timed:
             entry["sensor_lag"] = {"tau_s": lag_s, "shift_K": shift, "taken_out": False}
             say(
                 f"film: {one.source}: the current says that the thermometer lags behind the plate by {lag_s:.2g} s: at "

@@ -16,8 +16,8 @@ import pytest
 import scipy.io
 
 from rig.core.faults import Faults
-from rig.files import array_table
-from rig.files.matlab_vectors import MOST_NUMBERS, _content, _vectors
+from rig.files import matlab_table
+from rig.files.matlab_table import MOST_NUMBERS, _content, _vectors
 from rig.files.record_file import read_record
 
 HEAD = ["time_s", "temperature_degC", "current_A"]
@@ -176,7 +176,7 @@ def cells(values: Sequence[Any]) -> Any:
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """A .mat file is read in this process: one of its own takes a second to begin, and others test that."""
-    monkeypatch.setattr(array_table, "vectors_of", lambda path: list(_vectors(_content(path, MOST_NUMBERS))))
+    monkeypatch.setattr(matlab_table, "vectors_of", lambda path: (list(_vectors(_content(path, MOST_NUMBERS))), []))
 
 
 @pytest.mark.usefixtures("read_here")

@@ -49,15 +49,15 @@ def ways(root: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("files")
 
 
-def test_forty_ways_of_writing_one_record(ways: ModuleType, tmp_path: Path) -> None:
+def test_sixty_ways_of_writing_one_record(ways: ModuleType, tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     found = {}
     for write in ways.WAYS:
         way = write(ways.truth_of(7))
         found[way.name] = ways.judged(way, tmp_path, False)
     assert {name: how for name, how in found.items() if how not in ("plain", "flag")} == {}
-    assert len(found) == 40
-    assert list(found.values()).count("plain") >= 30
+    assert len(found) == 60
+    assert list(found.values()).count("plain") >= 45
 
 
 def test_the_benchmark_sees_what_is_wrong(ways: ModuleType, tmp_path: Path) -> None:
@@ -426,7 +426,7 @@ def test_packed_files_far_too_large_are_refused(
     openpyxl.Workbook().save(tmp_path / "a.xlsx")
     scipy.io.savemat(tmp_path / "a.mat", {"time_s": np.zeros(2000)}, do_compression=True)
     monkeypatch.setattr("rig.files.workbook_table.MOST_BYTES", 1000)
-    monkeypatch.setattr("rig.files.matlab_vectors.MOST_NUMBERS", 1000)
+    monkeypatch.setattr("rig.files.matlab_table.MOST_NUMBERS", 1000)
     for name, expected in (("a.xlsx", "unpacks to"), ("a.mat", "an array of 2000 numbers")):
         status, _, err = peltier("identify", tmp_path / name)
         assert (status, len(err.splitlines())) == (2, 1)
@@ -558,6 +558,9 @@ MEASURED = {
     "heater_two_channels_later.txt": (("temperature_degC=Temperature 1",), {"time_s", "temperature_degC"}),
     "lamp_heating.csv": (("temperature_degC=y_C",), {"time_s", "temperature_degC"}),
     "heater_step.csv": ((), {"time_s", "temperature_degC"}),
+    **{f"tclab_{part}.csv": ((), {"time_s", "temperature_degC"}) for part in ("train", "valid")},
+    **{f"tec_{run}.csv": (("current_A=out@pwm255",), {"current_A"}) for run in ("run12", "run2_1s")},
+    **{f"tune{n}.csv": (("temperature_degC=oven_c@degC",), {"temperature_degC"}) for n in (22, 23, 24, 25)},
 }
 
 
@@ -580,5 +583,5 @@ def test_measured_records_are_read_as_they_are(measured: Path, name: str) -> Non
         assert np.max(record["resistance_ohm"]) < 1e7
         assert record["temperature_degC"][0] == pytest.approx(96.66, abs=0.01)  # 369.81 K
     if record.has("current_A"):
-        assert record.drive == "duty"
+        assert record.drive in ("duty", "pwm255")
         assert np.max(np.abs(record["current_A"])) <= 1.01

@@ -88,16 +88,17 @@ def test_names_without_rows_are_told_as_that(file: Path) -> None:
 
 def test_a_second_sweep_in_one_file_is_told_as_that(file: Path) -> None:
     sweep = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in range(30))
-    said = refusal(file, f"t (s),T (K),R (Ohm)\n{sweep}\n{sweep}")
+    other = sweep.replace(",30", ",31")
+    said = refusal(file, f"t (s),T (K),R (Ohm)\n{sweep}\n{other}")
     assert "line 33: time_s: 0.0 after 29.0: expected increasing times; it begins anew, as of another sweep" in said
     wrong = sweep.replace("\n20,", "\n2,")
     assert "another sweep" not in refusal(file, f"t (s),T (K),R (Ohm)\n{wrong}")
 
 
 def test_a_file_with_the_newest_row_first_is_told_as_that(file: Path) -> None:
-    rows = "".join(f"{k},{300 + k},{1e4 - k}\n" for k in reversed(range(30)))
+    rows = "".join(f"{k},{300 + k % 7},{1e4 - k % 5}\n" for k in reversed(range(30)))
     said = refusal(file, f"t (s),T (K),R (Ohm)\n{rows}")
-    assert "time_s: falls in every row; expected increasing times: turn the file round" in said
+    assert "time_s: falls in every row; expected increasing times, or --reversed: the last row was taken first" in said
     assert "another sweep" not in said
 
 

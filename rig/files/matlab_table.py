@@ -10,27 +10,73 @@ import io
 import math
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.core.faults import Faults, fault
+from rig.files.array_table import array_table
+from rig.files.column_meaning import meaning_of
+from rig.files.table import Table
 
 MOST_COLUMNS = 1000  # of a matrix: more are a picture, not a record
 MOST_NUMBERS = 250_000_000  # in one array of a file: 2 GB, which zeros are packed into 2 MB of
+# by class what to type in MATLAB, and the column that it may be, without which it is needed
+TO_TYPE = {
+    "table": ("writetable({name}, '{stem}.csv')", "temperature_degC"),
+    "timetable": ("writetimetable({name}, '{stem}.csv')", "temperature_degC"),
+    "timeseries": (
+        "time_s = {name}.Time; {name}_data = {name}.Data; save('{stem}.mat', 'time_s', '{name}_data', '-append')",
+        "time_s",
+    ),
+    "datetime": ("time_s = seconds({name} - {name}(1)); save('{stem}.mat', 'time_s', '-append')", "time_s"),
+    "duration": ("time_s = seconds({name}); save('{stem}.mat', 'time_s', '-append')", "time_s"),
+    "": ("s = struct({name}); save('{stem}.mat', '-struct', 's', '-v7')", "temperature_degC"),
+}
 DEEPEST = 3  # structs inside each other
 NUMBERS = "biuf"  # numpy's kinds of real numbers
 LONGEST = 400  # characters of a text: no number or date has more, and each row takes as much as the longest
 NO_SENSE = "cannot be read as .mat: its sizes and kinds do not fit its bytes"
-READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_vectors import tell; tell(sys.argv[1], {most})"
+READ = "import sys; sys.path[:] = {paths!r}; from rig.files.matlab_table import tell; tell(sys.argv[1], {most})"
 
 
-def vectors_of(path: Path) -> list[tuple[str, Array]]:
-    """Names and vectors; a matrix gives one for each of its columns, an array of structs one for each of its fields: of
-    text where there is text, as in a cell array of it, or where there are no or several numbers. Raises Faults."""
+def matlab_table(path: Path) -> Table:
+    """The vectors of one length in a .mat file, in structs and arrays of them too. Raises Faults."""
+    vectors, objects = vectors_of(path)
+    meanings = {meaning_of(name).ours for name, _ in vectors}
+    for name, kind in objects:
+        told, needed = TO_TYPE.get(kind, TO_TYPE[""])
+        if needed not in meanings or not meanings & {"temperature_degC", "current_A"}:
+            what = told.format(name=name, stem=path.stem)
+            raise fault(path, name, f"a MATLAB {kind}, which only MATLAB reads; expected, typed there: {what}")
+    lengths = [values.size for _, values in vectors if values.size >= 2 and values.dtype.kind != "U"]
+    if not lengths:
+        text = "in a struct or beside each other, or an array of structs with a number in each field"
+        raise fault(path, "", f"no vectors of numbers; expected one for each column, {text}")
+    lengths += [values.size for name, values in vectors if meaning_of(name).ours is not None]  # each counts twice
+    rows = max(set(lengths) - {0, 1}, key=lambda n: (lengths.count(n), n))
+    chosen = [(name, values) for name, values in vectors if values.size == rows]
+    names = [name for name, _ in chosen]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise Faults([f"{path}: {name!r} appears in more than one struct; expected each name once" for name in twice])
+    table = array_table(dict(chosen), str(path))
+    left = sorted({name for name, values in vectors if values.size not in (1, rows)})
+    if objects:
+        table.said.append(f"MATLAB objects left: {', '.join(name for name, _ in objects)}")
+    if left:
+        table.said.append(f"of another length and left: {', '.join(left[:8])}")
+    return table
+
+
+def vectors_of(path: Path) -> tuple[list[tuple[str, Array]], list[tuple[str, str]]]:
+    """Return names and vectors, and names and classes of MATLAB's objects, which are not read. A matrix gives a vector
+    for each of its columns, an array of structs one for each of its fields: of text where there is text, as in a cell
+    array of it, or where there are no or several numbers. Raises Faults."""
     if not path.is_file():
         raise fault(path, "", "no such file")
     command = [sys.executable, "-c", READ.format(paths=sys.path, most=MOST_NUMBERS), str(path)]
@@ -41,29 +87,37 @@ def vectors_of(path: Path) -> list[tuple[str, Array]]:
         raise fault(path, "", NO_SENSE)
     with np.load(io.BytesIO(child.stdout), allow_pickle=False) as content:
         names = [str(name) for name in content["names"]]
-        return [(name, content[f"vector{k}"]) for k, name in enumerate(names)]
+        vectors = [(name, content[f"vector{k}"]) for k, name in enumerate(names)]
+        return vectors, [(str(name), str(kind)) for name, kind in content["objects"]]
 
 
 def tell(path: str, most: int) -> None:
     """In the process of its own: the vectors as .npz on stdout, or a line on stderr and exit status 2."""
     try:
-        found = list(_vectors(_content(Path(path), most)))
+        content = _content(Path(path), most)
+        found, objects = list(_vectors(content)), _objects(content, Path(path))
     except Faults as faults:
         print(str(faults), file=sys.stderr)
         sys.exit(2)
     out = io.BytesIO()
     vectors = {f"vector{k}": values for k, (_, values) in enumerate(found)}
-    np.savez(out, names=np.array([name for name, _ in found], dtype=str), **vectors)
+    kinds = np.array(objects, dtype=str).reshape(-1, 2)
+    np.savez(out, names=np.array([name for name, _ in found], dtype=str), objects=kinds, **vectors)
     sys.stdout.buffer.write(out.getvalue())
 
 
 def _content(path: Path, most: int) -> Any:
     from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadWarning
 
     try:
-        largest = max((math.prod(shape) for _, shape, _ in whosmat(str(path))), default=0)
+        try:
+            largest = max((math.prod(shape) for _, shape, _ in whosmat(str(path))), default=0)
+        except TypeError:  # scipy before 1.18 knows no sizes beside an object
+            largest = 0
         if largest > most:
             raise fault(path, "", f"an array of {largest} numbers; expected a record, {most} at most")
+        warnings.simplefilter("ignore", MatReadWarning)  # of several objects, which `_objects` tells apart
         return loadmat(str(path), squeeze_me=True, struct_as_record=False, chars_as_strings=True)
     except Faults:
         raise
@@ -76,6 +130,27 @@ def _content(path: Path, most: int) -> Any:
         if "cannot reshape" in text:  # of that kind, too, numbers that take no bytes
             raise fault(path, "", NO_SENSE) from None
         raise fault(path, "", f"cannot be read as .mat: {type(error).__name__}: {text}") from None
+
+
+def _objects(content: Any, path: Path) -> list[tuple[str, str]]:
+    """Names and classes of what is an object of MATLAB's: scipy does not read what is in it."""
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatlabOpaque, varmats_from_mat
+
+    if not any(isinstance(value, MatlabOpaque) for value in content.values()):
+        return []
+    found = []
+    with path.open("rb") as file:
+        for _, one in varmats_from_mat(file):
+            variables: dict[str, Any] = loadmat(cast(Any, one))
+            for name, value in variables.items():
+                if isinstance(value, MatlabOpaque):
+                    fields = list(
+                        cast(Any, value).flat[0]
+                    )  # before scipy 1.18 its name, then the type's system, and the class
+                    words = [each.decode() if isinstance(each, bytes) else str(each) for each in fields[:-1]]
+                    found.append((words[0] if len(words) > 2 else name, words[-1]))
+    return sorted(found, key=lambda each: "table" not in each[1])  # the rows are in it
 
 
 def _vectors(content: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:

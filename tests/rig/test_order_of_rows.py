@@ -1,0 +1,328 @@
+"""Records whose rows say nothing of time, or something that cannot be: told in one line, with what to type; and what is
+typed is right."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.analysis.film_numbers import numbers_of_record
+from rig.core.faults import Faults
+from rig.files.branches import loops
+from rig.files.column_mapping import ColumnMapping
+from rig.files.record import Record
+from rig.files.record_file import Rows, read_record
+
+Peltier = Callable[..., tuple[int, str, str]]
+HALF = 150  # rows of a branch
+HEATING_DEGC, COOLING_DEGC = 66.0, 60.0  # where this film is steepest
+
+
+def branch(heating: bool, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Temperature (degC) and resistance (ohm) of a film on one branch, in the order of time."""
+    random = np.random.default_rng(seed + heating)
+    degC = np.linspace(25.0, 90.0, HALF) if heating else np.linspace(90.0, 25.0, HALF)
+    middle = HEATING_DEGC if heating else COOLING_DEGC
+    logs = 3.5 - 1.5 * np.tanh((degC - middle) / 3.0) + random.normal(0.0, 0.002, HALF)
+    return degC + random.normal(0.0, 0.01, HALF), 10.0**logs
+
+
+def rows_of(*columns: np.ndarray, separator: str = ",") -> str:
+    return "\n".join(separator.join(f"{value:.6g}" for value in row) for row in zip(*columns, strict=True)) + "\n"
+
+
+@pytest.fixture
+def loop() -> tuple[np.ndarray, np.ndarray]:
+    parts = branch(True), branch(False)
+    return np.concatenate([parts[0][0], parts[1][0]]), np.concatenate([parts[0][1], parts[1][1]])
+
+
+def read(path: Path, text: str, *columns: str, rows: Rows | None = None) -> Record:
+    path.write_text(text)
+    return read_record(path, [ColumnMapping.parse(one) for one in columns], ("temperature_degC",), rows=rows)
+
+
+def refusal(path: Path, text: str, *columns: str) -> str:
+    """What is said of a text that is refused, in one line."""
+    with pytest.raises(Faults) as found:
+        read(path, text, *columns)
+    (line,) = found.value.lines
+    return line
+
+
+def typed_on(path: Path, text: str) -> Record:
+    """The record with the first --column that the refusal offers."""
+    words = re.search(r"--column ('[^']*'|\S+)", refusal(path, text))
+    assert words is not None
+    return read(path, text, *shlex.split(words[1]))
+
+
+def transition(record: Record) -> tuple[float | None, float | None]:
+    found = numbers_of_record(record, "minus_log10_ohm").transition.quantities
+    return found["heating_degC"].value, found["cooling_degC"].value
+
+
+def assert_the_loop(record: Record) -> None:
+    heating, cooling = transition(record)
+    assert heating == pytest.approx(HEATING_DEGC, abs=0.3)
+    assert cooling == pytest.approx(COOLING_DEGC, abs=0.3)
+
+
+def test_a_table_without_times_is_asked_for_the_order_of_its_rows(tmp_path: Path, loop: tuple) -> None:
+    """Most published R(T) tables: there was no way to read them, and another column was offered as the time."""
+    text = "Temperature (K)\tResistance (Ohm)\n" + rows_of(loop[0] + 273.15, loop[1], separator="\t")
+    said = refusal(tmp_path / "loop.txt", text)
+    assert "no column of times: expected --column time_s=row" in said
+    assert "--period SECONDS" in said
+    assert "--reversed" in said
+    assert "time_s=Temp" not in said
+    record = typed_on(tmp_path / "loop.txt", text)
+    assert record.times == "rows"
+    assert_the_loop(record)
+
+
+@pytest.mark.parametrize("words", [("--column", "time_s=row"), ("--period", "0.5")])
+def test_no_rates_of_a_table_without_times(
+    tmp_path: Path, peltier: Peltier, loop: tuple, words: tuple[str, ...]
+) -> None:
+    """The ramps of a published table would be those of its rows, 1 K/s."""
+    path = tmp_path / "loop.csv"
+    path.write_text("T (C),R (Ohm)\n" + rows_of(*loop))
+    status, out, err = peltier("identify", path, *words, "--operators", "8", "--json", tmp_path / "a.json")
+    assert status == 0, err
+    assert "transition temperature on heating   66" in out
+    assert "K/s" not in out + err
+    assert '"rate_K_per_s": null' in (tmp_path / "a.json").read_text()
+
+
+def test_times_without_a_clock_are_no_times_of_a_diagnosis_or_a_plate(tmp_path: Path, peltier: Peltier) -> None:
+    """Lags and time constants would be told in rows, as if they were seconds."""
+    path = tmp_path / "plate.csv"
+    path.write_text("T (C),I (A)\n" + rows_of(25.0 + np.arange(40.0) % 7, np.arange(40.0) % 3))
+    for verb in ("diagnose", "identify"):
+        status, _, err = peltier(verb, path, "--column", "time_s=row")
+        assert status == 2
+        assert "times" in err.splitlines()[-1] or "current_A" in err.splitlines()[-1]
+    status, _, err = peltier("diagnose", path, "--column", "time_s=row")
+    assert "a diagnosis needs them: expected --period SECONDS" in err
+
+
+def test_a_cooling_branch_that_is_sorted_upwards(tmp_path: Path) -> None:
+    """It was reported as heating."""
+    degC, ohm = branch(False)
+    text = "T (C),R (Ohm)\n" + rows_of(degC[::-1], ohm[::-1])
+    record = read(tmp_path / "branch.csv", text, "time_s=row", rows=Rows(turned=True))
+    assert transition(record) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
+    named = read(tmp_path / "film_cooling.csv", text, "time_s=row")
+    (turned,) = loops([named], Rows())
+    assert transition(turned) == (None, pytest.approx(COOLING_DEGC, abs=0.3))
+    assert "its name says cooling" in " ".join(turned.said)
+
+
+@pytest.mark.parametrize(
+    ("names", "asked"),
+    [
+        (("b_heating.csv", "b_cooling.csv"), False),
+        (("warm_up.csv", "cool_down.csv"), False),
+        (("1.csv", "2.csv"), True),
+    ],
+)
+def test_branches_in_two_files(tmp_path: Path, names: tuple[str, str], asked: bool) -> None:
+    """Two records of a branch each have no hysteresis."""
+    rows = Rows(branches=asked)
+    found = []
+    for name, heating in zip(names, (True, False), strict=True):
+        degC, ohm = branch(heating)
+        order = slice(None) if heating else slice(None, None, -1)  # both sorted upwards
+        found.append(
+            read(tmp_path / name, "T (C),R (Ohm)\n" + rows_of(degC[order], ohm[order]), "time_s=row", rows=rows)
+        )
+    (joined,) = loops(found, rows)
+    assert_the_loop(joined)
+    assert np.all(np.diff(joined["time_s"]) > 0.0)
+    assert len(loops(found[:1], Rows())) == 1
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "T_heating (C),R_heating (ohm),T_cooling (C),R_cooling (ohm)",
+        "Temperature (heating) [C],R (heating) [ohm],Temperature (cooling) [C],R (cooling) [ohm]",
+        "Heating T (C),Heating R (ohm),Cooling T (C),Cooling R (ohm)",
+        "T up (C),R up (ohm),T down (C),R down (ohm)",
+    ],
+)
+def test_branches_side_by_side(tmp_path: Path, head: str) -> None:
+    """A column of temperatures was offered as that of times."""
+    text = f"{head}\n" + rows_of(*branch(True), *(values[::-1] for values in branch(False)))
+    record = read(tmp_path / "film.csv", text)
+    assert_the_loop(record)
+    assert "branches side by side taken one after the other" in " ".join(record.said)
+
+
+def test_branches_side_by_side_with_times(tmp_path: Path) -> None:
+    """Each with times that begin anew: the second is put behind the first."""
+    seconds = np.arange(float(HALF))
+    head = "t_heating (s),T_heating (C),R_heating (ohm),t_cooling (s),T_cooling (C),R_cooling (ohm)"
+    record = read(tmp_path / "film.csv", f"{head}\n" + rows_of(seconds, *branch(True), seconds, *branch(False)))
+    assert_the_loop(record)
+    assert record.times == "file"
+    np.testing.assert_allclose(np.diff(record["time_s"]), 1.0)
+
+
+def test_names_that_stand_twice_are_asked_for(tmp_path: Path) -> None:
+    text = "T (C),R (ohm),T (C),R (ohm)\n" + rows_of(*branch(True), *branch(False))
+    assert "heating and cooling side by side? expected --branches" in refusal(tmp_path / "film.csv", text)
+    assert_the_loop(read(tmp_path / "film.csv", text, rows=Rows(branches=True)))
+
+
+def test_branches_below_each_other(tmp_path: Path) -> None:
+    """Both sorted upwards, the cooling branch would be a second heating."""
+    parts = [branch(True), tuple(values[::-1] for values in branch(False))]
+    text = "T (C),R (ohm)\n" + "".join(rows_of(*part) for part in parts)
+    said = refusal(tmp_path / "film.csv", text, "time_s=row")
+    assert "in one row: two branches, sorted alike? expected --branches" in said
+    assert_the_loop(read(tmp_path / "film.csv", text, "time_s=row", rows=Rows(branches=True)))
+    named = "T (C),R (ohm),sweep\n"
+    for part, word in zip(parts, ("heating", "cooling"), strict=True):
+        named += rows_of(*part).replace("\n", f",{word}\n")
+    assert_the_loop(read(tmp_path / "film.csv", named))
+
+
+def test_a_heater_beside_a_film_is_no_branch(tmp_path: Path) -> None:
+    """T_heating of a rig with times is a thermometer of its own."""
+    text = "Time (s),T_heating (C),T_cooling (C),T (C)\n" + "".join(
+        f"{k},60,{15 + k % 2},{25 + k % 5}\n" for k in range(40)
+    )
+    record = read(tmp_path / "rig.csv", text)
+    assert record.rows == 40
+    assert "T_heating (C)" in record.columns
+
+
+@pytest.mark.parametrize(
+    ("head", "typed"),
+    [
+        ("1000/T (1/K)", "temperature_degC=1000/T (1/K)@K"),
+        ("1/T (K^-1)", "temperature_degC=1/T (K^-1)@degC"),
+        ("Ramp (K/min)", "temperature_degC=Ramp (K/min)@K"),
+        ("Signal (mV)", "temperature_degC=Signal (mV)@degC"),
+        ("Resistivity (Ohm cm)", "resistance_ohm=Resistivity (Ohm cm)@ohm"),
+    ],
+)
+def test_a_unit_against_the_file_s_own_is_refused(tmp_path: Path, head: str, typed: str) -> None:
+    """1000/T as kelvins was believed: a transition at -270 degC."""
+    text = f"Time (s),T (C),{head}\n" + "".join(f"{k},{25 + k % 5},{3.0 + 0.01 * k}\n" for k in range(40))
+    assert "which is no unit of that" in refusal(tmp_path / "a.csv", text, typed)
+
+
+def test_a_reciprocal_temperature_is_read_as_one(tmp_path: Path, loop: tuple) -> None:
+    kelvin = loop[0] + 273.15
+    rows = zip(np.arange(kelvin.size), 1e3 / kelvin, np.log(loop[1]), strict=True)
+    text = "Time (s),1000/T (1/K),ln R (ohm)\n" + "".join(f"{t},{x:.7g},{y:.6g}\n" for t, x, y in rows)
+    said = refusal(tmp_path / "a.csv", text)
+    assert "1/K is no temperature" in said
+    assert "@K" not in said
+    assert_the_loop(typed_on(tmp_path / "a.csv", text))
+
+
+def test_one_column_is_taken_for_one_quantity(tmp_path: Path) -> None:
+    text = "Time (s),T (C)\n0,25\n1,26\n2,27\n"
+    said = refusal(tmp_path / "a.csv", text, "temperature_degC=T (C)", "sink_degC=T (C)")
+    assert "was typed for temperature_degC and for sink_degC" in said
+
+
+def test_a_date_is_no_number_of_seconds(tmp_path: Path) -> None:
+    text = "date;T (C)\n" + "".join(f"20/10/2026-23:5{k}:00;{25 + k}\n" for k in range(9))
+    assert "is a date or a clock's time" in refusal(tmp_path / "a.csv", text, "time_s=date@s")
+    assert "was typed as a date" in refusal(tmp_path / "a.csv", "t (s),T (C)\n0,25\n1,26\n", "time_s=t (s)@dmy")
+    np.testing.assert_allclose(np.diff(read(tmp_path / "a.csv", text)["time_s"]), 60.0)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        "%d/%m/%Y-%H:%M:%S", "%Y-%m-%d_%H-%M-%S", "%Y%m%d-%H%M%S", "%Y%m%d%H%M%S", "%H:%M:%S %d/%m/%Y",
+        "%d-%b-%Y-%H:%M:%S", "%a %b %d %H:%M:%S %Y", "%d.%m.%Y %H.%M.%S", "%Y-%m-%d %H:%M:%S UTC", "%d/%b/%Y:%H:%M:%S",
+    ],
+)  # fmt: skip
+def test_ways_of_writing_a_date_with_its_time(tmp_path: Path, form: str) -> None:
+    """Each was "expected a number"; 20261020235500 is one, and was 100 s a minute."""
+    when = [datetime(2026, 10, 20, 23, 58) + timedelta(seconds=20 * k) for k in range(12)]
+    text = "date,T (C)\n" + "".join(f"{stamp.strftime(form)},{25 + k}\n" for k, stamp in enumerate(when))
+    np.testing.assert_allclose(np.diff(read(tmp_path / "a.csv", text)["time_s"]), 20.0)
+
+
+@pytest.mark.parametrize("form", ["%Y-%m-%d %H:%M:%S", "%d/%m/%Y %H:%M:%S", "%H:%M:%S"])
+def test_the_hour_that_comes_twice(tmp_path: Path, form: str) -> None:
+    """It was told as another sweep, to be put in a file of its own: the film's memory would be lost in between."""
+    when = [datetime(2026, 10, 25, 2, 55) + timedelta(seconds=2 * k) for k in range(300)]
+    local = [one - timedelta(hours=1) if one >= datetime(2026, 10, 25, 3) else one for one in when]
+    text = "Timestamp,T (C)\n" + "".join(f"{one.strftime(form)},{25 + k % 9}\n" for k, one in enumerate(local))
+    assert "the clock went back by 1 h (end of summer time?)" in refusal(tmp_path / "a.csv", text)
+    np.testing.assert_allclose(np.diff(typed_on(tmp_path / "a.csv", text)["time_s"]), 2.0)
+
+
+def test_an_hour_that_is_missing_is_told(tmp_path: Path) -> None:
+    when = [datetime(2026, 3, 29, 1, 58) + timedelta(seconds=2 * k) for k in range(120)]
+    local = [one + timedelta(hours=1) if one >= datetime(2026, 3, 29, 2) else one for one in when]
+    text = "Timestamp,T (C)\n" + "".join(f"{one.isoformat(' ')},{25 + k % 9}\n" for k, one in enumerate(local))
+    record = read(tmp_path / "a.csv", text)
+    assert "an hour is missing before line 62: if summer time began there" in " ".join(record.said)
+    np.testing.assert_allclose(np.diff(read(tmp_path / "a.csv", text, "time_s=Timestamp@dst")["time_s"]), 2.0)
+
+
+LINES = [f"{2 * k}.0,{25 + k % 30}.5,{1000 - k}" for k in range(200)]
+HEAD = "time_s,temperature_degC,resistance_ohm"
+
+
+@pytest.mark.parametrize(
+    "lines", [[*LINES[:100], LINES[99], *LINES[100:]], [*LINES, LINES[-1]], [*LINES[:100], *LINES[90:]]]
+)
+def test_rows_that_are_doubled_word_for_word_are_left_out(tmp_path: Path, lines: list[str]) -> None:
+    """One such row in 601 refused the file, and an editor was the only way on."""
+    record = read(tmp_path / "a.csv", "\n".join([HEAD, *lines]) + "\n")
+    assert record.rows == 200
+    assert "left out, the same word for word as line" in record.said[0]
+
+
+def test_a_clock_that_is_set_back_a_little_leaves_rows_out(tmp_path: Path) -> None:
+    lines = [f"{0.2 * k - (0.4 if k > 100 else 0.0):.1f},{25 + k % 30},{1000 - k}" for k in range(200)]
+    record = read(tmp_path / "a.csv", "\n".join([HEAD, *lines]) + "\n")
+    assert record.rows == 198
+    assert "line 103 and 1 more left out: the clock went back by 0.4 s" in record.said[0]
+    assert np.all(np.diff(record["time_s"]) > 0.0)
+
+
+def test_a_clock_that_is_wrong_throughout_is_refused(tmp_path: Path) -> None:
+    back = [f"{2 * k - (5 if k > 100 else 0)},{25 + k % 30},{1000 - k}" for k in range(200)]
+    assert "expected increasing times" in refusal(tmp_path / "a.csv", "\n".join([HEAD, *back]) + "\n")
+    full = [f"{k // 2},{25 + k % 30},{1000 - k}" for k in range(200)]
+    said = refusal(tmp_path / "a.csv", "\n".join([HEAD, *full]) + "\n")
+    assert "the same as in the row before (100 such rows, to line 201)" in said
+
+
+@pytest.mark.parametrize("name", ["ms", "Milliseconds", "Fractional Seconds", "nsec"])
+def test_seconds_and_their_fractions_in_two_columns(tmp_path: Path, name: str) -> None:
+    """Two rows a second: the second was told as another sweep."""
+    part = {"ms": "500", "Milliseconds": "500", "Fractional Seconds": "0.500000", "nsec": "500000000"}[name]
+    lines = [f"11/21/2026,14:03:{k // 2:02d},{part if k % 2 else '0'},{25 + k}" for k in range(40)]
+    record = read(tmp_path / "a.csv", f"Date,Time,{name},T (C)\n" + "\n".join(lines) + "\n")
+    np.testing.assert_allclose(np.diff(record["time_s"]), 0.5)
+    assert name in " ".join(record.said)
+
+
+@pytest.mark.parametrize(
+    "written", ["-9.9E37", "-9.90000000E+037", "-1.000000000e+38", "-OL", "-OVLD", "-inf", "-9.99999E+9"]
+)
+def test_overflow_has_the_sign_of_the_input(tmp_path: Path, written: str) -> None:
+    """ "-inf: expected > 0" was said of a file that says -9.9E+37, and the whole of it refused."""
+    lines = [f"{k},{25 + k},{written if k in (5, 9) else 1000 - k}" for k in range(40)]
+    record = read(tmp_path / "a.csv", f"{HEAD}\n" + "\n".join(lines) + "\n")
+    assert np.flatnonzero(np.isposinf(record["resistance_ohm"])).tolist() == [5, 9]
+    assert "beyond the range" in " ".join(record.said)
