@@ -16,6 +16,7 @@ from rig.analysis.score import Rows
 from rig.analysis.transition_words import document, lines, notes
 from rig.files.film_output import in_decades, sign_of, unit_of
 from rig.files.record import Record
+from rig.files.thermometer_faults import false_readings, without
 
 MOST_READINGS = 50_000  # beyond it every so many rows are taken: no ramp has more to say
 
@@ -97,11 +98,21 @@ def plate_course(time_s: Array, temperature_degC: Array, lag_s: float) -> Array:
     return course
 
 
+def believed_degC(run: Rows) -> tuple[Array, list[str]]:
+    """Return the temperatures of a run, nan in the rows in which the thermometer is not believed, and a line on each of
+    these."""
+    names = ("time_s", "temperature_degC", "resistance_ohm", "current_A")
+    columns = {name: run.column(name) for name in names}
+    false = false_readings(columns)
+    lines = [one.line(columns["time_s"]) for one in false]
+    return without(columns["temperature_degC"], false), lines
+
+
 def numbers_of_run(run: Rows, source: str, lag_s: float) -> FilmNumbers:
     """Of a run's rows; lag_s: of the thermometer behind the plate, which is taken out of the temperatures."""
     time, resistance = run.column("time_s"), run.column("resistance_ohm")
     good = np.isfinite(resistance) & (resistance > 0.0)
     values = fresh(np.where(good, -np.log10(np.where(good, resistance, 1.0)), np.nan))
     values = at_own_times(time, values, run.column("resistance_time_s"))
-    plate_degC = plate_course(time, run.column("temperature_degC"), lag_s)
+    plate_degC = plate_course(time, believed_degC(run)[0], lag_s)
     return film_numbers(time, plate_degC, values, "minus_log10_ohm", source, lag_s)

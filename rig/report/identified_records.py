@@ -59,6 +59,10 @@ def identified_and_told(
 def in_words(found: Identified, say: Say) -> dict[str, Any]:
     """Say what was fitted, a line after the other; the JSON of `peltier identify`."""
     result: dict[str, Any] = {"format": "peltier-identification/1", "records": [r.source for r in found.records]}
+    result["left_out"] = [one for record in found.records for one in record.left_out_document()]
+    for record in found.records:
+        for line in record.left_out_lines():
+            say(line if len(found.records) == 1 else f"{record.source}: {line}")
     if found.film is not None:
         unit = unit_of(found.output)
         result["film"] = _tell_film(found.film, unit, say)
