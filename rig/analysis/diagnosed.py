@@ -95,11 +95,10 @@ def _with_left_out(diagnosis: Diagnosis, records: Sequence[Record]) -> Diagnosis
     rows: list[dict[str, Any]] = []
     for number, record in enumerate(records, 1):
         of = number if len(records) > 1 else None
-        for one, line in zip(record.left_out, record.left_out_lines(), strict=True):
-            times = record["time_s"][one.first : one.last + 1].tolist()
-            warnings.append(Caution("thermometer_not_believed", line, times[0], times[-1], of))
-            column = "temperature_degC"
-            rows += [{"record": number, "time_s": t, "column": column, "rule": one.why} for t in times]
+        warnings += [Caution("thermometer_not_believed", line, record=of) for line in record.left_out_lines()]
+        for one in record.left_out:
+            entry = {"record": number, "column": "temperature_degC", "rule": one.why}
+            rows += [{**entry, "time_s": t} for t in record["time_s"][one.first : one.last + 1].tolist()]
     return replace(diagnosis, warnings=[*warnings, *diagnosis.warnings], not_believed=tuple(rows))
 
 

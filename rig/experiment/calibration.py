@@ -26,7 +26,7 @@ from compensator.identification.output_sense import output_falls
 from compensator.identification.plate import PlateFit, identify_plate
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
-from rig.analysis.film_numbers import FilmNumbers, believed_degC, numbers_of_run, plate_course
+from rig.analysis.film_numbers import FilmNumbers, believed_degC, doubted, numbers_of_run, plate_course
 from rig.control.loop import Loop
 from rig.control.policies import Follow, temperature_now, warmed_up
 from rig.core.faults import fault
@@ -222,7 +222,7 @@ def identify_calibration(
         check_max_dec=float(np.max(np.abs(error))),
         check_rmse_K=float(np.sqrt(np.nanmean(error_K**2))),
         predicted_output=sign_of(name) * -predicted,
-        numbers=numbers_of_run(folder, folder.path.name, plate_fit.lag_s),
+        numbers=doubted(numbers_of_run(folder, folder.path.name, plate_fit.lag_s), predicted[fitted], output[fitted]),
         findings=check_model(film, float(np.nanmin(temperature)), float(np.nanmax(temperature))).findings,
         left_out=tuple(left_out),
     )

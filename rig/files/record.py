@@ -13,7 +13,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
-from rig.files.thermometer_faults import FalseReadings
+from rig.files.thermometer_faults import FalseReadings, false_lines
 
 __all__ = ["Record", "Refused", "content_digest", "unit_of"]
 
@@ -32,8 +32,8 @@ class Record:
     """Columns by name, each of the shape (rows,); drive: the unit of a current_A that is a share of full drive.
 
     said: what was taken for what, and what was left, a line each; empty where the names are ours. left_out: the rows in
-    which the thermometer is not believed (`rig.files.thermometer_faults`): `temperature_degC` is nan there; as_read_degC:
-    the temperatures with them, None where they are all believed.
+    which the thermometer is not believed (`rig.files.thermometer_faults`): `temperature_degC` is nan there;
+    as_read_degC: the temperatures with them, None where all are believed.
     """
 
     columns: dict[str, Array]
@@ -85,8 +85,8 @@ class Record:
         return self.has(column_of(name, self.columns))
 
     def left_out_lines(self) -> list[str]:
-        """Return a sentence for each run of rows in which the thermometer is not believed."""
-        return [one.line(self["time_s"]) for one in self.left_out]
+        """Return a sentence for each value that the thermometer is not believed."""
+        return false_lines(self.left_out, self["time_s"])
 
     def left_out_document(self) -> list[dict[str, Any]]:
         """Return the same for the JSON."""

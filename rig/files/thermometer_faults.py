@@ -18,7 +18,7 @@ large, and its other runs as long.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -46,8 +46,10 @@ OFTEN: Final = 3  # a thermometer that stands still in more places does so by na
 MOVES: Final = 8.0  # standard deviations of a witness's own noise
 FAR_OFF: Final = 0.35  # of the record's range: a film that lags or drifts stays nearer while the temperature stands
 FAR_DIGITS: Final = 10.0  # last digits by which a false value is off at the least: converters lose a few bits at times
+ENDS_WITH: Final = 3  # rows that say where the film is at last
 ON_RANGE: Final = 0.02  # of the witness's range: the film is where it was
-COLD = "there is no temperature at absolute zero or below"
+ROWS_TOLD: Final = 5  # stretches of rows in a sentence
+COLD = "absolute zero (0 K) or below is no temperature"
 FAULT = "a fault value: the temperature jumps there and back, and neither film nor current does"
 EDGE = "a fault value: one jump parts them from all other readings, and neither film nor current jumps"
 STILL = "the thermometer stands still while the film or the current moves"
@@ -61,15 +63,6 @@ class FalseReadings:
     last: int
     degC: float
     why: str
-
-    def line(self, time_s: Array) -> str:
-        """Return the sentence that names the rows."""
-        one = self.first == self.last
-        rows = f"row {self.first + 1}" if one else f"rows {self.first + 1} to {self.last + 1}"
-        when = f"{time_s[self.first]:.12g}" + ("" if one else f" to {time_s[self.last]:.12g}")
-        what = f"{'reads' if one else 'read'} {self.degC:.6g} degC"
-        return f"temperature_degC: {rows} ({when} s) {what}: {self.why}; left out"
-
 
     def document(self, time_s: Array) -> dict[str, Any]:
         """Return the same for the JSON; rows from 1."""
@@ -104,6 +97,23 @@ def false_readings(columns: Mapping[str, Array]) -> list[FalseReadings]:
     return sorted(found, key=lambda one: one.first)
 
 
+def false_lines(false: Sequence[FalseReadings], time_s: Array) -> list[str]:
+    """Return a sentence for each value that a thermometer falsely reads, with its rows, for people."""
+    alike: dict[tuple[float, str], list[FalseReadings]] = {}
+    for one in false:
+        alike.setdefault((one.degC, one.why), []).append(one)
+    lines = []
+    for (degC, why), several in alike.items():
+        first, last = several[0].first, several[-1].last
+        rows = [f"{a.first + 1}" + (f" to {a.last + 1}" if a.last > a.first else "") for a in several]
+        more = f" and {len(rows) - ROWS_TOLD} more" if len(rows) > ROWS_TOLD else ""
+        word, reads = ("row", "reads") if first == last else ("rows", "read")
+        when = f"{time_s[first]:.12g}" + (f" to {time_s[last]:.12g}" if last > first else "")
+        where = f"{word} {', '.join(rows[:ROWS_TOLD])}{more} ({when} s)"
+        lines.append(f"temperature_degC: {where} {reads} {degC:.6g} degC: {why}; left out")
+    return lines
+
+
 def without(degC: Array, false: Iterable[FalseReadings]) -> Array:
     """Return readings with nan in the rows that are false."""
     believed = degC.copy()
@@ -113,7 +123,7 @@ def without(degC: Array, false: Iterable[FalseReadings]) -> Array:
 
 
 class _Runs:
-    """The runs of equal readings: `value` (degC), `length` (readings), `first` and `last` row, each of shape (runs,)."""
+    """The runs of equal readings: `value` (degC), `length` (readings), `first` and `last` row; shape (runs,) each."""
 
     def __init__(self, rows: Rows, columns: Mapping[str, Array]) -> None:
         degC, self.time = columns["temperature_degC"][rows], columns["time_s"]
@@ -171,23 +181,28 @@ class _Runs:
         behind = (range(first, jump + 1) for first in range(jump, max(jump - ASIDE, 0), -1))
         for blocks in (ahead, behind):
             found += [(block, FAULT) for block in blocks if self._aside(block) and not self._followed(block)][:1]
-        if self._moves(jump) and self.length[jump] > self.long:
+        if jump > 0 and self._moves(jump) and self.length[jump] > self.long:
             found.append((range(jump, jump + 1), STILL))
         for run, last in ((jump, 0), (jump + 1, end)):
             if run == last and (self.length[run] > self.long or not self._moves(run)):
                 found.append((range(run, run + 1), EDGE))
-        found = [(block, why) for block, why in found if self._stands(block)]
+        found = [(block, why) for block, why in found if self._stands(block, why, float(self.steps[jump]))]
         if found:
             block, why = min(found, key=lambda one: (len(one[0]), one[1] == STILL))
             self.why.update(dict.fromkeys(block, why))
 
-    def _stands(self, block: range) -> bool:
-        """Whether a run among some repeats its reading, in the next row or in a run known to be false."""
+    def _stands(self, block: range, why: str, jump_K: float) -> bool:
+        """Whether a run among some repeats its reading, in more rows than others do if the jump is no large one, or has
+        the value of a run known to be false."""
+        apart = jump_K > SUDDEN * float(np.quantile(self.steps, 0.9))
+        longest = int(np.max(self.length[block]))
+        if why == EDGE:
+            return apart and longest > 1
         false = [self.value[run] for run in self.why]
-        return bool(np.max(self.length[block]) > 1 or np.any(np.isin(self.value[block], false)))
+        return longest > self.slow or (apart and longest > 1) or bool(np.any(np.isin(self.value[block], false)))
 
     def _followed(self, block: range) -> bool:
-        """Whether the film jumps at either end of some runs. A current that jumps after them is a controller's answer."""
+        """Whether the film jumps at either end of some runs. A current that does may be a controller's answer."""
         films = [witness for witness in self.witnesses if witness.is_film]
         return any(self._shown(film, run) for film in films for run in (block[0] - 1, block[-1]))
 
@@ -196,15 +211,18 @@ class _Runs:
         ends = self.value[[block[0] - 1, block[-1] + 1]]
         off = np.maximum(np.min(ends) - self.value[block], self.value[block] - np.max(ends))
         far = max(SUDDEN * self.usual[block[0] - 1], FAR_DIGITS * self.digit)
-        apart = np.abs(np.diff(self.value[block]))  # fault values are far from each other, too; readings follow each other
+        apart = np.abs(
+            np.diff(self.value[block])
+        )  # fault values are far from each other, too; readings follow each other
         return bool(np.all(off > far) and np.all(apart > far)) and self._goes_on(block[0] - 1, block[-1] + 1)
 
     def _goes_on(self, before: int, after: int) -> bool:
         """Whether a reading may follow another one, at the pace of those around."""
         around = self.time[self.first[max(before - AROUND, 0) : after + AROUND + 1]]
         pace = self.usual[before] / float(np.median(np.diff(around)))
-        allowed = SUDDEN * self.usual[before] + pace * float(self.time[self.first[after]] - self.time[self.last[before]])
-        return abs(float(self.value[after] - self.value[before])) <= allowed
+        passed_s = float(self.time[self.first[after]] - self.time[self.last[before]])
+        allowed = SUDDEN * self.usual[before] + pace * passed_s
+        return bool(abs(self.value[after] - self.value[before]) <= allowed)
 
     def _moves(self, run: int) -> bool:
         return any(witness.moves(int(self.first[run]), int(self.last[run])) for witness in self.witnesses)
@@ -217,22 +235,26 @@ class _Runs:
         if chance > FLICKERS:
             return
         longest = self.slow * (1.0 + math.log(self.value.size / CHANCE) / -math.log(chance))
-        runs = [int(run) for run in np.flatnonzero(rest & (self.length > max(longest, self.long))) if self._moves(int(run))]
+        runs = [
+            int(run) for run in np.flatnonzero(rest & (self.length > max(longest, self.long))) if self._moves(int(run))
+        ]
         self.why.update(dict.fromkeys(runs, STILL))
 
     def _film_elsewhere(self) -> None:
-        """Find whether the film leaves the last run for what it else is far from its temperature."""
+        """Find whether the film goes in the last run to where it is else seen only far from its temperature."""
         end = self.value.size - 1
         film = next((witness for witness in self.witnesses if witness.is_film), None)
-        if film is None or end in self.why or self.length[end] < FEWEST or not film.moves(int(self.first[end]), int(self.last[end])):
+        if film is None or end in self.why or self.length[end] < FEWEST or not self._moves(end):
             return
-        there = film.values[self.last[end] - 2 : self.last[end] + 1]
-        if not np.any(np.isfinite(there)):
+        last = film.values[: self.last[end] + 1][-ENDS_WITH:]
+        if not np.any(np.isfinite(last)):
             return
-        finite = np.isfinite(film.values)
-        near = finite & (np.abs(film.values - np.nanmedian(there)) <= max(4.0 * film.noise, ON_RANGE * float(np.ptp(film.values[finite]))))
-        off = [abs(float(self.value[run] - self.value[end])) for run in range(end) if run not in self.why and np.any(near[self.first[run] : self.last[run] + 1])]
-        if off and min(off) > max(FAR_OFF * float(np.ptp(self.value)), FAR_DIGITS * self.digit):
+        close = np.abs(film.values - np.nanmedian(last)) <= max(4.0 * film.noise, ON_RANGE * film.span)
+        same = [
+            run for run in range(end) if run not in self.why and np.any(close[self.first[run] : self.last[run] + 1])
+        ]
+        off = np.abs(self.value[same] - self.value[end])
+        if off.size and np.min(off) > max(FAR_OFF * self.span, FAR_DIGITS * self.digit):
             self.why[end] = STILL
 
 
@@ -240,8 +262,9 @@ class _Runs:
 class _Witness:
     """What else shows a change of the temperature: log10 of the film's resistance, or the current.
 
-    values: (rows,), nan where there is none; noise: their standard deviation from row to row; usual: how far they go in
-    `BESIDE` rows at most times; span: nearly their range. A film shows a change when it comes or soon after, a current before.
+    values: (rows,), nan where there is none; noise: their standard deviation from row to row; usual: how far they
+    go in `BESIDE` rows at most times; span: nearly their range. A film shows a change when it comes or soon after, a
+    current before.
     """
 
     values: Array
@@ -251,14 +274,14 @@ class _Witness:
     is_film: bool
 
     def jumps(self, before: int, after: int, share: float, every: int) -> bool | None:
-        """Whether it shows a jump of the temperature, by a share of its range, between two rows; None if it has no values
-        there. every: so many rows are looked at."""
+        """Whether it shows a jump of the temperature, by a share of the range, between two rows; None if it has no
+        values there. every: one in so many rows is looked at."""
         on = before + every * np.arange(-BESIDE, 1)
         earlier = self.values[on[on >= 0]]
         if not self.is_film:
             earlier = earlier[np.isfinite(earlier)]
             begun = earlier if on[0] >= 0 else np.append(0.0, earlier)  # there is no current before the first row
-            return bool(np.ptp(begun) > WITNESSED * self.usual) if earlier.size else None
+            return bool(np.ptp(begun) > WITNESSED * every * self.usual) if earlier.size else None
         least = LEAST_SHOWN * share * self.span
         on = np.append(before, after + every * np.arange(BESIDE - 1))
         later = self.values[on[on < self.values.size]]
@@ -266,7 +289,9 @@ class _Witness:
         if earlier.size < 2 or later.size < 2:
             return None
         about = self.values[max(before - every, 0) : after + BESIDE]
-        steps = np.sort(np.abs(np.diff(about[np.isfinite(about)])))  # a slow thermometer shows an abrupt film's jump late
+        steps = np.sort(
+            np.abs(np.diff(about[np.isfinite(about)]))
+        )  # a slow thermometer shows an abrupt film's jump late
         if steps.size > BESIDE and steps[-1] > max(WITNESSED * steps[-3] + 6.0 * self.noise, least):
             return True
         goes = (earlier[-1] - earlier[0]) / (earlier.size - 1)
@@ -292,7 +317,7 @@ def _witnesses(columns: Mapping[str, Array]) -> list[_Witness]:
         shown[good] = np.log10(values[good]) if film else values[good]
         seen = shown[good]
         noise = 1.4826 * float(np.median(np.abs(np.diff(seen, 2)))) / math.sqrt(6.0) if seen.size > 2 else 0.0
-        usual = float(np.quantile(np.abs(seen[BESIDE:] - seen[:-BESIDE]), 0.75)) if seen.size > BESIDE else 0.0
+        usual = float(np.quantile(np.abs(seen[BESIDE:] - seen[:-BESIDE]), 0.75))
         found.append(_Witness(shown, max(noise, 1e-9), usual, _span(seen), film))
     return found
 
@@ -316,8 +341,8 @@ def _usual(steps: Array) -> Array:
 
 
 def _noise(time_s: Array, degC: Array) -> float:
-    """Return the standard deviation of a thermometer's noise where it is least, K: from how the deviations from a straight
-    line between neighbours change, which a smooth course leaves small."""
+    """Return the standard deviation (K) of a thermometer's noise where it is least: from how the deviations from a
+    straight line between neighbours change, which a smooth course leaves small."""
     weight = (time_s[1:-1] - time_s[:-2]) / (time_s[2:] - time_s[:-2])
     off = degC[1:-1] - (degC[:-2] + weight * (degC[2:] - degC[:-2]))
     changes = np.abs(np.diff(off))

@@ -11,7 +11,7 @@ import numpy as np
 
 from compensator.identification.covariance import NORMAL_95
 from rig.analysis.fit_notes import finding_documents, finding_notes, plate_notes
-from rig.analysis.identified import AskedFit, Identified, identified
+from rig.analysis.identified import AskedFit, Identified, identified, modelled
 from rig.analysis.one_row import of_identification
 from rig.core.faults import Faults
 from rig.files.film_records import seen_degC
@@ -130,12 +130,8 @@ def compared(found: Identified) -> list[Compared]:
     beside = []
     for number, record in enumerate(found.film_records):
         time, path = record["time_s"], temperature_path(record["time_s"], record["temperature_degC"])
-        modelled = found.film.along(number, time, path.temperature_degC)
-        measured = record.output(found.output)
-        if record.has("resistance_time_s"):
-            read = np.where(np.isfinite(record["resistance_time_s"]), record["resistance_time_s"], time)
-            modelled = np.interp(read, time, modelled)
-        beside.append(Compared(record.source, time, path.temperature_degC, measured, modelled))
+        shown = modelled(found.film, number, record)
+        beside.append(Compared(record.source, time, path.temperature_degC, record.output(found.output), shown))
     return beside
 
 

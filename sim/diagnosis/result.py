@@ -88,9 +88,10 @@ class Diagnosis:
     """verdict, findings in order of evidence, channels (None where the record lacks one), what is left in words, the
     film's form, warnings, what to do next, the plate's numbers, what was found and is not named, how large what is not
     named may be, the parameters of what was assumed, each record's room (of a record with a current); sources: of the
-    records; not_believed: readings that the records' reader has left out, as in the JSON; halves: of other records held out; elsewhere: the error on each of these; record and chain: for figures and
-    for the extended model; drive: the unit of a current that is a share of full drive, else None. The keys of channels,
-    gains and what is left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
+    records; halves: of other records held out; elsewhere: the error on each of these; record and chain: for figures and
+    for the extended model; drive: the unit of a current that is a share of full drive, else None; not_believed:
+    readings that were left out where the records were read, as in the JSON. The keys of channels, gains and what is
+    left are "temperature_K" and the film's (`sim.diagnosis.data.quantity`)."""
 
     verdict: str
     findings: list[Finding]

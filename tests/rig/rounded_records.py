@@ -1,8 +1,8 @@
-"""Records of films and plates as labs write them, with rounded readings: made apart from `sim`, so that what is tested on
-them knows nothing of how they were made."""
+"""Records of films and plates as labs write them, with rounded readings; made apart from `sim`."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -14,10 +14,10 @@ HEATING_DEGC, COOLING_DEGC = 63.0, 57.0
 
 
 def log10_ohm(degC: Array, lag_rows: float = 0.0) -> Array:
-    """A film's log10 R along a course of temperatures: two branches, inside the loop a straight line back to the other."""
+    """A film's log10 R along a course of temperatures: two branches, and constant conduction between them."""
     width, decades = 2.0, 3.4
-    inside, shown, out = 0.0, float(degC[0]), np.empty(degC.size)  # inside: 0 metal .. 1 insulator
-    inside = float(1.0 / (1.0 + np.exp((degC[0] - HEATING_DEGC) / width)))
+    shown, out = float(degC[0]), np.empty(degC.size)
+    inside = float(1.0 / (1.0 + np.exp((degC[0] - HEATING_DEGC) / width)))  # 0: a metal, 1: an insulator
     for k, true in enumerate(degC):
         shown += (float(true) - shown) / (1.0 + lag_rows)
         least = 1.0 / (1.0 + np.exp((shown - COOLING_DEGC) / width))
@@ -30,7 +30,7 @@ def log10_ohm(degC: Array, lag_rows: float = 0.0) -> Array:
 def ramps(points: list[float], rate_K_per_row: float, hold_rows: int = 0) -> Array:
     """A course through the points (degC), with a hold at each."""
     course = [np.full(max(hold_rows, 1), points[0])]
-    for before, after in zip(points[:-1], points[1:], strict=True):
+    for before, after in itertools.pairwise(points):
         rows = max(int(abs(after - before) / rate_K_per_row), 1)
         course.append(np.linspace(before, after, rows + 1)[1:])
         course.append(np.full(hold_rows, after))
@@ -66,7 +66,9 @@ def clean(seed: int) -> dict[str, Any]:
     elif kind == "loops":
         degC = ramps([27.0, 83.0, 50.0, 66.0, 55.0, 70.0, 27.0], max(rate, 0.05), int(random.integers(0, 10)))
     elif kind == "holds":
-        degC = ramps([50.0, 60.0, 61.0, 70.0, 62.0, 58.0, 62.0, 50.0, 64.0], max(rate, 0.05), int(random.integers(40, 200)))
+        degC = ramps(
+            [50.0, 60.0, 61.0, 70.0, 62.0, 58.0, 62.0, 50.0, 64.0], max(rate, 0.05), int(random.integers(40, 200))
+        )
     elif kind == "stairs":  # the plate is faster than the rows
         levels = [*np.arange(45.0, 75.0, 1.5), *np.arange(75.0, 45.0, -3.0), 70.0, 50.0]
         degC = np.repeat(levels, int(random.integers(2, 25)))
@@ -120,3 +122,12 @@ def changed(record: dict[str, Any], change: Callable[[Array], None]) -> dict[str
     degC = record["temperature_degC"].copy()
     change(degC)
     return {**record, "temperature_degC": degC}
+
+
+def plate_run(digit: float, noise: float, seed: int = 0) -> dict[str, Any]:
+    """A plate that follows a slow wave of the current, a row a second."""
+    random = np.random.default_rng(seed)
+    time = np.arange(400.0)
+    current = np.round(1.5 + 1.2 * np.sin(time / 30.0), 3)
+    read = plate_course(current, 1.0) + random.normal(0.0, 1.0, time.size) * noise
+    return {"time_s": time, "temperature_degC": np.round(np.round(read / digit) * digit, 6), "current_A": current}
