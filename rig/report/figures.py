@@ -102,11 +102,11 @@ def draw_line(
     apart = np.concatenate([rows_after_gaps(time), np.flatnonzero((np.diff(time) < 0.0) | (np.diff(piece) > 0)) + 1])
     starts = np.unique(np.concatenate([[0], apart])).astype(np.int64)
     alone = starts[np.diff(np.append(starts, time.size)) == 1] if time.size > 1 else starts[:0]
-    piece = np.searchsorted(starts, np.arange(time.size), side="right")
-    x_shown, y_shown, piece = thinned(x, y, piece)
-    cuts = np.flatnonzero(np.diff(piece)) + 1
+    *_, rows = thinned(x, y, np.arange(time.size))
+    rows = np.unique(np.concatenate([rows, starts[1:] - 1, starts[: time.size]]))
+    cuts = np.searchsorted(rows, starts[1:])
     how: dict[str, Any] = {"drawstyle": "steps-post"} if held else {}
-    (line,) = axes.plot(np.insert(x_shown, cuts, np.nan), np.insert(y_shown, cuts, np.nan), **how, **style)
+    (line,) = axes.plot(np.insert(x[rows], cuts, np.nan), np.insert(y[rows], cuts, np.nan), **how, **style)
     if alone.size:
         size = 2.0 * line.get_linewidth()
         axes.plot(x[alone], y[alone], "o", color=line.get_color(), markersize=size, markeredgewidth=0.0)
