@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from compensator.identification.plate import PlateFit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification(Shown):
     """A film and a plate that were fitted to records.
 

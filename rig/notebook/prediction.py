@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from compensator.hysteresis.functions import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PredictedRecord(Shown):
     """A record as a model predicts it, each array of shape (rows,).
 

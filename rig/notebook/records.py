@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import fault
+from rig.core.python_words import in_python
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record import Record
 from rig.files.record_file import read_record as read_file
@@ -15,15 +16,16 @@ from rig.files.record_file import read_record as read_file
 NEEDED = ("temperature_degC",)
 
 
+@in_python()
 def read_record(
     source: Any, column: str | Iterable[str] = (), *, decimal: str = "", needs: Iterable[str] = NEEDED
 ) -> Record:
     """A record: columns by name, each of shape (rows,), in s, degC, ohm, A. Raises Faults.
 
     source: a file's path (CSV and other text, .xlsx, .mat), a mapping of arrays by name, or a pandas DataFrame. Names
-    and units are read where they are plain; `Record.said` says what was taken for what (docs/records.md). column: as
-    the command line's --column, "resistance_ohm=R@kohm". decimal: "." or ",", where a file leaves it open. needs:
-    columns that have to be there, besides time_s.
+    and units are read where they are plain; `Record.said` says what was taken for what (docs/records.md). column: of a
+    name that is not plain, "resistance_ohm=R@kohm", or a list of them. decimal: "." or ",", where a file leaves it
+    open. needs: columns that have to be there, besides time_s.
 
         record = rig.read_record({"t / min": t_min, "T [K]": T_K, "R [kohm]": R_kohm})
     """

@@ -239,7 +239,7 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str
         if row.get("status") == "done":
             own = [link(record, f"{row['folder']}/report.html"), *(_shown(row.get(name, "")) for name in columns)]
         else:  # each line of a fault begins with the record's name, which stands before it already
-            why = "; ".join(line.removeprefix(f"{record}: ") for line in _why(row))
+            why = Html("<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row)))
             own = [record, why, *([""] * (len(columns) - 1))]
         cells.append([*own, _read_in_words(row)])
     return table(["record", *columns.values(), "what was read"], cells, kind="words many")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 SENSE_COLOURS = {"heating": COLOURS["model"], "cooling": COLOURS["measured"]}
 DEGREE = "\N{DEGREE SIGN}C"
-MODEL_LINE = (0, (4, 2))
+MODEL_LINE = (0, (4, 2))  # dashes, through which the readings are seen
 
 
 @dataclass(frozen=True, eq=False)
