@@ -210,13 +210,13 @@ class Bench:
         """One line of a block, as a shell takes it."""
         line = re.sub(r" \[[^\]]*(\[[^\]]*\])?[^\]]*\]", "", line.removeprefix("$ "))  # optional parts of a synopsis
         for part in re.split(r" && ", line):
+            if part.startswith("./"):  # in the checkout's folder, where all pages begin
+                os.chdir(self.folder)
             self.prepare(part)
             for printed, here in self.places.items():
                 part = part.replace(printed, here)
             words = shlex.split(part, comments=True)
             program = Path(words[0]).name
-            if words[0].startswith("./"):  # in the checkout's folder, where all pages begin
-                os.chdir(self.folder)
             if program == "cd":
                 os.chdir(words[1])
             elif program == "peltier":
