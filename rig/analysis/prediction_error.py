@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.predicted import Prediction, needs_test_current
+from rig.analysis.residual import RESIDUAL, residual
 from rig.core.faults import fault
 from rig.files.film_output import column_of, in_decades, sign_of, unit_of
 from rig.files.model_file import Drive, Model
@@ -17,11 +19,11 @@ from rig.files.record_file import Record
 
 @dataclass(frozen=True, eq=False)
 class ChannelError:
-    """One channel of a record, predicted less measured, over the rows to which nothing was fitted.
+    """One channel of a record beside its prediction; errors over the rows to which nothing was fitted.
 
     name: the film's output, or "temperature_degC"; what: in words; unit: of rmse and max_abs (dec, K, or the column's);
-    rows: how many were compared. measured, predicted: shape (rows of the record,), all of them, nan where there is
-    nothing."""
+    rows: how many were compared; mean_residual: of measured - model over them. measured, predicted: shape (rows of the
+    record,), all of them, nan where there is nothing."""
 
     name: str
     what: str
@@ -29,8 +31,19 @@ class ChannelError:
     rmse: float
     max_abs: float
     rows: int
+    mean_residual: float
     measured: Array
     predicted: Array
+
+    @property
+    def residual(self) -> Array:
+        """Measured - model (`rig.analysis.residual`), shape (rows of the record,)."""
+        return residual(self.measured, self.predicted, self.name)
+
+    def in_words(self) -> str:
+        """Return a line for people."""
+        sizes = f"RMSE {self.rmse:.4f} {self.unit}, largest {self.max_abs:.4f} {self.unit}"
+        return f"{self.what}: {sizes}, mean of {RESIDUAL} {self.mean_residual:+.4f} {self.unit}, {self.rows} rows"
 
     def document(self) -> dict[str, Any]:
         """As the JSON of `peltier predict` has it."""
@@ -38,6 +51,7 @@ class ChannelError:
             f"rmse_{self.unit}": self.rmse,
             f"max_abs_{self.unit}": self.max_abs,
             f"rows_{self.unit}": self.rows,
+            f"mean_residual_{self.unit}": self.mean_residual,
         }
 
 
@@ -97,16 +111,18 @@ def errors_of(found: Prediction, model: Model, record: Record) -> list[ChannelEr
         pairs.append(("temperature_degC", "temperature", "K", degC, found.temperature_degC))
     errors = []
     for name, what, unit, measured, predicted in pairs:
-        error = (predicted - measured)[~found.fitted_rows]
+        error = residual(measured, predicted, name)[~found.fitted_rows]
         error = error[np.isfinite(error)]
         if error.size:
             rmse, largest = float(np.sqrt(np.mean(error**2))), float(np.max(np.abs(error)))
-            errors.append(ChannelError(name, what, unit, rmse, largest, int(error.size), measured, predicted))
+            mean = float(np.mean(error))
+            errors.append(ChannelError(name, what, unit, rmse, largest, int(error.size), mean, measured, predicted))
     return errors
 
 
-def predicted_columns(found: Prediction, model: Model) -> dict[str, Array]:
-    """By name, as a file has them: predicted_ohm, or predicted_ with the output's own column; predicted_degC."""
+def predicted_columns(found: Prediction, model: Model, errors: Sequence[ChannelError] = ()) -> dict[str, Array]:
+    """By name, as a file has them: predicted_ohm, or predicted_ with the output's own column; predicted_degC; and of
+    each channel that was measured too residual_dec, residual_K or residual_UNIT, measured - model."""
     columns: dict[str, Array] = {}
     if model.film is not None and found.output is not None:
         output = model.film.output
@@ -116,7 +132,7 @@ def predicted_columns(found: Prediction, model: Model) -> dict[str, Array]:
         columns[name] = 10.0**quantity if in_decades(output) else quantity
     if found.temperature_degC is not None:
         columns["predicted_degC"] = found.temperature_degC
-    return columns
+    return columns | {f"residual_{one.unit}": one.residual for one in errors}
 
 
 def told_in_words(found: Prediction, time_s: Array, first_s: float | None) -> str:

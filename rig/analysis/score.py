@@ -16,6 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from rig.analysis.residual import residual_dec
 from rig.files.film_output import unit_of
 
 COUNTED = "over the whole target, its first row to its last"
@@ -97,14 +98,6 @@ def shown_error(error: float, unit: str, digits: int) -> str:
     return f"{error:.{digits}f} dec" if unit == "dec" else f"{error:.3g} {unit}"
 
 
-def error_dec(resistance_ohm: Array, target_ohm: Array) -> Array:
-    """log10 of measured over wanted resistance; nan where either is none."""
-    error = np.full(resistance_ohm.shape, math.nan)
-    good = np.isfinite(resistance_ohm) & (resistance_ohm > 0.0) & np.isfinite(target_ohm)
-    error[good] = np.log10(resistance_ohm[good]) - np.log10(target_ohm[good])
-    return error
-
-
 def rms(error: Array) -> float:
     """Root mean square of the finite ones; nan where there is none."""
     counted = error[np.isfinite(error)]
@@ -122,7 +115,7 @@ def tracking_error(run: Rows) -> tuple[Array, Array]:
     none did."""
     inside, what = run.column("phase") == TRACK, tracked(run)
     time, measured, wanted = (run.column(name)[inside] for name in ("time_s", what.measured, what.wanted))
-    error = error_dec(measured, wanted) if what.in_ohm else measured - wanted
+    error = residual_dec(measured, wanted) if what.in_ohm else measured - wanted
     return time - time[:1].sum(), error
 
 

@@ -132,13 +132,13 @@ def _predicted(
     errors = errors_of(found, model, record)
     for error in errors:
         result |= error.document()
-        numbers = f"RMSE {error.rmse:.4f} {error.unit}, largest {error.max_abs:.4f} {error.unit}"
-        voice.say(f"{error.what}: {numbers}, {error.rows} rows")
+        voice.say(error.in_words())
     if not errors:
         needed = "expected readings of the film, or temperature with current and a model with a [plate]"
         print(f"{record.source}: nothing to compare; {needed}", file=sys.stderr)
     if options.out is not None:
-        write_columns(options.out, {**record.as_read(), **record.text_columns, **predicted_columns(found, model)})
+        columns = predicted_columns(found, model, errors)
+        write_columns(options.out, {**record.as_read(), **record.text_columns, **columns})
         voice.say(f"predictions: {options.out}")
     if folder is not None:
         from rig.report.prediction import write_prediction_report

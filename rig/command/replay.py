@@ -2,6 +2,7 @@
 
 The run's readings go into its law once more, and every command is compared bit for bit with the one that was sent.
 They are the same for the version that made the run; for another one it is said which, and bits may differ.
+A user-defined law (docs/own_law.md) is the file that the run folder keeps of it.
 With --config, another configuration runs on the run's twin instead: a simulated rig with the film, plate and effects of
 the run's model.toml.
 """
@@ -29,7 +30,7 @@ def main(options: argparse.Namespace) -> int:
     voice = Voice(options.json)
     if options.config is not None:
         return _twin(options, voice)
-    replay, _ = replay_run(options.run)
+    replay = replay_run(options.run)
     same = replay.compared - replay.different
     voice.say(f"{same} of {replay.compared} commands are the same, bit for bit")
     for name, (then, now) in replay.other_versions.items():

@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from rig.bench.assembly import Bench
 from rig.control.decision import Decision, Policy, Predicts, read_at
 from rig.control.meter_readings import MeterReadings
+from rig.control.own_law import kept_law
 from rig.control.sender import Sender
 from rig.control.tick import Progress, Tick, Ticks
 from rig.core.errors import Disconnected, InstrumentError, of_whom
@@ -141,10 +142,14 @@ class Loop:
             if fitted:
                 self.folder.event(self.elapsed_s(), "meter", fitted)
         self._readings.ready()
+        own = kept_law(policy)
+        if own.file:
+            self.folder.keep(own.file, own.text)
         begin = clock.now_s()
         if not self.sent.heats_or_cools and self.watch.unwatched_s(begin) > 0.5 * self.limits.stale_s:
             self._begin_anew(begin)
-        self.folder.event(begin - self._start_s, "phase", name, duration_s=duration_s, period_s=period_s)
+        times = {"duration_s": duration_s, "period_s": period_s}
+        self.folder.event(begin - self._start_s, "phase", name, **times, **own.entries)
         count = max(1, math.ceil(duration_s / period_s - 1e-9))
         k = 0
         while k < count:

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from compensator.hysteresis.functions import Array
+from rig.core.faults import fault
+from rig.core.python_words import in_python
 from rig.files.film_output import RISING_RESISTANCE, column_of, in_decades, is_negative, unit_of
 from rig.files.thermometer_faults import FalseReadings, false_lines
 
@@ -48,12 +50,13 @@ class Record:
     times: str = "file"
 
     @classmethod
+    @in_python()
     def from_arrays(
         cls, columns: Mapping[str, Any], column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "arrays"
     ) -> Record:
         """A record of numpy arrays, or of anything that becomes one, by name. Raises Faults.
 
-        Names are read as those of a file: ours, or plain ones such as 'T [K]'. column: what --column would be given,
+        Names are read as those of a file: ours, or plain ones such as 'T [K]'. column: of names that are not plain,
         as 'resistance_ohm=R@kohm'. needs: columns that have to be there, besides time_s. Times may be datetime64.
         """
         from rig.files.array_table import array_table
@@ -63,6 +66,7 @@ class Record:
         return record_of(array_table(columns, source), [ColumnMapping.parse(text) for text in column], needs)
 
     @classmethod
+    @in_python()
     def from_frame(
         cls, frame: Any, column: Iterable[str] = (), needs: Iterable[str] = (), source: str = "data frame"
     ) -> Record:
@@ -73,6 +77,29 @@ class Record:
         from rig.files.array_table import columns_of_frame
 
         return cls.from_arrays(columns_of_frame(frame), column, needs, source)
+
+    def to_frame(self) -> Any:
+        """Return a pandas DataFrame with the columns, text columns too. Raises Faults where pandas is not installed."""
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            text = "is not installed; `pip install pandas` has it, and the columns are arrays in record.columns"
+            raise fault("to_frame", "pandas", text) from None
+        return DataFrame({**self.columns, **self.text_columns})
+
+    def __repr__(self) -> str:
+        """A line for the record and one for each column: how many readings it has, and between what."""
+        lines = [f"Record of {self.source}: {self.rows} rows"]
+        for name, values in self.columns.items():
+            read = np.asarray(values, dtype=np.float64)
+            read = read[np.isfinite(read)]
+            span = f"{read.min():.6g} to {read.max():.6g}" if read.size else "no readings"
+            few = f", {read.size} readings" if 0 < read.size < self.rows else ""
+            lines.append(f"  {name}: {span}{few}")
+        lines += [f"  {name}: text" for name in self.text_columns]
+        if self.drive is not None:
+            lines.append(f"  current_A is a share of full drive ({self.drive})")
+        return "\n".join(lines)
 
     @property
     def rows(self) -> int:

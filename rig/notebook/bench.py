@@ -19,6 +19,7 @@ from rig.analysis.score import Score
 from rig.bench.assembly import Bench
 from rig.bench.assembly import open_bench as assembled
 from rig.core.outcome import NotConfirmedOff, Stopped
+from rig.core.python_words import in_python
 from rig.core.reading import Reading
 from rig.drivers.controller import TemperatureController
 from rig.drivers.identity import Identity
@@ -87,6 +88,7 @@ class OpenBench:
         degC = thermometer.value if thermometer.is_number else math.nan
         return BenchReading(thermometer.time_s, degC, ohm, thermometer, shown)
 
+    @in_python()
     def run(self, out: Path | str | None = None, say: Say = lambda text: None, **experiment: Any) -> Run:
         """The configured experiment, into a run folder; the output is off again when it returns.
 
@@ -102,6 +104,7 @@ class OpenBench:
         record = read_record(result.folder / "record.csv")
         return Run(result.folder, record, tuple(result.scores), result.model)
 
+    @in_python()
     def calibrate(self, out: Path | str | None = None, say: Say = lambda text: None) -> Run:
         """Measure film and plate with the configuration's [calibration]; `Run.model` is their model, which stands in
         the run folder as MODEL.toml. Raises as `run`."""
@@ -131,8 +134,9 @@ def open_bench(
     being switched off they wait. Raises Faults, RigError (PortHeld: another process has the port), and NotConfirmedOff
     where the controller does not confirm that its output is off: switch it off by hand then.
     """
-    path, tables = tables_of(configuration)
-    file = configuration_of(path, text_of(tables), tables, for_experiment=False)
+    with in_python():
+        path, tables = tables_of(configuration)
+        file = configuration_of(path, text_of(tables), tables, for_experiment=False)
     require_who_switches_off(file, UNGUARDED, unguarded)
     with NotebookStop() as signals:
         try:

@@ -9,16 +9,18 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from rig.core.python_words import in_python
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 def says_when_it_compiles(function: Callable[P, T]) -> Callable[P, T]:
-    """Decorator: at most one line on stderr a call, and only where a loop is compiled in it."""
+    """Decorator: at most one line on stderr a call, and only where a loop is compiled in it; Faults speak Python."""
 
     @wraps(function)
     def called(*args: P.args, **kwargs: P.kwargs) -> T:
-        with said_when_compiling(f"rig.{function.__name__}"):
+        with in_python(), said_when_compiling(f"rig.{function.__name__}"):
             return function(*args, **kwargs)
 
     return called

@@ -25,7 +25,7 @@ Base = Literal["extended_generalized_pi", "generalized_pi"]
 Plate = Literal["peltier", "heater"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RecordDiagnosis(Shown):
     """A diagnosis. verdict: clean, explained, partly_unexplained, unexplained or too_short. effects: the parameters of
     each effect that is named, by names that bear their units. model: the extended one, for `predict`. lines: what

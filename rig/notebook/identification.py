@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim.inference.plate import PlateFit
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identification(Shown):
     """A film and a plate that were fitted to records.
 
@@ -44,12 +44,12 @@ class Identification(Shown):
         """Measured and modelled output over temperature, of the first record; without a film the predicted temperature
         over time."""
         from rig.notebook.prediction import predict
-        from rig.report.film_figures import drawn_loop
+        from rig.report.model_figures import drawn_loop
 
         if self.film is None:
             return predict(self.model, self.found.records[0], initial="fitted").plot()
         one = compared(self.found)[0]
-        return drawn_loop(one.degC, one.measured, one.modelled, self.found.output)
+        return drawn_loop(one.time_s, one.degC, one.measured, one.modelled, self.found.output)
 
 
 @says_when_it_compiles

@@ -33,11 +33,12 @@ if TYPE_CHECKING:
     from compensator.hysteresis.functions import Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PredictedRecord(Shown):
     """A record as a model predicts it, each array of shape (rows,).
 
-    columns: predicted_ohm (or predicted_ with the output's column) and predicted_degC. errors: of each channel that was
+    columns: predicted_ohm (or predicted_ with the output's column) and predicted_degC; residual_dec and residual_K,
+    measured - model. errors: of each channel that was
     measured too, over the rows to which nothing was fitted; rmse_dec, rmse_K: the same, None where there is none.
     fitted: what belongs to the record, where it was fitted: ambient_degC, first_degC, memory. notes: what to know.
     """
@@ -62,12 +63,11 @@ class PredictedRecord(Shown):
     @property
     def lines(self) -> tuple[str, ...]:  # type: ignore[override]
         """What `print` shows."""
-        errors = [f"{e.what}: RMSE {e.rmse:.4f} {e.unit}, largest {e.max_abs:.4f} {e.unit}" for e in self.errors]
-        return (*errors, *self.notes) or ("nothing to compare",)
+        return (*(error.in_words() for error in self.errors), *self.notes) or ("nothing to compare",)
 
     def plot(self) -> Figure:
         """Measured and predicted over time, a panel for each channel."""
-        from rig.report.prediction import drawn_over_time
+        from rig.report.model_figures import drawn_over_time
 
         return drawn_over_time(self.record["time_s"], self.errors)
 
@@ -100,9 +100,10 @@ def predict(
     order = order_warning(known.film, where) if known.film is not None else None
     beyond = beyond_seen(known, rows["temperature_degC"], where)
     warnings = (order, beyond, left_out(known, rows), gap_note(found, rows), room_note(found, known, rows))
+    errors = tuple(errors_of(found, known, rows))
     return PredictedRecord(
-        predicted_columns(found, known),
-        tuple(errors_of(found, known, rows)),
+        predicted_columns(found, known, errors),
+        errors,
         fitted_values(found, known),
         (*rows.left_out_lines(), *(note for note in warnings if note is not None)),
         rows,

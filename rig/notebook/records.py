@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.core.faults import fault
+from rig.core.python_words import in_python
 from rig.files.column_mapping import ColumnMapping
 from rig.files.record import Record
 from rig.files.record_file import Rows
@@ -16,6 +17,7 @@ from rig.files.record_file import read_record as read_file
 NEEDED = ("temperature_degC",)
 
 
+@in_python()
 def read_record(
     source: Any,
     column: str | Iterable[str] = (),
@@ -29,11 +31,11 @@ def read_record(
     """A record: columns by name, each of shape (rows,), in s, degC, ohm, A. Raises Faults.
 
     source: a file's path (CSV and other text, .xlsx, .mat), a mapping of arrays by name, or a pandas DataFrame. Names
-    and units are read where they are plain; `Record.said` says what was taken for what (docs/records.md). column: as
-    the command line's --column, "resistance_ohm=R@kohm". decimal: "." or ",", where a file leaves it open. needs:
-    columns that have to be there, besides time_s. Of a file without times: period_s: how far apart its rows are
-    (column="time_s=row" where that is not known); reversed: the last row was taken first; branches: heating and cooling
-    stand side by side.
+    and units are read where they are plain; `Record.said` says what was taken for what (docs/records.md). column: of a
+    name that is not plain, "resistance_ohm=R@kohm", or a list of them. decimal: "." or ",", where a file leaves it
+    open. needs: columns that have to be there, besides time_s. Of a file without times: period_s: how far apart its
+    rows are (column="time_s=row" where that is not known); reversed: the last row was taken first; branches: heating
+    and cooling stand side by side.
 
         record = rig.read_record({"t / min": t_min, "T [K]": T_K, "R [kohm]": R_kohm})
     """

@@ -6,6 +6,8 @@ from abc import abstractmethod
 from html import escape
 from typing import TYPE_CHECKING
 
+from rig.core.python_words import python_words
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -20,7 +22,10 @@ class Shown:
         """A matplotlib Figure; `figure.savefig("figure.png")` keeps it."""
 
     def __str__(self) -> str:
-        return "\n".join(self.lines)
+        return python_words("\n".join(self.lines))
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def _repr_html_(self) -> str:
         from rig.report.figures import svg_text

@@ -14,6 +14,7 @@ import numpy as np
 from rig.analysis.score import tracked
 from rig.control.decision import Policy, Predicts, read_at
 from rig.control.loop import Loop
+from rig.control.own_law import law_of
 from rig.control.policies import Follow
 from rig.core.faults import fault
 from rig.experiment.extended_model import known_plate, plate_observer
@@ -147,8 +148,11 @@ class RecordedLoop:
                 replay.first_different_s = time_s
 
 
-def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
+def replay_run(folder: Path) -> Replay:
     """The commands of a run's law against its record. Raises Faults where the folder is not of such a run."""
+    own = _own_phases(folder)
+    if own:
+        return _replay_own(folder, own)
     for name in FILES:
         if not (folder / name).is_file():
             raise fault(folder / name, "", "no such file; expected the folder of a run with a target and a model")
@@ -177,7 +181,27 @@ def replay_run(folder: Path) -> tuple[Replay, ConfigurationFile]:
     else:
         raise fault(folder / "config.toml", "experiment.kind", f"{e.kind!r} with this law has no command of ours")
     loop.replay.other_versions = _other_versions(folder / "run.json")
-    return loop.replay, file
+    return loop.replay
+
+
+def _own_phases(folder: Path) -> list[dict[str, Any]]:
+    """The phases of user-defined laws; none of a folder without events. Raises Faults."""
+    events = folder / "events.jsonl"
+    return [phase for phase in _phases(events) if {"law", "not_kept"} & phase.keys()] if events.is_file() else []
+
+
+def _replay_own(folder: Path, own: list[dict[str, Any]]) -> Replay:
+    """The commands of user-defined laws against their run's record. Raises Faults."""
+    for phase in own:
+        if "law" not in phase:
+            text = f"phase {phase['text']!r}: its law is not in the run folder: {phase['not_kept']}"
+            raise fault(folder / "events.jsonl", "", text)
+    loop = RecordedLoop(_record(folder / "record.csv"), _phases(folder / "events.jsonl"))
+    for phase in own:
+        loop.phases = [one for one in loop.phases if one["time_s"] >= phase["time_s"]]
+        loop.phase(phase["text"], law_of(folder, phase), float(phase["duration_s"]), float(phase["period_s"]))
+    loop.replay.other_versions = _other_versions(folder / "run.json")
+    return loop.replay
 
 
 def _other_versions(path: Path) -> dict[str, tuple[str, str]]:
@@ -207,7 +231,7 @@ def _phases(path: Path) -> list[dict[str, Any]]:
         try:
             event = parsed_json(line)
             if event["event"] == "phase":
-                found.append({"time_s": float(event["time_s"]), "text": str(event["text"])})
+                found.append({**event, "time_s": float(event["time_s"]), "text": str(event["text"])})
         except (ValueError, TypeError, KeyError, IndexError, OverflowError):
             raise fault(path, f"line {number}", "expected an event: JSON with time_s, event and text") from None
     return found

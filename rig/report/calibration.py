@@ -8,11 +8,13 @@ from typing import Any
 from compensator.hysteresis.functions import Array
 from compensator.identification.covariance import NORMAL_95
 from rig.analysis.film_numbers import numbers_of_run
-from rig.analysis.score import error_dec
+from rig.analysis.residual import residual_dec, residual_label
 from rig.files.run_folder import PREDICTED
-from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
-from rig.report.film_section import transition_section
+from rig.report.figures import BLUE, COLOURS, EDGE, SHADE, draw_line, log_scale, new_figure, saved
+from rig.report.identification import transition_section
+from rig.report.model_figures import draw_residual
 from rig.report.page import bullets, facts, figure, paragraph, section, table, tiles, write_page
+from rig.report.run_figures import draw_drive
 from rig.report.run_rows import PHASE, RunRows, drive_label
 
 UNITS = {
@@ -82,14 +84,16 @@ def _predicted(path: Path, rows: int) -> Array | None:
 
 def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
     fig, axes = new_figure(1, 4.8)
-    temperature, resistance = run.column("temperature_degC"), run.column("resistance_ohm")
+    time, degC, ohm = (run.column(name) for name in ("time_s", "temperature_degC", "resistance_ohm"))
     checked = run.column(PHASE) == "check"
-    for inside, colour, name in ((~checked, "#9fb6d8", "fitted rows"), (checked, COLOURS["measured"], "held-out rows")):
-        t, r = thinned(temperature[inside], resistance[inside])
-        axes[0].plot(t, r, color=colour, linewidth=1.2, label=name)
+    drawn: list[tuple[Any, Any, str, str, Any]] = [
+        (~checked, ohm, EDGE, "fitted rows", "-"),
+        (checked, ohm, BLUE, "held-out rows", "-"),
+    ]
     if predicted is not None:
-        t, shown = thinned(temperature[checked], predicted[checked])
-        axes[0].plot(t, shown, color=COLOURS["model"], linewidth=1.4, linestyle=(0, (2, 2)), label="model")
+        drawn.append((checked, predicted, COLOURS["model"], "model", (0, (2, 2))))
+    for rows, values, colour, name, style in drawn:
+        draw_line(axes[0], time[rows], values[rows], over=degC[rows], color=colour, linestyle=style, label=name)
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel("resistance / ohm")
     log_scale(axes[0])
@@ -103,25 +107,22 @@ def _loops(run: RunRows, out: Path, predicted: Array | None) -> str:
 def _residual(run: RunRows, out: Path, predicted: Array) -> str:
     fig, axes = new_figure(1, 2.4)
     time = run.column("time_s")
-    t, shown = thinned(time, error_dec(run.column("resistance_ohm"), predicted))
-    axes[0].plot(t, shown, color=COLOURS["model"], linewidth=0.8)
+    draw_residual(axes[0], time, residual_dec(run.column("resistance_ohm"), predicted))
     checked = time[run.column(PHASE) == "check"]
-    axes[0].axvspan(float(checked[0]), float(checked[-1]), color="#eef2f8", zorder=0)
+    axes[0].axvspan(float(checked[0]), float(checked[-1]), color=SHADE, zorder=0)
     axes[0].set_xlabel("time / s")
-    axes[0].set_ylabel("measured over model / dec")
+    axes[0].set_ylabel(residual_label("dec"))
     return figure(
         saved(fig, out, "residual"),
-        "The error over time, of the film model against the readings; shaded: held-out rows.",
+        "The residual of log10 R over time; shaded: held-out rows.",
     )
 
 
 def _profile(run: RunRows, out: Path) -> str:
     fig, axes = new_figure(2, 4.2, [1.6, 1.0])
-    time, temperature, current = thinned(run.column("time_s"), run.column("temperature_degC"), run.column("current_A"))
-    axes[0].plot(time, temperature, color=COLOURS["temperature"])
+    time = run.column("time_s")
+    draw_line(axes[0], time, run.column("temperature_degC"), color=COLOURS["temperature"])
     axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
-    axes[1].step(time, current, where="post", color=COLOURS["current"], linewidth=0.8)
-    name, unit = drive_label(run)
-    axes[1].set_ylabel(f"{name} / {unit}")
+    draw_drive(axes[1], run, time, run.column("current_A"))
     axes[1].set_xlabel("time / s")
     return figure(saved(fig, out, "profile"), "The profile that was run: pulses, major loop, minor loops.")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rig.files.run_folder import plain_json
 from rig.files.written import write_text
-from rig.report.diagnosis_figures import gain_figure, loop_figure, residual_figures
+from rig.report.diagnosis_figures import course_figure, gain_figure, loop_figure, residual_figures
 from rig.report.diagnosis_records import held_out_lines, record_lines, room_line, together, warning_line
 from rig.report.diagnosis_words import (
     NOT_FIXED,
@@ -41,6 +41,7 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
     parts = [
         *_records(diagnosis),
         tiles(_numbers(diagnosis)),
+        *_first(folder, diagnosis),
         section("Effects", _effects(diagnosis), *_assumed(diagnosis), *_changes(diagnosis)),
         *_not_named(diagnosis, (folder / CANDIDATE).is_file()),
         section("What the repair gains", gain_figure(folder, diagnosis)),
@@ -48,11 +49,17 @@ def write_diagnosis_report(folder: Path, diagnosis: Diagnosis) -> None:
         section("What was wrong", *residual),
     ]
     parts += _plate(diagnosis)
-    if diagnosis.record.output is not None:
-        parts.append(section("The loop", loop_figure(folder, diagnosis)))
     parts += _limits(diagnosis)
     parts.append(section("Evidence against the runners-up", *_runners_up(diagnosis)))
     write_page(folder / "report.html", f"Diagnosis of {together(diagnosis)}", sentence(diagnosis), parts)
+
+
+def _first(folder: Path, diagnosis: Diagnosis) -> list[str]:
+    """What was measured and what the models make of it: the temperature over time, the loop."""
+    figures = [course_figure(folder, diagnosis)] if diagnosis.plate is not None else []
+    if diagnosis.record.output is not None:
+        figures.append(loop_figure(folder, diagnosis))
+    return [section("Measured and modelled", *figures)] if figures else []
 
 
 def _records(diagnosis: Diagnosis) -> list[str]:

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from compensator.hysteresis.functions import Array
+from rig.analysis.residual import residual, residual_label
 from rig.report.diagnosis_words import channels_of, judged_channels
-from rig.report.figures import COLOURS, SETTINGS, log_scale, saved
+from rig.report.figures import COLOURS, EDGE, GREEN, draw_line, grid, legend_above, log_scale, new_figure, saved
 from rig.report.page import figure
 
 if TYPE_CHECKING:
-    from sim.diagnosis.data.record import Record, Rows
+    from sim.diagnosis.data.record import Record
     from sim.diagnosis.result import Diagnosis
 
-BASE, EXTENDED, NOISE = "#9aa3b2", COLOURS["model"], "#6a8d3f"
+BASE, EXTENDED, NOISE = EDGE, COLOURS["model"], GREEN
 MOST_DOTS = 4000  # more hide each other, and make the page slow
 MILLI = 0.3  # below it a figure is in thousandths
-
-
-def grid(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, Any]:
-    """A figure 10 inches wide with axes in a grid, shape (rows, columns)."""
-    with mpl.rc_context(cast(Any, SETTINGS)):
-        fig = Figure(figsize=(10.0, height), layout="constrained", dpi=110)
-        axes = fig.subplots(rows, columns, squeeze=False, **options)
-    return fig, axes
 
 
 def gain_figure(folder: Path, diagnosis: Diagnosis) -> str:
@@ -73,17 +65,56 @@ def shown(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
 
 
 def residuals(diagnosis: Diagnosis, names: frozenset[str]) -> dict[str, Array]:
-    """Measured less shown, in K and in decades of R or the film's own unit, nan where there is no reading; shape
-    (rows,) each."""
+    """Measured - model, in K and in decades of R or the film's own unit, nan where there is no reading; shape (rows,)
+    each."""
     record, out = diagnosis.record, {}
     for key, values in shown(diagnosis, names).items():
         if key == "temperature_K":
-            out[key] = np.where(record.temperature_used, record.temperature_degC - values, np.nan)
+            out[key] = np.where(record.temperature_used, residual(record.temperature_degC, values), np.nan)
         elif record.output is not None:
-            sign = 1.0 if record.quantity.rises or not record.quantity.is_resistance else -1.0
-            left = sign * record.quantity.size * (record.output - values)
+            left = record.quantity.size * residual(record.output, values, record.quantity.name)
             out[key] = np.where(record.output_used, left, np.nan)
     return out
+
+
+def course_figure(folder: Path, diagnosis: Diagnosis) -> str:
+    """The thermometer's readings and both models' over time, and the current that drove the plate."""
+    caption = "The temperature as measured, and as the models simulate it from the current alone."
+    return figure(saved(drawn_course(diagnosis), folder, "course"), caption)
+
+
+def drawn_course(diagnosis: Diagnosis) -> Figure:
+    """The same, not yet in a file."""
+    record = diagnosis.record
+    fig, axes = new_figure(2, 5.0, [2.6, 1.0])
+    degC = np.where(record.temperature_used, record.temperature_degC, np.nan)
+    courses: list[tuple[Array, str, str, Any]] = [(degC, COLOURS["measured"], "measured", "-")]
+    for group, colour, name in _models(diagnosis):
+        courses.append((shown(diagnosis, group)["temperature_K"], colour, name, (0, (4, 2))))
+    for values, colour, name, style in courses:
+        draw_line(axes[0], record.time_s, values, breaks=_breaks(record), color=colour, label=name, linestyle=style)
+    axes[0].set_ylabel("temperature / \N{DEGREE SIGN}C")
+    legend_above(axes[0])
+    if record.current_A is not None:
+        breaks, colour = _breaks(record), COLOURS["current"]
+        draw_line(axes[1], record.time_s, record.current_A, held=True, breaks=breaks, color=colour, linewidth=0.9)
+    axes[1].set_ylabel(_drive(diagnosis).replace(" / of", "\n/ of"))
+    axes[1].set_xlabel(_time(record)[0])
+    if record.joined.size:
+        _times_of_each(axes[1], record)
+    return fig
+
+
+def _models(diagnosis: Diagnosis) -> list[tuple[frozenset[str], str, str]]:
+    """The effects, colour and name of the models that are shown: the extended one, where it is another, too."""
+    assumed, fitted = diagnosis.chain.assumed, diagnosis.judged.fitted
+    models = [(assumed, BASE, "base model"), (fitted, EXTENDED, "extended model")]
+    return models if fitted != assumed else [(assumed, EXTENDED, "model")]
+
+
+def _breaks(record: Record) -> list[int]:
+    """The rows before which no line goes on: after gaps, and where another record begins."""
+    return sorted({*record.after_gaps.tolist(), *record.joined.tolist()})
 
 
 def residual_figures(folder: Path, diagnosis: Diagnosis) -> list[str]:
@@ -99,16 +130,23 @@ def _against(diagnosis: Diagnosis) -> list[tuple[str, Array]]:
     record = diagnosis.record
     temperature = np.where(record.temperature_used, record.temperature_degC, np.nan)
     rate = np.concatenate([_rate(temperature[part], record.file_s[part]) for part in record.parts])
-    time = ("time / s", record.file_s)
-    if record.joined.size:
-        time = ("time / s, one record after the other, each with its own times", record.time_s)
-    found = [time, ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
+    found = [_time(record), ("temperature / \N{DEGREE SIGN}C", temperature), ("rate / K/s", rate)]
     if record.current_A is not None:
-        share = diagnosis.drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
-        found.append(("drive / of full drive" if share else "current / A", record.current_A))
+        found.append((_drive(diagnosis), record.current_A))
     elif record.test_current_A is not None:
         found.append(("test current / A", record.test_current_A))
     return found
+
+
+def _time(record: Record) -> tuple[str, Array]:
+    if record.joined.size:
+        return "time / s, one record after the other, each with its own times", record.time_s
+    return "time / s", record.file_s
+
+
+def _drive(diagnosis: Diagnosis) -> str:
+    share = diagnosis.drive is not None or (diagnosis.plate is not None and diagnosis.plate.kind == "heater")
+    return "drive / of full drive" if share else "current / A"
 
 
 def _rate(temperature_degC: Array, time_s: Array) -> Array:
@@ -163,7 +201,7 @@ def _residual(
     for axis in list(axes.flat)[len(against) :]:
         axis.set_visible(False)
     for axis in axes[:, 0]:
-        axis.set_ylabel(f"measured - model / {prefix}{unit}")
+        axis.set_ylabel(residual_label(f"{prefix}{unit}"))
     axes[0, 0].legend(loc="upper right", markerscale=4, fontsize=9, ncols=2)
     *others, last = [label.split(" / ")[0] for label, _ in against]
     caption = f"What is left in {what}: against {', '.join(others)} and {last}. Grey: base model"
@@ -187,26 +225,21 @@ def drawn_loop(diagnosis: Diagnosis) -> Figure:
     temperature = path.at(record.time_s)
     good = np.flatnonzero(record.output_used)
     index = good[np.unique(np.linspace(0, good.size - 1, min(MOST_DOTS, good.size)).astype(np.int64))]
-    cuts = np.searchsorted(index, record.first_rows[1:])  # no line from one record, or past a gap, to the next
-    panels = (("base model", BASE, diagnosis.chain.assumed), ("extended model", EXTENDED, names))
-    for axis, (name, colour, group) in zip(axes[0], panels, strict=True):
+    read = record.output_used & np.isfinite(temperature)
+    panels = _models(diagnosis)
+    for axis, (group, colour, name) in zip(axes[0], panels, strict=False):
         modelled = shown(diagnosis, group)[record.quantity.channel]
-        measured, model = (record.quantity.values(v[index]) for v in (record.output, modelled))
-        _loop(axis, temperature[index], measured, model, cuts)
+        measured, model = (record.quantity.values(v) for v in (record.output, modelled))
+        dots = {"markersize": 2, "color": COLOURS["measured"], "rasterized": True, "label": "measured"}
+        axis.plot(temperature[index], measured[index], ".", **dots)
+        line: dict[str, Any] = {"color": colour, "linewidth": 0.9, "rasterized": True, "label": name}
+        model = np.where(read, model, np.nan)
+        draw_line(axis, record.time_s, model, over=temperature, breaks=record.first_rows, **line)
         if record.quantity.is_resistance:
             log_scale(axis)
-        axis.lines[-1].set(color=colour, label=name)
         axis.legend(loc="upper right", markerscale=4, fontsize=9)
         axis.set_xlabel("plate's temperature / \N{DEGREE SIGN}C")
     axes[0, 0].set_ylabel("resistance / ohm" if record.quantity.is_resistance else record.quantity.column)
-    if not names:
+    if len(panels) == 1:
         axes[0, 1].remove()
     return fig
-
-
-def _loop(axis: Axes, temperature: Array, measured: Array, model: Array, cuts: Rows) -> None:
-    """cuts: the dots before which the model's line is broken."""
-    colour = COLOURS["measured"]
-    axis.plot(temperature, measured, ".", markersize=2, color=colour, rasterized=True, label="measured")
-    line = (np.insert(values, cuts, np.nan) for values in (temperature, model))
-    axis.plot(*line, "-", linewidth=0.9, rasterized=True)

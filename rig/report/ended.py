@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from rig.analysis.score import COUNTED, largest, profile_error, rms, shown_error, tracked, tracking_error
-from rig.report.error_course import kelvin_figure, tracking_figure
-from rig.report.page import events_table, facts, paragraph, section, tiles, write_page
-from rig.report.profile import courses, kelvin
+from rig.report.page import facts, paragraph, section, table, tiles, write_page
+from rig.report.profile import kelvin
+from rig.report.run_figures import courses, kelvin_figure, tracking_figure
 from rig.report.run_rows import LAW, PHASE, RunRows
 from rig.report.tracking import further, law_of
 
@@ -35,7 +35,7 @@ def write_ended_report(run: RunRows, out: Path, inner: Mapping[str, RunRows]) ->
         parts.append(section("The error", *figures, paragraph(note, "note")))
     events = _events(run.part / "events.jsonl")
     if events:
-        parts.append(section("What happened last", events_table(["time / s", "what", "more"], events)))
+        parts.append(section("What happened last", table(["time / s", "what", "more"], events, kind="words")))
     title = what.removeprefix(LAW) if not what.startswith(LAW) else f"tracking a wanted {tracked(run).name}"
     write_page(out / "report.html", f"{run.path.name}: {title}, ended early", lead, [*parts, *further(out, inner)])
 

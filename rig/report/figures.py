@@ -1,9 +1,14 @@
-"""Figures as SVG, each also kept in the run's folder figures/."""
+"""Figures as SVG: one style, one way to draw a line through readings, and two layouts, for a wide and a narrow window.
+
+Each is in the page twice, and the page shows the one that fits the window; figures/NAME.svg in the run's folder is the
+wide one. Colours of lines can be read on white and on black, all others change with the reader's colour scheme.
+"""
 
 from __future__ import annotations
 
 import io
 import itertools
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -12,32 +17,42 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import EngFormatter, LogFormatter
 from numpy.typing import NDArray
 
 from compensator.hysteresis.functions import Array
+from compensator.identification.gaps import rows_after_gaps
 from rig.files.written import write_text
 
+INK, SOFT, EDGE, GRID, SHADE, PAPER = "#1c2330", "#5b6472", "#8b94a3", "#e6e9ef", "#eef2f8", "#ffffff"
+DARK = {INK: "#e4e8ee", "#000000": "#e4e8ee", SOFT: "#a3adbb", GRID: "#2b323e", SHADE: "#202836", PAPER: "#14181f"}
+BLUE, RED, GOLD, GREEN, PURPLE = "#3b7dd8", "#d6603f", "#b8860b", "#6a8d3f", "#8f6fd0"  # 3 to 1 on white and on dark
 COLOURS = {
-    "measured": "#1f5fbf",
-    "target": "#1c2330",
-    "full": "#1f5fbf",
-    "pid": "#c8553d",
-    "feedforward": "#d9a021",
-    "instrument_pid": "#6a8d3f",
-    "temperature": "#c8553d",
-    "current": "#6a8d3f",
-    "model": "#c8553d",
+    "measured": BLUE,
+    "target": INK,
+    "full": BLUE,
+    "pid": RED,
+    "feedforward": GOLD,
+    "instrument_pid": GREEN,
+    "temperature": RED,
+    "current": GREEN,
+    "model": RED,
 }
+WIDE_INCH, NARROW_INCH = 10.0, 4.6  # the narrow one's letters are 10 pixels high in 350
 MOST_POINTS = 2500  # twice the pixels of a figure's width
 SETTINGS: dict[str, Any] = {
     "font.size": 10.0,
+    "text.color": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.edgecolor": "#8b94a3",
-    "axes.labelcolor": "#1c2330",
+    "axes.edgecolor": EDGE,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
     "axes.grid": True,
-    "grid.color": "#e6e9ef",
+    "axes.axisbelow": True,
+    "grid.color": GRID,
     "legend.frameon": False,
     "lines.linewidth": 1.3,
     "svg.fonttype": "none",
@@ -46,14 +61,60 @@ SETTINGS: dict[str, Any] = {
 }
 
 
+def grid(rows: int, columns: int, height: float, **options: Any) -> tuple[Figure, NDArray[Any]]:
+    """Return a figure 10 inches wide with its axes, shape (rows, columns)."""
+    with mpl.rc_context(cast(Any, SETTINGS)):
+        figure = Figure(figsize=(WIDE_INCH, height), layout="constrained", dpi=110)
+        axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, axes
+
+
 def new_figure(
     rows: int, height: float, heights: list[float] | None = None, share: bool = True
 ) -> tuple[Figure, list[Axes]]:
-    """A figure 10 inches wide with axes below one another."""
-    with mpl.rc_context(cast(Any, SETTINGS)):
-        figure = Figure(figsize=(10.0, height), layout="constrained")
-        axes = figure.subplots(rows, 1, sharex=share, squeeze=False, height_ratios=heights)
+    """Return a figure 10 inches wide with axes below one another."""
+    figure, axes = grid(rows, 1, height, sharex=share, height_ratios=heights)
     return figure, list(axes[:, 0])
+
+
+def draw_line(
+    axes: Axes,
+    time_s: Any,
+    values: Any,
+    *,
+    over: Any = None,
+    held: bool = False,
+    breaks: Iterable[int] = (),
+    **style: Any,
+) -> None:
+    """Draw readings over time, or over another column, joined where they follow one another.
+
+    time_s, values, over: shape (rows,). The line breaks at a gap of the times of the finite readings (the rule is that
+    of records, `compensator.identification.gaps`), where times go back, and before the rows `breaks`; a reading alone
+    between two breaks is a dot. held: each value holds until the next reading (a current).
+    """
+    time, y = np.asarray(time_s, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    x = time if over is None else np.asarray(over, dtype=np.float64)
+    piece = np.zeros(time.size, dtype=np.int64)
+    piece[[row for row in breaks if 0 < row < time.size]] = 1
+    read = np.isfinite(time) & np.isfinite(x) & np.isfinite(y)
+    time, x, y, piece = time[read], x[read], y[read], np.cumsum(piece)[read]
+    apart = np.concatenate([rows_after_gaps(time), np.flatnonzero((np.diff(time) < 0.0) | (np.diff(piece) > 0)) + 1])
+    starts = np.unique(np.concatenate([[0], apart])).astype(np.int64)
+    alone = starts[np.diff(np.append(starts, time.size)) == 1] if time.size > 1 else starts[:0]
+    *_, rows = thinned(x, y, np.arange(time.size))
+    rows = np.unique(np.concatenate([rows, starts[1:] - 1, starts[: time.size]]))
+    cuts = np.searchsorted(rows, starts[1:])
+    how: dict[str, Any] = {"drawstyle": "steps-post"} if held else {}
+    (line,) = axes.plot(np.insert(x[rows], cuts, np.nan), np.insert(y[rows], cuts, np.nan), **how, **style)
+    if alone.size:
+        size = 2.0 * line.get_linewidth()
+        axes.plot(x[alone], y[alone], "o", color=line.get_color(), markersize=size, markeredgewidth=0.0)
+
+
+def legend_above(axes: Axes) -> None:
+    """Put the legend above the axes at the right, where no line is."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2, frameon=False)
 
 
 class _Prefixed(LogFormatter):
@@ -73,7 +134,7 @@ def log_scale(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(_Prefixed())
 
 
-def thinned(*columns: Array) -> list[Array]:
+def thinned(*columns: Any) -> list[Any]:
     """Columns with at most MOST_POINTS rows: half of them evenly taken, half where a column is lowest or highest in its
     part of the rows, so that no peak is lost."""
     size = columns[0].size
@@ -97,6 +158,15 @@ def _extremes(column: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(pairs, dtype=np.int64).ravel()
 
 
+def dark_style(within: str = "") -> str:
+    """Return the CSS rules that make a figure dark where the reader's colour scheme is."""
+    rules = [f"{within} text {{ fill: {DARK[INK]} }}"]
+    for light, dark in DARK.items():
+        for what in ("fill", "stroke"):
+            rules.append(f'{within} [style*="{what}: {light}"] {{ {what}: {dark} !important }}')
+    return f"@media (prefers-color-scheme: dark) {{ {' '.join(rules)} }}"
+
+
 def svg_text(figure: Figure) -> str:
     """The figure as an SVG file's text, the same bits for the same figure."""
     with mpl.rc_context(cast(Any, SETTINGS)):
@@ -106,11 +176,44 @@ def svg_text(figure: Figure) -> str:
     return buffer.getvalue()
 
 
+def write_svg(path: Path, text: str) -> None:
+    """Write an SVG file that a viewer shows in the reader's colour scheme."""
+    write_text(path, text.replace("<defs>", f"<defs><style>{dark_style('svg')}</style>", 1))
+
+
 def saved(figure: Figure, folder: Path, name: str) -> str:
-    """Write folder/figures/NAME.svg; returns the SVG element for a page."""
-    text = svg_text(figure)
+    """Write folder/figures/NAME.svg; return the two SVG elements for a page, wide and narrow."""
+    wide = svg_text(figure)
     (folder / "figures").mkdir(exist_ok=True)
-    write_text(folder / "figures" / f"{name}.svg", text)
-    start = text.index("<svg")
-    unique = text[start:].replace('id="', f'id="{name}-').replace('href="#', f'href="#{name}-')
-    return unique.replace("url(#", f"url(#{name}-")
+    write_svg(folder / "figures" / f"{name}.svg", wide)
+    return both_widths(figure, name, wide)
+
+
+def both_widths(figure: Figure, name: str, wide: str) -> str:
+    """Return a page's elements of a figure, whose wide SVG text is known; the figure is a narrow one then."""
+    _make_narrow(figure)
+    return _element(wide, f"{name}-", "in-wide") + _element(svg_text(figure), f"{name}-narrow-", "in-narrow")
+
+
+def _element(text: str, prefix: str, kind: str) -> str:
+    """The SVG element alone, its ids unlike those of other figures of a page."""
+    unique = text[text.index("<svg") :].replace('id="', f'id="{prefix}').replace('href="#', f'href="#{prefix}')
+    return f'<div class="{kind}">{unique.replace("url(#", f"url(#{prefix}")}</div>'
+
+
+def _make_narrow(figure: Figure) -> None:
+    """Lay a figure out anew for a narrow window: panels beside one another go below one another."""
+    height = float(figure.get_figheight())
+    beside = [a for a in figure.axes if (s := a.get_subplotspec()) is not None and s.get_gridspec().ncols > 1]
+    if beside:
+        spec = beside[0].get_subplotspec()
+        assert spec is not None
+        height = len(beside) * max(height / spec.get_gridspec().nrows, 2.0)
+        below = GridSpec(len(beside), 1, figure=figure)
+        label = ""
+        for k, axes in enumerate(beside):
+            label = axes.get_ylabel() or label
+            axes.set_subplotspec(below[k])
+            axes.set_ylabel(label)
+            axes.tick_params(labelleft=True)
+    figure.set_size_inches(NARROW_INCH, height)

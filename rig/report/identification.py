@@ -11,13 +11,20 @@ import numpy as np
 
 from compensator.hysteresis.functions import Array
 from rig.analysis.film_numbers import FilmNumbers
+from rig.analysis.residual import residual
+from rig.analysis.transition_words import forc_note, rows
 from rig.files.film_output import unit_of
 from rig.files.run_folder import plain_json
 from rig.files.written import write_text
-from rig.report.film_figures import loop_figure, residual_figure
-from rig.report.film_section import transition_section
+from rig.report.model_figures import (
+    ComparedPlate,
+    derivative_figure,
+    forc_figure,
+    loop_figure,
+    plate_figure,
+    residual_figure,
+)
 from rig.report.page import bullets, paragraph, section, table, tiles, write_page
-from rig.report.plate_figure import ComparedPlate, plate_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +75,12 @@ def write_identification_report(
         suffix = f"_{k + 1}" if len(compared) > 1 else ""
         name = f" of {Path(one.source).name}" if suffix else ""
         parts.append(transition_section(folder, own, suffix, f"The transition{name}"))
-        error = one.modelled - one.measured
+        left = residual(one.measured, one.modelled, output)
         parts.append(
             section(
                 f"The model over the record{name}",
-                loop_figure(folder, one.degC, one.measured, one.modelled, output, suffix),
-                residual_figure(folder, one.time_s, one.degC, error, unit, suffix),
+                loop_figure(folder, one.time_s, one.degC, one.measured, one.modelled, output, suffix),
+                residual_figure(folder, one.time_s, one.degC, left, unit, suffix),
             )
         )
     if film is not None:
@@ -87,7 +94,7 @@ def write_identification_report(
 
 
 def _plate(folder: Path, plate: Mapping[str, Any], plates: Sequence[ComparedPlate]) -> str:
-    rows = [
+    parameters = [
         [name, f"{one['value']:.6g}", f"\N{PLUS-MINUS SIGN} {0.5 * np.ptp(one['ci95']):.2g}"]
         for name, one in plate["parameters"].items()
     ]
@@ -102,6 +109,25 @@ def _plate(folder: Path, plate: Mapping[str, Any], plates: Sequence[ComparedPlat
         "The plate",
         paragraph(fitted),
         *figures,
-        table([f"parameter{drive}", "value", "95 %"], rows),
+        table([f"parameter{drive}", "value", "95 %"], parameters),
         bullets(plate["identifiability"]),
     )
+
+
+def transition_section(folder: Path, numbers: FilmNumbers, suffix: str = "", title: str = "The transition") -> str:
+    """Of one record; suffix: of the figures' names, where a page shows several records."""
+    found, forc = numbers.transition, numbers.forc
+    parts = [
+        table(
+            ["what", "value and 95 % interval"],
+            [[a, b.replace("+-", "\N{PLUS-MINUS SIGN}")] for a, b in rows(found, numbers.unit)],
+        ),
+        bullets(numbers.notes()),
+    ]
+    if found.shapes:
+        parts.append(derivative_figure(folder, found, f"derivative{suffix}", numbers.unit))
+    if forc.reason or not np.any(np.isfinite(forc.density)):
+        parts.append(paragraph(forc_note(forc), "note"))
+    else:
+        parts.append(forc_figure(folder, forc, f"forc{suffix}"))
+    return section(title, *parts)

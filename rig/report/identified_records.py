@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from compensator.inverse.check import Finding
     from rig.analysis.film_numbers import FilmNumbers
     from rig.report.identification import Compared
-    from rig.report.plate_figure import ComparedPlate
+    from rig.report.model_figures import ComparedPlate
     from sim.inference.plate import PlateFit
 
 Say = Callable[[str], None]
@@ -137,7 +137,7 @@ def compared(found: Identified) -> list[Compared]:
 
 def compared_plates(found: Identified) -> list[ComparedPlate]:
     """Each record with a current beside the plate that was fitted: simulated from it, stretch by stretch."""
-    from rig.report.plate_figure import ComparedPlate
+    from rig.report.model_figures import ComparedPlate
 
     if found.plate is None:
         return []

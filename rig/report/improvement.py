@@ -10,8 +10,8 @@ from typing import Any
 
 from rig.analysis.gained import Followed, Gained, as_effects
 from rig.report.diagnosis_words import listed, parameter
-from rig.report.figures import COLOURS, new_figure, saved, thinned
-from rig.report.page import events_table, figure, links, paragraph, section, tiles, write_page
+from rig.report.figures import COLOURS, EDGE, draw_line, new_figure, saved
+from rig.report.page import figure, links, paragraph, section, table, tiles, write_page
 
 FORMAT = "peltier-improvement/1"
 PLACES = {"dec": ("decades", "{:.4f}"), "K": ("K", "{:.4f}")}
@@ -128,7 +128,7 @@ def _effects(i: Improvement) -> str:
         ]
         for e in effects
     ]
-    return events_table(["effect", "parameters (95 % interval)", "in the model"], rows)
+    return table(["effect", "parameters (95 % interval)", "in the model"], rows, kind="words")
 
 
 def _courses(out: Path, first: Followed, after: Followed) -> str:
@@ -136,13 +136,14 @@ def _courses(out: Path, first: Followed, after: Followed) -> str:
     fig, axes = new_figure(2, 5.0)
     most = 1.08 * max(first.largest, after.largest)
     for axis, run, what, colour in zip(axes, (first, after), ("before", "after"), ("pid", "full"), strict=True):
-        axis.axhline(0.0, color="#8b94a3", linewidth=0.6)
-        axis.plot(*thinned(run.time_s, run.error), color=COLOURS[colour], linewidth=1.0)
+        axis.axhline(0.0, color=EDGE, linewidth=0.6)
+        draw_line(axis, run.time_s, run.error, color=COLOURS[colour], linewidth=1.0)
         axis.set_ylim(-most, most)
-        axis.set_ylabel(f"{what}\nerror / {run.unit}")
+        axis.set_ylabel(f"{what}: measured\n- wanted / {run.unit}")
     axes[-1].set_xlabel("time of the target / s")
-    quantity = "log10 of measured over wanted resistance" if first.unit == "dec" else "measured less wanted temperature"
-    text = f"Error over time, {quantity}: of the first run, and with the extended model. Both have the same scale."
+    quantity = "log10 R" if first.unit == "dec" else "temperature"
+    text = f"The error over time, measured - wanted {quantity}: of the first run, and with the "
+    text += "extended model. Both have the same scale."
     return figure(saved(fig, out, "errors"), text)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.report.figures import COLOURS, new_figure, svg_text
+from rig.report.figures import COLOURS, new_figure, svg_text, write_svg
 
 ERRORS = (("rms_dec", "RMS error, decades"), ("rms_K", "RMS error, K"), ("film_rmse_dec", "RMSE of the film, decades"))
 MOST_PANELS = 6  # that a page shows side by side
@@ -25,7 +25,7 @@ def draw_many(rows: Sequence[Row], path: Path) -> Path | None:
         figure = _over_what_varied(rows, *found) if found is not None else None
     if figure is None:
         return None
-    path.write_text(svg_text(figure), encoding="utf-8")
+    write_svg(path, svg_text(figure))
     return path
 
 
@@ -76,5 +76,4 @@ def named_figure(rows: Sequence[Row]) -> Any:
     axes.barh(labels, [count for _, count, _ in bars][::-1], color=[colour for _, _, colour in bars][::-1])
     axes.set_xlabel(f"cases of {len(judged)}")
     axes.locator_params(axis="x", integer=True)  # nobody has a quarter of a case
-    axes.set_axisbelow(True)
     return figure

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 
@@ -26,9 +25,9 @@ from rig.many.cases import Case, Ended
 from rig.many.computed import compute
 from rig.many.engine import Engine, EngineChoice
 from rig.many.journal import LOST, Journal, cases_in, files_of
-from rig.report.figures import svg_text
+from rig.report.figures import both_widths, svg_text
 from rig.report.many_figure import named_figure
-from rig.report.page import figure, write_page
+from rig.report.page import Html, figure, link, table, write_page
 from rig.report.told import MODEL, Told
 from rig.version import __version__
 
@@ -133,16 +132,16 @@ def _read(record: Record) -> Row:
     return {**row, "read": " / ".join(record.said)}
 
 
-def _read_in_words(row: Mapping[str, Any]) -> str:
-    """The same for the page, in HTML."""
+def _read_in_words(row: Mapping[str, Any]) -> Html:
+    """The same for the page."""
     if "rows" not in row:
-        return ""
+        return Html()
     parts = [f"{row['rows']} rows in {row['duration_s']:.4g} s"]
     for name in READ:
         if f"{name}.lowest" in row:
             parts.append(f"{row[f'{name}.lowest']:.4g} to {row[f'{name}.highest']:.4g} {unit_of(name)}")
     said = f"<details><summary>read as</summary>{escape(str(row['read']))}</details>" if row.get("read") else ""
-    return escape(", ".join(parts)) + said
+    return Html(escape(", ".join(parts)) + said)
 
 
 def folders_of(records: Sequence[Record | Refused], taken: Iterable[str] = (), known: Sequence[str] = ()) -> list[str]:
@@ -223,9 +222,10 @@ def _write_page(out: Path, rows: Sequence[Row], task: Task) -> None:
     parts = [_table(sorted(rows, key=task.rank), task.columns)]
     done = [row for row in rows if "verdict" in row]
     if done:
-        text = svg_text(named_figure(done))
+        drawn = named_figure(done)
+        text = svg_text(drawn)
         caption = "How often each effect was named, and each verdict reached."
-        parts.insert(0, figure(text[text.index("<svg") :], caption))
+        parts.insert(0, figure(both_widths(drawn, "named", text), caption))
     failed = sum(1 for row in rows if row["status"] != "done")
     write_page(
         out / "report.html", task.title, f"{len(rows)} records; of {failed} of them nothing could be said.", parts
@@ -233,18 +233,16 @@ def _write_page(out: Path, rows: Sequence[Row], task: Task) -> None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
-    lines = []
+    cells: list[list[str]] = []
     for row in rows:
         record = str(row["record"])
         if row.get("status") == "done":
-            first = f'<a href="{quote(str(row["folder"]))}/report.html">{escape(record)}</a>'
-            cells = "".join(f"<td>{escape(_shown(row.get(name, '')))}</td>" for name in columns)
+            own = [link(record, f"{row['folder']}/report.html"), *(_shown(row.get(name, "")) for name in columns)]
         else:  # each line of a fault begins with the record's name, which stands before it already
-            text = "<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row))
-            first, cells = escape(record), f'<td colspan="{len(columns)}">{text}</td>'
-        lines.append(f"<tr><td>{first}</td>{cells}<td>{_read_in_words(row)}</td></tr>")
-    head = "".join(f"<th>{escape(text)}</th>" for text in ("record", *columns.values(), "what was read"))
-    return f'<div class="words many"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+            why = Html("<br>".join(escape(line.removeprefix(f"{record}: ")) for line in _why(row)))
+            own = [record, why, *([""] * (len(columns) - 1))]
+        cells.append([*own, _read_in_words(row)])
+    return table(["record", *columns.values(), "what was read"], cells, kind="words many")
 
 
 def _shown(value: Any) -> str:

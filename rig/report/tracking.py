@@ -8,12 +8,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rig.analysis.score import COUNTED, TRACK, Score, Tracked, score, shown_error, tracked
-from rig.report.error_course import tracking_figure
-from rig.report.figures import COLOURS, log_scale, new_figure, saved, thinned
+from rig.report.figures import COLOURS, EDGE, draw_line, log_scale, new_figure, saved
 from rig.report.page import facts, figure, links, paragraph, section, table, tiles, write_page
+from rig.report.run_figures import draw_drive, draw_measured_and_wanted, tracking_figure
 from rig.report.run_rows import CALIBRATION, LAW, RunRows, drive_label, limit_A
 
 
@@ -102,45 +100,32 @@ def _label(what: Tracked) -> str:
 
 def _courses(run: RunRows, what: Tracked, out: Path) -> str:
     track = _track(run, what)
+    time = track["time_s"]
     fig, axes = new_figure(3, 7.6, [2.2, 1.3, 1.0])
-    time, measured, target, temperature, reference, current = thinned(
-        track["time_s"],
-        track[what.measured],
-        track[what.wanted],
-        track["temperature_degC"],
-        track["reference_degC"],
-        track["current_A"],
-    )
-    axes[0].plot(time, measured, color=COLOURS["measured"], label="measured", linewidth=1.8)
-    axes[0].plot(time, target, color=COLOURS["target"], label="wanted", linestyle=(0, (4, 2)), linewidth=1.1)
+    draw_measured_and_wanted(axes[0], time, track[what.measured], track[what.wanted], COLOURS["measured"])
     axes[0].set_ylabel(_label(what))
     if what.in_ohm:
         log_scale(axes[0])
-    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    if np.any(np.isfinite(reference)):
-        axes[1].plot(time, reference, color=COLOURS["target"], linestyle=(0, (4, 2)), linewidth=1.0, label="reference")
-    axes[1].plot(time, temperature, color=COLOURS["temperature"], label="measured")
+    degC, reference = track["temperature_degC"], track["reference_degC"]
+    draw_measured_and_wanted(axes[1], time, degC, reference, COLOURS["temperature"])
     axes[1].set_ylabel("temperature / \N{DEGREE SIGN}C")
-    axes[1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    axes[2].step(time, current, where="post", color=COLOURS["current"], linewidth=0.9)
-    axes[2].axhline(0.0, color="#8b94a3", linewidth=0.6)
-    name, unit = drive_label(run)
-    axes[2].set_ylabel(f"{name} / {unit}")
+    draw_drive(axes[2], run, time, track["current_A"])
     axes[2].set_xlabel("time of the target / s")
     return figure(
         saved(fig, out, "courses"),
-        f"Wanted and measured {what.name}, the plate's temperature, and the {name} (positive heats).",
+        f"Wanted and measured {what.name} and temperature, and the {drive_label(run)[0]} (positive heats).",
     )
 
 
 def _loop(run: RunRows, what: Tracked, out: Path, own: str) -> str:
-    track = _track(run, what)
     inside = run.column("phase") != TRACK
     fig, axes = new_figure(1, 4.6)
-    before_t, before_r = thinned(run.column("temperature_degC")[inside], run.column(what.measured)[inside])
-    temperature, measured = thinned(track["temperature_degC"], track[what.measured])
-    axes[0].plot(before_t, before_r, color="#b9c0cc", linewidth=1.0, label="conditioning and approach")
-    axes[0].plot(temperature, measured, color=COLOURS.get(own, "#1f5fbf"), linewidth=1.1, label="tracking")
+    for rows, colour, name in (
+        (inside, EDGE, "conditioning and approach"),
+        (~inside, COLOURS.get(own, COLOURS["measured"]), "tracking"),
+    ):
+        time, degC, shown = (run.column(each)[rows] for each in ("time_s", "temperature_degC", what.measured))
+        draw_line(axes[0], time, shown, over=degC, color=colour, linewidth=1.1, label=name)
     axes[0].set_xlabel("temperature / \N{DEGREE SIGN}C")
     axes[0].set_ylabel(_label(what))
     if what.in_ohm:
@@ -179,7 +164,7 @@ def _laws(runs: Mapping[str, RunRows], scores: Mapping[str, Score], own: str) ->
 
 def _meanings(run: RunRows, own: str, design: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> list[str]:
     in_ohm = tracked(run).in_ohm
-    what = "log10 of measured over wanted resistance" if in_ohm else f"measured less wanted {tracked(run).name}"
+    what = f"measured - wanted {'log10 R' if in_ohm else tracked(run).name}"
     texts = [
         f"Errors are {what}, counted {COUNTED}; conditioning, the way to the first "
         "value and the time to settle on it come before. All laws began from the same temperature on the same branch "

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
+from matplotlib.dates import date2num
 
 from rig.analysis.trend import Series
-from rig.report.figures import COLOURS, new_figure, svg_text
-from rig.report.page import figure, paragraph, section, table, write_page
+from rig.report.figures import COLOURS, both_widths, draw_line, new_figure, svg_text, write_svg
+from rig.report.page import figure, link, paragraph, section, table, write_page
 
 MOST_PANELS = 10  # one above the other, each still tall enough to be read
 SEEN_OFTEN = 0.2  # of the runs: an effect that was named more seldom gets a line of the table and no panel
@@ -25,12 +24,13 @@ def write_trend_report(out: Path, series: Sequence[Series], rows: Sequence[Mappi
     shown = [one for one in series if one.change is not None or one.seen >= SEEN_OFTEN * len(one.at)][:MOST_PANELS]
     parts = []
     if shown:
-        text = svg_text(drawn(shown))
-        (out / "trend.svg").write_text(text, encoding="utf-8")
+        fig = drawn(shown)
+        text = svg_text(fig)
+        write_svg(out / "trend.svg", text)
         caption = (
             "Sizes over time with their 95 % intervals; a vertical line where one changed, its means before and after."
         )
-        parts.append(figure(text[text.index("<svg") :], caption))
+        parts.append(figure(both_widths(fig, "trend", text), caption))
     parts.append(section("Effects", _effects(series)))
     parts.append(section("Runs", _runs(rows)))
     write_page(out / "report.html", "Trend", lead, parts)
@@ -40,7 +40,7 @@ def drawn(series: Sequence[Series]) -> Any:
     """A panel a series over the days."""
     figure, panels = new_figure(len(series), 1.0 + 1.9 * len(series))
     for axes, one in zip(panels, series, strict=True):
-        days: Any = np.array([at[:19] for at in one.at], dtype="datetime64[s]")
+        days: Any = date2num(np.array([at[:19] for at in one.at], dtype="datetime64[s]"))  # type: ignore[no-untyped-call]
         middle = one.value
         below, above = (abs(middle - one.low), abs(one.high - middle))
         axes.errorbar(days, middle, (below, above), fmt="o", ms=3, lw=1, color=COLOURS["measured"])
@@ -48,9 +48,10 @@ def drawn(series: Sequence[Series]) -> Any:
             axes.axvline(days[one.change.since], color=COLOURS["model"])
             spans = ((one.change.before[0], days[: one.change.since]), (one.change.after[0], days[one.change.since :]))
             for mean, span in spans:
-                axes.plot([span[0], span[-1]], [mean, mean], color=COLOURS["model"], lw=1)
+                draw_line(axes, span, np.full(span.size, mean), color=COLOURS["model"], lw=1)
         axes.set_title(f"{one.rig}: {one.effect}", loc="left", fontsize=9)
         axes.set_ylabel(one.parameter)
+        axes.xaxis_date()
     figure.autofmt_xdate()
     return figure
 
@@ -68,15 +69,9 @@ def _effects(series: Sequence[Series]) -> str:
 
 
 def _runs(rows: Sequence[Mapping[str, Any]]) -> str:
-    lines = []
+    cells = []
     for row in rows:
-        name = (
-            f'<a href="{quote(str(row["link"]))}">{escape(str(row["run"]))}</a>'
-            if row.get("link")
-            else escape(str(row["run"]))
-        )
-        texts = (str(row["at"])[:16].replace("T", " "), str(row["rig"]), str(row.get("verdict", row.get("text", ""))))
-        named = str(row.get("named", ""))
-        lines.append(f"<tr><td>{name}</td>" + "".join(f"<td>{escape(text)}</td>" for text in (*texts, named)) + "</tr>")
-    head = "".join(f"<th>{text}</th>" for text in ("run", "began, UTC", "rig", "verdict", "named"))
-    return f'<div class="words"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+        name = link(str(row["run"]), str(row["link"])) if row.get("link") else str(row["run"])
+        verdict = str(row.get("verdict", row.get("text", "")))
+        cells.append((name, str(row["at"])[:16].replace("T", " "), str(row["rig"]), verdict, str(row.get("named", ""))))
+    return table(("run", "began, UTC", "rig", "verdict", "named"), cells, kind="words")

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 
 from compensator.control.whole_law import bearable_ms, frequencies, judged, worst_ms
 from rig.files.run_folder import plain_json
-from rig.report.diagnosis_figures import grid
-from rig.report.figures import saved
+from rig.report.figures import BLUE, EDGE, GOLD, GREEN, INK, PURPLE, RED, SOFT, grid, saved
 from rig.report.page import bullets, figure, paragraph, section, table, tiles, write_page
 
 if TYPE_CHECKING:
@@ -87,21 +85,21 @@ def _figure(folder: Path, found: WholeLaw) -> str:
     fig, axes = grid(1, 2, 4.4)
     nyquist, bode = axes[0]
     omega = frequencies(found.timing.period_s)
-    shades = mpl.colormaps["viridis"](np.linspace(0.05, 0.85, len(SHOWN)))
+    shades = (PURPLE, BLUE, GREEN, GOLD)
     moving = [p for p in found.points if p.way != "at rest"]
     resting = [p for p in found.points if p.way == "at rest"]
     curves = [(moving, ratio, f"slope ratio {ratio:g}", shade) for ratio, shade in zip(SHOWN, shades, strict=True)]
-    for points, ratio, label, shade in [*curves, (resting, 1.0, "at rest", "#c8553d")]:
+    for points, ratio, label, shade in [*curves, (resting, 1.0, "at rest", RED)]:
         point = max(points, key=lambda p, ratio=ratio: worst_ms([p], ratio))  # type: ignore[misc]
         loop = judged(point, ratio, omega)
         nyquist.plot(loop.real, loop.imag, color=shade, label=label)
         bode.plot(omega, 1.0 / np.abs(1.0 + loop), color=shade, label=label)
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     for ms, style, side in ((1.6, "--", 1.0), (2.0, ":", -1.0)):
-        nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color="#8b94a3", linewidth=1.0)
-        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color="#5b6472")
-        bode.axhline(ms, linestyle=style, color="#8b94a3", linewidth=1.0)
-    nyquist.plot([-1.0], [0.0], "+", color="#1c2330", markersize=9)
+        nyquist.plot(-1.0 + np.cos(angle) / ms, np.sin(angle) / ms, style, color=EDGE, linewidth=1.0)
+        nyquist.annotate(f"Ms {ms:g}", (-1.0, side / ms), ha="center", va="bottom", fontsize=8.5, color=SOFT)
+        bode.axhline(ms, linestyle=style, color=EDGE, linewidth=1.0)
+    nyquist.plot([-1.0], [0.0], "+", color=INK, markersize=9)
     nyquist.set(xlim=(-2.5, 1.0), ylim=(-2.5, 1.0), xlabel="Re L", ylabel="Im L", aspect="equal")
     bode.set(
         xscale="log", xlabel="frequency / rad/s", ylabel="|S| = |1 / (1 + L)|", xlim=(1e-2, omega[-1]), ylim=(0.0, 2.5)

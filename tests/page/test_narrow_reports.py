@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.report.many_records import _table as many_table
-from rig.report.page import events_table, paragraph, section, table, tiles, write_page
+from rig.report.page import paragraph, section, table, tiles, write_page
 
 NARROW = 400  # a telephone's width, px
 
@@ -15,7 +15,7 @@ def test_nothing_makes_the_page_wider_than_the_window(browser: Any, tmp_path: Pa
     wide = ["resistance_over_capacity_K_per_A2_s"] * 6
     parts = [
         tiles([("24.2 \N{RIGHTWARDS ARROW} 1.77 mdec of nine", "error of log R"), ("tanh", "form of D(T)")]),
-        section("Effects", table(wide, [wide]), events_table(wide, [wide])),
+        section("Effects", table(wide, [wide]), table(wide, [wide], kind="words")),
         paragraph("/home/somebody/" + "x" * 80 + ".csv"),
     ]
     write_page(tmp_path / "report.html", "20261127T211816Z_first_film_a05bcd: tracking", "lead", parts)

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,12 @@ import pytest
 import rig
 import rig.bench.assembly
 from rig.core.outcome import NotConfirmedOff
+from rig.core.python_words import python_words
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.record_file import write_columns
 from rig.notebook.compiling import ahead
 from tests.instruments.disobedient import Disobedient
-from tests.rig.small import write_bench
+from tests.rig.small import MODEL, write_bench
 from tests.rig.test_ways_out import at_row
 
 Peltier = Callable[..., tuple[int, str, str]]
@@ -84,7 +86,7 @@ def test_a_record_of_each_kind(record: rig.Record, tmp_path: Path) -> None:
         (lambda: rig.simulate(3), "configuration: expected a file's path or tables by name, not int"),
         (lambda: rig.simulate({}), "configuration: bench"),
         (lambda: rig.simulate({"a": object()}), "configuration: .*object"),
-        (lambda: rig.simulate(effects=["nothing"]), "--effect: 'nothing' is no effect"),
+        (lambda: rig.simulate(effects=["nothing"]), 'effects="nothing" is no effect'),
         (lambda: rig.invert(rig.Model(None, None), [1e4]), "model: film: missing"),
         (lambda: rig.write_model("m.toml", 3), "model: expected a Model"),
         (lambda: rig.diagnose({}, base="pi"), "base 'pi': expected one of extended_generalized_pi, generalized_pi"),
@@ -323,3 +325,79 @@ def test_real_ports_need_somebody_who_switches_off(tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(Exception, match="/dev/nothing"):
         rig.open_bench(path).__enter__()
+
+
+def test_a_record_shows_itself_in_a_few_lines() -> None:
+    """A night's record, printed in a notebook, is not its numbers."""
+    time = np.arange(100_000.0)
+    ohm = np.where(time % 2 == 0, 1e4, np.nan)
+    record = rig.read_record({"time_s": time, "temperature_degC": 20.0 + 1e-3 * time, "resistance_ohm": ohm})
+    assert str(record).splitlines() == [
+        "Record of arrays: 100000 rows",
+        "  time_s: 0 to 99999",
+        "  temperature_degC: 20 to 119.999",
+        "  resistance_ohm: 10000 to 10000, 50000 readings",
+    ]
+    assert repr(record) == str(record)
+
+
+def test_a_record_becomes_a_data_frame_and_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: dict[str, Any] = {}
+    pandas = ModuleType("pandas")
+    pandas.DataFrame = lambda columns: seen.update(columns) or "frame"  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    record = rig.Record({"time_s": np.arange(3.0)}, text_columns={"phase": ["a", "a", "b"]})
+    assert record.to_frame() == "frame"
+    assert list(seen) == ["time_s", "phase"]
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(rig.Faults, match=r"^to_frame: pandas: is not installed; `pip install pandas` has it"):
+        record.to_frame()
+
+
+def test_the_package_shows_what_is_public() -> None:
+    """Completion in a notebook offers what one may use, and no imports of the package's own."""
+    assert dir(rig) == sorted(rig.__all__)
+    assert all(hasattr(rig, name) for name in dir(rig))
+
+
+@pytest.mark.parametrize(
+    ("typed", "python"),
+    [
+        ("a.csv: no T; expected --column temperature_degC=...", 'a.csv: no T; expected column="temperature_degC=..."'),
+        ("--column 'a=t / s' --column 'b=x'", 'column=["a=t / s", "b=x"]'),
+        ("expected --decimal , or --decimal .", 'expected decimal="," or decimal="."'),
+        (
+            "--drive: current: no [plate]; expected --drive temperature",
+            'drive="current": no [plate]; expected drive="temperature"',
+        ),
+        ("--first: 5: expected --initial fitted beside it", 'first_s=5: expected initial="fitted" beside it'),
+        ("runs/x: --out: is there already", "runs/x: out: is there already"),
+        ("(--column maps names)", "(column maps names)"),
+        ("--period 0.5, --reversed", "period=0.5, reversed=True"),
+        ("a -- b, x--y, 5 -- --", "a -- b, x--y, 5 -- --"),
+    ],
+)
+def test_messages_in_python_speak_python(typed: str, python: str) -> None:
+    assert python_words(typed) == python
+
+
+def test_every_door_speaks_python(tmp_path: Path) -> None:
+    """Whoever has typed no command is not told of its options."""
+    columns = {"time_s": [0.0, 1.0, 2.0], "R": [20.1, 19.8, 19.2]}
+    (tmp_path / "model.toml").write_text(MODEL)
+    model = rig.read_model(tmp_path / "model.toml")
+    record = rig.Record({"time_s": np.arange(30.0), "temperature_degC": np.linspace(20.0, 60.0, 30)})
+    for call in (
+        lambda: rig.read_record(columns),
+        lambda: rig.Record.from_arrays(columns, needs=("temperature_degC",)),
+        lambda: rig.identify(columns),
+        lambda: rig.predict(model, record, drive="current"),
+        lambda: rig.predict(model, record, first_s=5.0),
+        lambda: rig.predict(model, record, initial="fitted"),
+        lambda: rig.simulate(seed=-1),
+    ):
+        with pytest.raises(rig.Faults) as caught:
+            call()
+        assert "--" not in str(caught.value)
+    with pytest.raises(rig.Faults, match='expected column="resistance_ohm=R@'):
+        rig.read_record(columns)

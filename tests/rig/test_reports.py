@@ -58,7 +58,7 @@ def test_every_report_draws_the_error(tracked: tuple[Path, str], peltier: Peltie
     hold.write_text(hold.read_text().replace('kind = "track_resistance"', 'kind = "hold"'))
     assert peltier("run", hold, "--out", tmp_path / "hold")[0] == 0
     for one in (folder, folder / "feedforward", tmp_path / "hold"):
-        assert "Error over time" in (one / "report.html").read_text()
+        assert "The error over time, measured - wanted" in (one / "report.html").read_text()
         assert (one / "figures" / "errors.svg").is_file()
 
 

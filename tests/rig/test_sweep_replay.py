@@ -6,13 +6,18 @@ import csv
 import json
 import random
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 from scipy.io import netcdf_file
 
+from rig.bench.assembly import open_bench
 from rig.control.loop import Loop
+from rig.experiment.session import Session, one_run
+from rig.files.configuration import read_configuration
+from rig.safety.signals import SignalStop
 from rig.version import __version__, source_digest
 from tests.rig.small import write_bench
 
@@ -168,3 +173,67 @@ def test_a_run_whose_record_lacks_a_column_says_so(tmp_path: Path, peltier: Pelt
         record.write_text(whole.replace(column, "lost", 1))
         status, _, err = peltier("replay", tmp_path / "run")
         assert (status, err) == (2, f"{record}: {column}: missing; expected the column of a run's record\n")
+
+
+LAW = '''
+from rig.control.decision import Decision
+
+
+class Ramp:
+    """Goes by what it remembers: each tick a little more, of the temperature too."""
+
+    def __init__(self, step_A):
+        self.step_A, self.ticks = step_A, 0
+
+    def decide(self, time_s, temperature_degC, output, read):
+        self.ticks += 1
+        return Decision(self.step_A * self.ticks + 1e-4 * temperature_degC)
+'''
+
+
+def own_run(folder: Path, law: Any, *names: str) -> Path:
+    """A run of a user-defined law in a phase of each name, one after the other."""
+    file = read_configuration(write_bench(folder), for_experiment=False)
+    with (
+        SignalStop() as signals,
+        open_bench(file) as bench,
+        one_run(Session(bench, file, signals, lambda text: None), folder / "mine", "ramp") as (loop, run),
+    ):
+        for name in names:
+            loop.phase(name, law, duration_s=2.0, period_s=0.1)
+    return run.finish()
+
+
+def test_a_law_of_the_users_own_is_replayed_from_the_run_folder(
+    tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With its state at the start of each phase, wherever the file is that it came from, and whatever became of it."""
+    (tmp_path / "ramp_law.py").write_text(LAW)
+    monkeypatch.syspath_prepend(tmp_path)
+    run = own_run(tmp_path, import_module("ramp_law").Ramp(0.01), "first", "second")
+    (tmp_path / "ramp_law.py").unlink()
+    assert (run / "ramp_law.py").read_text() == LAW
+    status, out, err = peltier("replay", run)
+    assert (status, out.splitlines()[0]) == (0, "40 of 40 commands are the same, bit for bit"), err
+    (run / "ramp_law.py").write_text(LAW.replace("1e-4", "2e-4"))
+    status, out, _ = peltier("replay", run)
+    assert status == 1
+    assert "0 of 40 commands are the same" in out
+    (run / "ramp_law.py").write_text(f"import not_there\n{LAW}")
+    status, _, err = peltier("replay", run)
+    assert status == 2
+    assert err == (
+        f"{run / 'ramp_law.py'}: Ramp cannot be made again: ModuleNotFoundError: No module named 'not_there'; "
+        "expected the file as it ran, with what it imports beside it\n"
+    )
+
+
+def test_a_law_that_stands_in_no_file_is_said_not_to_be_kept(tmp_path: Path, peltier: Peltier) -> None:
+    """To import a script again would run its experiment again, on a real rig maybe."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    exec(LAW, names)
+    run = own_run(tmp_path, names["Ramp"](0.01), "alone")
+    status, _, err = peltier("replay", run)
+    assert status == 2
+    assert "phase 'alone': its law is not in the run folder: it stands in" in err
+    assert "expected its class in a file of its own" in err
