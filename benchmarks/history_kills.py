@@ -59,6 +59,8 @@ def write(path: Path, first_s: float, bytes_more: int, pages_more: int) -> None:
         values = {"temperature_degC": 25.0 + k % 7, "resistance_ohm": 1e5 + k, "current_A": 0.1, "phase": "track"}
         writer.row({"time_s": first_s + 0.01 * k, **values}, 0.01 * k)
         k += 1
+        if k % 1000 == 0:
+            writer.settle()
 
 
 def one_life(path: Path, first_s: float, wait_s: float | None, more: list[str]) -> tuple[list[float], bool, int]:

@@ -5,7 +5,6 @@ Its methods may be called from any thread and never wait for an instrument, but 
 
 from __future__ import annotations
 
-import contextlib
 import sqlite3
 import threading
 import time
@@ -97,13 +96,19 @@ class Desk:
         self._had_history = False
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
-        self.writer = Writer(history, self._open_history, self._committed, self._history_failed, self._clock_jumped)
+        self.writer = Writer(
+            history,
+            self._open_history,
+            self._shown,
+            self._history_failed,
+            self._clock_jumped,
+            self._keep_beside,
+            self._history_says,
+        )
         self.writer.open()
         found = found_at_start(self.folder / LATCH, was_there, self.writer.store, self.label_s())
         self.latching = Latching(self.folder / LATCH, *found)
-        if self._not_off is not None:
-            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
-            self.latching.keep()
+        self._hold_not_off()
         # whether the temperature says that the output is not off: nobody is believed until a reset
         self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
 
@@ -133,7 +138,7 @@ class Desk:
             self._take_folder()
         except PortHeld as error:
             raise OSError(str(error)) from None
-        serve = self.file.content.serve
+        serve, was_there = self.file.content.serve, (self.folder / HISTORY).exists()
         store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
         ours = self.queue.tables()[::-1]  # where it is begun anew, or has come back, while the daemon runs
         try:
@@ -143,7 +148,7 @@ class Desk:
         except BaseException:
             store.close()
             raise
-        if self._had_history:
+        if self._had_history and not was_there:
             self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
         self._had_history = True
         if store.damage:
@@ -189,26 +194,33 @@ class Desk:
             period_s = max(period_s, job.file.content.experiment.period_s)
         return 2.0 * period_s + 1.0
 
-    def _committed(self, row: dict[str, Any]) -> None:
-        """In the writer's thread."""
+    def _shown(self, row: dict[str, Any]) -> None:
+        """In the writer's thread: a row that was committed, or waits for that."""
         self.recent.append(row)
-        store = self.writer.store
-        if store is not None:
-            with contextlib.suppress(sqlite3.Error):  # the next row tells of a full disk
-                self._keep_beside(store, row)
+        latch = self.latching.told
+        if latch is not None and latch.state != STOPPED and latch.take(row):
+            self.writer.do(lambda store: self._save_trip(store, latch))
         self.announcer.tell("row", row)
 
-    def _keep_beside(self, store: Store, row: dict[str, Any]) -> None:
-        """With a row go the trip that it follows, and, once, that the latch has a file of its own."""
+    def _keep_beside(self, store: Store) -> None:
+        """In the writer's thread: with rows go the trip that they follow, and, once, that the latch has a file of its
+        own; and what is found of jobs only when a history can be opened at last."""
         if not store.has_latch and self.latching.on_disk:
             store.mark_latch()
         latch = self.latching.told
-        if latch is None or latch.state == STOPPED:
-            return
-        if latch.number is None:  # it came from the latch's file, or the history had no room for it
-            self._save_trip(store, latch)
-        if latch.take(row):
-            self._save_trip(store, latch)
+        if latch is not None and latch.state != STOPPED and latch.number is None:
+            self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
+        if self._not_off is not None:
+            self.contradicted = True
+            self.output_now("off", confirmed=False)
+            self._hold_not_off()
+
+    def _hold_not_off(self) -> None:
+        """Latch what the guard wrote of a job that ran when the daemon's process died, where it was not known off."""
+        if self._not_off is not None:
+            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+            self.latching.keep()
+        self._not_off = None
 
     def _save_trip(self, store: Store, latch: Latch) -> None:
         """In the writer's thread: the trip with its rows, new or as it has become."""
@@ -232,6 +244,21 @@ class Desk:
             self.enter_in_log(text)
         self.latching.keep_again()
         self.changed()
+
+    def _history_says(self, line: str, stays: bool) -> None:
+        """In the writer's thread."""
+        if stays:
+            self.note(line)
+        else:
+            self.enter_in_log(line)
+            self.changed()
+
+    def close(self) -> None:
+        """The end: what was said and measured is on disk, or it is told that it is not."""
+        if lacks := self.writer.stop():
+            self.enter_in_log(f"{lacks}; run folders are in {self.folder}")
+        self.latching.close()
+        self.announcer.close()
 
     def trip(self, cause: str, text: str) -> None:
         """Latch a trip with the rows around it, tell everybody once it is on disk, hold the queue."""

@@ -288,6 +288,13 @@ def unrecorded(state: dict[str, Any]) -> bool:
     return said and state["reading"]["quality"] == "not recorded"
 
 
+def make_room(bench: RunningBench) -> None:
+    """At once: other work would wait behind the rows."""
+    store = bench.desk.writer.store
+    assert store is not None
+    store.limit_size(1_000_000)
+
+
 def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(bench: RunningBench) -> None:
     seen = bench.desk.announcer.listen()
     number = submit(bench, '["start 0.5 A", "hold 60 s"]', "long")
@@ -299,7 +306,7 @@ def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(
     assert state["trip"]["cause"] == "history"
     # a row that is short enough for the last page may still have found room in between
     until(lambda: unrecorded(bench.state()), "the warning")
-    bench.desk.writer.do(lambda store: store.limit_size(1_000_000))
+    make_room(bench)
     until(lambda: bench.desk.writer.failure is None, "room on the disk")
     bench.desk.writer.settle()
     shown = set()
@@ -309,7 +316,7 @@ def test_a_full_disk_switches_off_first_and_shows_nothing_that_is_not_committed(
             shown.add(message["data"]["time_s"])
     kept = reading.stretch(bench.desk.folder / "history.sqlite", 0.0, 4e9, 5000)["time_s"]
     assert shown <= set(kept)
-    assert bench.desk.writer.dropped > 0
+    assert bench.desk.writer.dropped == 0
 
 
 def test_what_may_not_run_on_this_bench_is_refused_with_a_line_each(tmp_path: Path) -> None:
