@@ -301,13 +301,17 @@ class Desk:
     # -- what people ask for -------------------------------------------------------------------------------------
 
     def stop(self, by: str) -> Off:
-        """The output off at once, the running job ended, the queue held until a reset."""
+        """The output off at once, the running job ended, the jobs that wait taken out of the queue, and no other one
+        begun until a reset. What somebody asked for before the stop is not begun by a reset: it is to be asked again."""
         with self.lock:  # first, so that no job starts in between
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
+            waited = [job for table in self.queue.tables() if (job := self.queue.remove(table["id"])) is not None]
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         self.latching.keep()
+        for job in waited[::-1]:
+            self._taken_out(job, f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`")
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
-        self.enter_in_log(f"STOP by {by}: {said}; the queue is held")
+        self.enter_in_log(f"STOP by {by}: {said}; {len(waited)} jobs that waited are out of the queue")
         self.wake.set()
         self.changed()
         return off
@@ -351,10 +355,7 @@ class Desk:
         """Take a job out of the queue, or end it when it runs; None where there is no such job."""
         job = self.queue.remove(number)
         if job is not None:
-            job.state, job.reason, job.ended_s = "stopped", f"taken out of the queue by {by}", self.label_s()
-            job.exit_status = JobStopped.exit_status
-            self.queue.keep(job)
-            self.job_changed(job)
+            self._taken_out(job, f"taken out of the queue by {by}")
             return job
         with self.lock:  # no other job starts in between
             running = self.queue.running
@@ -363,6 +364,13 @@ class Desk:
             self._switched_off(JobStopped(f"ended by {by}"))
         self.wake.set()
         return running
+
+    def _taken_out(self, job: Job, reason: str) -> None:
+        """End a job that waited."""
+        job.state, job.reason, job.ended_s = "stopped", reason, self.label_s()
+        job.exit_status = JobStopped.exit_status
+        self.queue.keep(job)
+        self.job_changed(job)
 
     # -- what people see -----------------------------------------------------------------------------------------
 

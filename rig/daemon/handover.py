@@ -276,6 +276,10 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any, course: _Cours
 
 def _held_by(state: dict[str, Any]) -> str | None:
     """Why no job runs; None where one may start."""
+    latch = state.get("trip") or state.get("stop")
+    if latch:
+        cleared = "once that is seen to, `peltier reset --reason TEXT` lets it begin"
+        return f"the bench is {state['state']} ({latch['text']}): the job waits; {cleared}"
     if state["state"] in HOLDING:
         return f"the bench is {state['state']}: the job waits (`peltier status` says why)"
     return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None

@@ -84,7 +84,7 @@ def test_a_job_tells_how_long_all_of_it_will_take(bench: RunningBench) -> None:
     bench.desk.cancel(number, "the test")
 
 
-def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench: RunningBench) -> None:
+def test_stop_ends_the_job_and_what_waits_and_needs_a_reset_with_a_reason(bench: RunningBench) -> None:
     running_job, waiting = submit(bench, '["start 0.5 A", "hold 60 s"]', "long"), submit(bench, SHORT, "next")
     bench.until_phase("profile")
     assert bench.state()["output"] == "on"
@@ -94,14 +94,17 @@ def test_stop_ends_the_job_holds_the_queue_and_needs_a_reset_with_a_reason(bench
     assert (state["output"], state["trip"]) == ("off", None)
     until(lambda: table(bench, running_job)["state"] == "stopped", "the job's end")
     assert "a test" in str(table(bench, running_job)["reason"])
-    assert table(bench, waiting)["state"] == "queued"
+    assert table(bench, waiting)["state"] == "stopped"  # nobody expects a heater to go on with what was stopped
+    assert "ask for it again" in str(table(bench, waiting)["reason"])
+    later = submit(bench, SHORT, "later")
     answers = Answers(bench.desk)
     for reason in ("", "   "):
         with pytest.raises(Refusal) as refusal:
             answers.answer({"do": "reset", "reason": reason})
         assert refusal.value.status == 422
     assert answers.answer({"do": "reset", "reason": "looked at it"})["queue"] == 1
-    until(lambda: table(bench, waiting)["state"] == "done", "the queue going on")
+    until(lambda: table(bench, later)["state"] == "done", "what was asked for after the stop")
+    assert table(bench, waiting)["started_s"] is None
     with pytest.raises(Refusal) as refusal:
         answers.answer({"do": "reset", "reason": "again"})
     assert refusal.value.status == 409
