@@ -44,6 +44,7 @@ def bench_state(desk: Desk) -> dict[str, Any]:
         "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
         "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
         "job": doing,
+        "last_job": desk.queue.last_ended(),
         "queue": len(desk.queue),
         "no_job_because": no_job_because(desk),
         "reading": reading,

@@ -22,7 +22,7 @@ from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
 from rig.daemon.bench_state import bench_state, no_job_because
 from rig.daemon.configured_paths import history_folder, model_of
-from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off
+from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off, report_left_behind
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
 from rig.daemon.job import Job, JobStopped, Queue, new_id
@@ -157,12 +157,16 @@ class Desk:
 
     def _jobs_of_before(self, store: Store, ours: set[str]) -> list[dict[str, Any]]:
         """Those that are not ours. What waited or ran when the daemon ended does not go on."""
+        left: list[str | None] = []
         jobs = [job for job in store.jobs() if job["id"] not in ours]
         for job in jobs:
             if job["state"] in ("queued", "running"):
                 self._not_off = self._not_off or not_confirmed_off(job["folder"])
+                left.append(job["folder"])
                 job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
                 store.save_job(job)
+        if folders := [folder for folder in left if folder is not None]:
+            threading.Thread(target=report_left_behind, args=(folders,), name="reports", daemon=True).start()
         return jobs
 
     # -- what happens on the bench -------------------------------------------------------------------------------

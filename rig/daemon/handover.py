@@ -201,6 +201,7 @@ def _told_of_the_end(verb: str, client: Client, events: Any, job: dict[str, Any]
         print(f"{said}\nreport: {job['folder']}/report.html", file=teller(json_target), flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
+        place += f"; report: {job['folder']}/report.html" if job["report"] else ""
         print(f"peltier {verb}: {job['reason'] or 'the job is done'}; {said}{place}", file=sys.stderr)
     return int(job["exit_status"]) if confirmed else NotConfirmedOff.exit_status
 

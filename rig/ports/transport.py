@@ -164,4 +164,4 @@ class Transport:
     def _meaning(self, error: BaseException) -> InstrumentError:
         if isinstance(error, SerialTimeoutException):
             return TimedOut(self.told("the line does not take what is written"))
-        return Disconnected(self.told(in_words(error)))
+        return Disconnected(self.told(f"the port has gone: look at its cable and its supply ({in_words(error)})"))
