@@ -47,5 +47,6 @@ def stopped(client: Client, by: str, target: str | None) -> int:
         return NotConfirmedOff.exit_status
     rests_on = f" ({answer['confirmed_by']})" if answer.get("confirmed_by") else ""
     text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms{rests_on}"
-    print(f"{text}; what waited is out of the queue, and nothing begins until `peltier reset`", file=teller(target), flush=True)
+    queue = "what waited is out of the queue, and nothing begins until `peltier reset`"
+    print(f"{text}; {queue}", file=teller(target), flush=True)
     return 0

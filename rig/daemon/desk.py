@@ -5,7 +5,6 @@ Its methods may be called from any thread and never wait for an instrument, but 
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 import time
 from collections import deque
@@ -305,15 +304,16 @@ class Desk:
     # -- what people ask for -------------------------------------------------------------------------------------
 
     def stop(self, by: str) -> Off:
-        """The output off at once, the running job ended, the jobs that wait taken out of the queue, and no other one
-        begun until a reset. What somebody asked for before the stop is not begun by a reset: it is to be asked again."""
+        """Switch the output off at once, end the running job, take those that wait out of the queue, and begin none
+        until a reset. What was asked for before the stop begins only when somebody asks for it again."""
         with self.lock:  # first, so that no job starts in between
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
             waited = [job for table in self.queue.tables() if (job := self.queue.remove(table["id"])) is not None]
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         self.latching.keep()
+        reason = f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`"
         for job in waited[::-1]:
-            self._taken_out(job, f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`")
+            self._taken_out(job, reason)
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
         self.enter_in_log(f"STOP by {by}: {said}; {len(waited)} jobs that waited are out of the queue")
         self.wake.set()

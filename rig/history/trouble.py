@@ -67,7 +67,7 @@ def who_reads(path: Path) -> str:
 
 
 def _in_words(path: Path, endings: tuple[str, ...], how: str, at: range) -> str:
-    inodes = {found.st_ino for ending in endings if (found := stat_of(Path(f"{path}{ending}"))) is not None}
+    inodes = {there.st_ino for ending in endings if (there := stat_of(Path(f"{path}{ending}"))) is not None}
     found = dict.fromkeys(
         process
         for process, kind, inode, first in _locks()

@@ -26,7 +26,7 @@ from rig.history.trouble import Trouble, trouble_of, who_reads
 TRY_AGAIN_S = 1.0  # a lock is not released, and a full disk not emptied, faster
 PART_OF_TIME = 10.0  # a try that takes long, as the check of a large file does, comes that many times its length later
 MOST_WAITING = 36_000  # rows, an hour at ten a second: some 40 MB
-ROOM_S = 1.0  # for room among the rows that wait, before one is lost: rows of simulated time come faster than disks write
+ROOM_S = 1.0  # for room among the rows that wait, before one is lost: simulated rows come faster than disks write
 AT_ONCE = 200  # rows in a transaction
 UNSAID_S = 3.0  # a lock that is shorter, as a backup's, is nobody's concern
 SLOW_S = 5.0  # a card or a disk under load answers within a second or two
@@ -201,7 +201,7 @@ class Writer:
         if self._waiting and not isinstance(self._waiting[0], _Row):
             return self._waiting[0]
         first = itertools.islice(self._waiting, AT_ONCE)
-        return [item for item in itertools.takewhile(lambda item: isinstance(item, _Row), first)]  # type: ignore[misc]
+        return list(itertools.takewhile(lambda item: isinstance(item, _Row), first))  # type: ignore[arg-type]
 
     def _try(self, head: list[_Row] | Work) -> bool:
         """Write what comes first; whether it is in the file now."""
@@ -247,6 +247,8 @@ class Writer:
         if rolled and abs(last.clock_s - self._tidied_s) >= RETAIN_EVERY_S:
             self._tidied_s = last.clock_s
             self._done(lambda store: store.retain(now_s, aged_s))
+            self._log_bytes = MUCH_LOG_BYTES + 1  # it is time to look
+        if self._log_bytes > MUCH_LOG_BYTES:
             self._log_bytes = self.store.log_bytes() if self.store is not None else 0
         if self._log_bytes > MUCH_LOG_BYTES and self.trouble is None:
             self._rests_until_s = time.monotonic() + GATHER_S
