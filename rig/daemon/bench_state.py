@@ -74,6 +74,8 @@ def no_job_because(desk: Desk) -> list[str]:
         found.append(f"the latch cannot be written: {trouble}")
     if desk.writer.failure is not None:
         found.append(f"the history cannot be written: {desk.writer.failure}")
+    elif not desk.had_history and desk.writer.trouble is not None:
+        found.append(f"the history cannot be read yet: {desk.writer.trouble.text}")
     if not desk.confirmed:
         found.append("the output is not confirmed off")
     return found

@@ -92,7 +92,7 @@ class Desk:
         self.began_s = self.steady_s()
         self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
-        self._had_history = False
+        self.had_history = False  # was opened: what it says of the jobs of before is known
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
         self.writer = Writer(
@@ -147,9 +147,9 @@ class Desk:
         except BaseException:
             store.close()
             raise
-        if self._had_history and not was_there:
+        if self.had_history and not was_there:
             self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
-        self._had_history = True
+        self.had_history = True
         if store.damage:
             self.notes = [*self.notes, store.damage]
         return store

@@ -12,7 +12,6 @@ from rig.history.tables import COLUMNS, connect_to_write, create
 from rig.history.trouble import SIDE_FILES, trouble_of
 
 
-
 def opened(path: Path) -> tuple[sqlite3.Connection, str | None]:
     """A connection to write with, and what was wrong with the file that was there; None where it was whole.
 

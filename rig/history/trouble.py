@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 SIDE_FILES = ("", "-wal", "-shm")
-# SQLITE_IOERR_RDLOCK, _UNLOCK, _BLOCKED, _CHECKRESERVEDLOCK, _LOCK, _SHMOPEN, _SHMLOCK, _SHMMAP: the file system's locks
-# and shared memory, as on a network folder
+# SQLITE_IOERR_RDLOCK, _UNLOCK, _BLOCKED, _CHECKRESERVEDLOCK, _LOCK, _SHMOPEN, _SHMLOCK, _SHMMAP: the file system's
+# locks and shared memory, as on a network folder
 NO_LOCKS = {sqlite3.SQLITE_IOERR | number << 8 for number in (8, 9, 11, 14, 15, 18, 20, 21)} | {sqlite3.SQLITE_PROTOCOL}
 READ_MARKS = range(123, 128)  # bytes of -shm that are locked by whoever reads
 PLAIN_CODE = 0xFF  # of an extended result code
