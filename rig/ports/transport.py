@@ -36,6 +36,8 @@ def in_words(error: BaseException) -> str:
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
+    if isinstance(error, TypeError):  # pyserial reads from a descriptor that it has closed
+        return "it was closed"
     return str(error) if isinstance(error, SerialException) else f"{type(error).__name__}: {error}"
 
 

@@ -353,7 +353,8 @@ def test_a_history_that_is_locked_in_mid_run_ends_no_run(bench: RunningBench) ->
     assert bench.desk.writer.settle()
     assert not any("history" in line for line in bench.state()["warnings"])
     with contextlib.closing(connect_to_read(bench.desk.folder / HISTORY)) as connection:
-        kept = [degC for (degC,) in connection.execute("SELECT temperature_degC FROM raw WHERE job = ? ORDER BY id", [job])]
+        found = connection.execute("SELECT temperature_degC FROM raw WHERE job = ? ORDER BY id", [job])
+        kept = [degC for (degC,) in found]
     with (Path(ended_job(bench, job)["folder"]) / "record.csv").open() as file:
         recorded = [float(row["temperature_degC"]) for row in csv.DictReader(file)]
     assert len(recorded) > 20
