@@ -83,7 +83,8 @@ def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
     except (NotConfirmedOff, TimedOut, Corrupt, OutOfStep) as error:
         controller, meter = file.content.bench.controller, file.content.bench.meter
         tables = {"controller": controller} | ({"meter": meter} if meter is not None else {})
-        found = {} if file.content.simulated else {role: _who(table.port) for role, table in tables.items()}
+        drivers = [table.driver for table in tables.values()]
+        found = {} if file.content.simulated else {role: _who(table.port, drivers) for role, table in tables.items()}
         lines = [
             f"{file.path}: bench.{role}.port: {tables[role].port!r}: expected the {role} ({tables[role].driver}); "
             f"there answers {who.identity} (driver {who.driver!r})"
@@ -104,8 +105,8 @@ def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
         raise Faults(lines) from error
 
 
-def _who(port: str) -> Tried | None:
-    """Who answers at a port; None where nobody does."""
+def _who(port: str, first: list[str]) -> Tried | None:
+    """Who answers at a port, drivers that are likely there asked first; None where nobody does."""
     from rig.core.clock import RealClock
     from rig.core.errors import Disconnected
     from rig.core.terminal_line import TerminalLine
@@ -113,7 +114,7 @@ def _who(port: str) -> Tried | None:
 
     line = TerminalLine(sys.stderr)
     with suppress(Disconnected):
-        for tried in tries(port, RealClock(), lambda text: line.show(f"{port}: {text}")):
+        for tried in tries(port, RealClock(), lambda text: line.show(f"{port}: {text}"), first):
             line.clear()
             if tried.identity is not None:
                 return tried

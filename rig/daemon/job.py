@@ -144,4 +144,4 @@ class Queue:
 
 def _now(table: dict[str, Any]) -> dict[str, Any]:
     """An ended job with its report, which may have been written since."""
-    return table if table["report"] else {**table, "report": report_of(table["id"], table["folder"])}
+    return table if table.get("report") else {**table, "report": report_of(table["id"], table["folder"])}

@@ -71,7 +71,7 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
     elif state.get("last_job"):
         last = state["last_job"]
         found.append(("last job", job_in_words(last)))
-        if last["report"]:
+        if last.get("report"):
             found.append(("report", f"{last['folder']}/report.html"))
     wanted, unit = number(reading.get("setpoint_degC"), "degC", 3), state.get("drive_unit", "A")
     unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading with a current on"

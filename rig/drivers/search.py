@@ -5,7 +5,7 @@ What is asked changes nothing, but it is sent to whatever is there: only where t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any, NamedTuple
 
 from rig.core.clock import Clock
@@ -43,11 +43,15 @@ class Tried(NamedTuple):
     came: str | None = None
 
 
-def tries(port: str, clock: Clock, asks: Callable[[str], None] = _nobody_watches) -> Iterator[Tried]:
+def tries(
+    port: str, clock: Clock, asks: Callable[[str], None] = _nobody_watches, first: Collection[str] = ()
+) -> Iterator[Tried]:
     """Each driver after the other, until somebody answers. PortHeld, Disconnected.
 
-    asks: told, before each is tried, which driver it is and how many there are."""
+    asks: told, before each is tried, which driver it is and how many there are. first: drivers that are
+    likely there."""
     tried = [one for one in TRIED if not port.startswith("visa://") or one[1] in ON_VISA]
+    tried.sort(key=lambda one: one[1] not in first)
     for k, (role, driver, options) in enumerate(tried, start=1):
         asks(f"asking as {driver} does ({k} of {len(tried)})")
         opener = open_controller if role == "controller" else open_meter

@@ -10,7 +10,7 @@ import math
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -189,11 +189,12 @@ class Store:
         self._connection.execute(f"PRAGMA max_page_count = {pages}")
 
     def close(self) -> None:
-        """Close the file; never raises."""
-        try:
+        """Close the file; never raises. Its log is emptied before: SQLite leaves that of a file that was moved where it
+        is, with rows in it that are nowhere else."""
+        with suppress(sqlite3.Error):
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with suppress(sqlite3.Error):
             self._connection.close()
-        except sqlite3.Error:
-            return
 
     def _number(self, name: str) -> float | None:
         row = self._connection.execute("SELECT value FROM kept WHERE name = ?", (name,)).fetchone()

@@ -191,7 +191,7 @@ def stored_times(path: Path) -> set[float]:
     return found
 
 
-@pytest.mark.parametrize("how", ["deleted", "moved", "replaced"])
+@pytest.mark.parametrize("how", ["deleted", "moved", "replaced", "the file alone"])
 def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,6 +206,8 @@ def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     assert writer.settle()
     if how == "deleted":
         shutil.rmtree(path.parent)
+    elif how == "the file alone":
+        path.rename(tmp_path / "old.sqlite")  # without its log, in which all the rows are
     else:
         path.parent.rename(tmp_path / "elsewhere")
     if how == "replaced":
@@ -221,6 +223,8 @@ def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     connection = connect_to_read(path)
     kept = [r[0] for r in connection.execute("SELECT time_s FROM raw ORDER BY id")]
     connection.close()
+    if how == "the file alone":
+        assert stored_times(tmp_path / "old.sqlite") == {NOON_S}
     assert kept == [*([NOON_S] if how == "replaced" else []), NOON_S + 1, NOON_S + 2]
 
 

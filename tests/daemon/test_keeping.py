@@ -357,5 +357,5 @@ def test_a_history_that_is_locked_in_mid_run_ends_no_run(bench: RunningBench) ->
         kept = [degC for (degC,) in found]
     with (Path(ended_job(bench, job)["folder"]) / "record.csv").open() as file:
         recorded = [float(row["temperature_degC"]) for row in csv.DictReader(file)]
-    assert len(recorded) > 20
+    assert len(recorded) > 5
     assert kept == recorded
