@@ -58,7 +58,8 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
     from rig.core.terminal_line import TerminalLine
     from rig.drivers.search import tries
 
-    line, came = TerminalLine(sys.stderr), {}
+    line = TerminalLine(sys.stderr)
+    came: dict[str, list[str]] = {}
     try:
         for tried in tries(port, RealClock(), lambda text: line.show(f"{'':<20} {text}")):
             line.clear()
@@ -66,13 +67,13 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
                 voice.say(f'{"":<20} {tried.identity}: driver = "{tried.driver}"')
                 return {"driver": tried.driver, "instrument": str(tried.identity)}
             if tried.came is not None:
-                came[tried.driver] = tried.came
+                came.setdefault(tried.came, []).append(tried.driver)
     except RigError as error:
         line.clear()
         voice.say(f"{'':<20} {error}")
         return {"driver": None, "error": str(error)}
-    for driver, text in came.items():
-        voice.say(f"{'':<20} asked as {driver} does, {text}")
+    for text, drivers in came.items():
+        voice.say(f"{'':<20} {text}, asked as {', '.join(dict.fromkeys(drivers))}")
     said = "somebody answers, and is not understood" if came else "nobody answers"
     voice.say(f"{'':<20} {said} (other line settings? see docs/instruments.md)")
-    return {"driver": None, **({"came": came} if came else {})}
+    return {"driver": None, **({"came": list(came)} if came else {})}

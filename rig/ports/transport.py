@@ -27,7 +27,7 @@ except ImportError:  # Windows
 
 GONE = (OSError, _TermiosError, TypeError)  # a SerialException is an OSError; termios.error is not
 LONGEST_LINE = 4096
-LAST_HEARD = 40  # bytes, for messages
+LAST_HEARD = 80  # bytes, for messages: an identity is shorter
 SHORTEST_WAIT_S = 1e-6  # select takes no less
 
 
