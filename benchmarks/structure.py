@@ -25,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("compensator", "sim", "rig")
 LONGEST_FUNCTION = 60  # lines, decorators not counted
-LONGEST_FILE = 350  # lines
+LONGEST_FILE = 700  # lines; one idea a file, as long as it needs: beyond, think again
 EXCUSED = {"compensator/inverse/bracket.py:common_root"}  # a split costs 6 to 14 % of the inverse
 SAME_FILE = "-M40%"  # git's rename detection: what was moved and edited is the same file from 40 % of its lines on
 
