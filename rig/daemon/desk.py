@@ -95,15 +95,8 @@ class Desk:
         self.had_history = False  # was opened: what it says of the jobs of before is known
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
-        self.writer = Writer(
-            history,
-            self._open_history,
-            self._shown,
-            self._history_failed,
-            self._clock_jumped,
-            self._keep_beside,
-            self._history_says,
-        )
+        told = self._shown, self._history_failed, self._clock_jumped, self._keep_beside, self._history_says
+        self.writer = Writer(history, self._open_history, *told)
         self.writer.open()
         found = found_at_start(self.folder / LATCH, was_there, self.writer.store, self.label_s())
         self.latching = Latching(self.folder / LATCH, *found)
