@@ -99,12 +99,12 @@ def life(folder: Path, seed: int, from_s: float, to_s: float) -> None:
     begun_s = desk.label_s() - from_s  # labels begin at the same moment in every life
     desk._epoch_s += 1_790_000_000.0 - begun_s
     keeper = Keeper(file, desk, Notifier())
-    committed = desk._committed
+    shown = desk._shown
     events = {"unplugs": 0, "lost": 0}
     next_s = {"hour": from_s + HOUR_S, "unplug": from_s + chance.uniform(0.5, 1.5) * 8 * HOUR_S, "job": from_s + HOUR_S}
 
     def told(row: dict[str, Any]) -> None:
-        committed(row)
+        shown(row)
         last["row_s"] = row["time_s"]
 
     last = {"row_s": 0.0}

@@ -11,6 +11,7 @@ shown is lost, and the database is intact every time.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import random
 import resource
@@ -59,10 +60,13 @@ def write(path: Path, first_s: float, bytes_more: int, pages_more: int) -> None:
         values = {"temperature_degC": 25.0 + k % 7, "resistance_ohm": 1e5 + k, "current_A": 0.1, "phase": "track"}
         writer.row({"time_s": first_s + 0.01 * k, **values}, 0.01 * k)
         k += 1
+        if k % 1000 == 0:
+            writer.settle(1.0)
 
 
 def one_life(path: Path, first_s: float, wait_s: float | None, more: list[str]) -> tuple[list[float], bool, int]:
-    """(rows that were shown, whether a failure was told, exit status) of a child; wait_s: until it is killed."""
+    """Return the rows that a child showed before it told a failure (later ones are shown as not recorded), whether it
+    told one, and its exit status. wait_s: until it is killed."""
     command = [sys.executable, __file__, "--write", str(path), repr(first_s), *more]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
@@ -72,7 +76,8 @@ def one_life(path: Path, first_s: float, wait_s: float | None, more: list[str]) 
     lines += child.stdout.read().splitlines(keepends=True)
     child.stdout.close()
     status = child.wait()
-    shown = [float(line) for line in lines if line.endswith("\n") and not line.startswith("failed")]
+    before = itertools.takewhile(lambda line: not line.startswith("failed"), lines)
+    shown = [float(line) for line in before if line.endswith("\n")]
     return shown, any(line.startswith("failed") for line in lines), status
 
 

@@ -40,7 +40,7 @@ VERBS = {
     "overview": "one page for several daemons, with a STOP for each",
     "status": "what the bench daemon's bench is doing",
     "watch": "the same as a live table",
-    "stop": "output off, the running job ended, the queue held",
+    "stop": "output off, the running job and the queue ended",
     "off": "output off, with a daemon or without",
     "reset": "clear a latched trip or stop, with a reason",
 }

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from compensator.hysteresis.film import FilmModel
+from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array
 from compensator.hysteresis.reversal_jumps import reversal_jumps
-from compensator.inverse.inverse import Inverse
+from compensator.inverse.inverse import Inverse, Solution
 from rig.core.faults import Faults
 from rig.files.film_output import column_of, in_decades, shown_output, sign_of
 
@@ -26,12 +26,14 @@ MOST_FAULTS = 10  # of a target: more of the same line say nothing more
 class Inversion:
     """Arrays of shape (rows,). temperature_degC: nan until the first target that can be reached; reachable; achieved:
     what the film has at that temperature, and nearest: the nearest to the target that it could have, both in the
-    quantity's own unit (ohm, or that of the record's column); evaluations: of the model. output: its name."""
+    quantity's own unit (ohm, or that of the record's column); nearest_degC: the temperature at which it would have the
+    nearest, of a row before the first that can be reached too; evaluations: of the model. output: its name."""
 
     temperature_degC: Array
     reachable: NDArray[np.bool_]
     achieved: Array
     nearest: Array
+    nearest_degC: Array
     evaluations: NDArray[np.int64]
     output: str
 
@@ -41,7 +43,8 @@ class Inversion:
         return self.temperature_degC[self.reachable]
 
     def columns(self) -> dict[str, Any]:
-        """By name, as `peltier invert` writes them: temperature_degC, reachable, resistance_ohm, nearest_ohm."""
+        """By name, as `peltier invert` writes them: temperature_degC, reachable, resistance_ohm, nearest_ohm,
+        nearest_degC."""
         name = column_of(self.output)
         last = "nearest_ohm" if name == "resistance_ohm" else f"nearest_{name}"
         return {
@@ -49,6 +52,7 @@ class Inversion:
             "reachable": self.reachable.astype(np.int64),
             name: self.achieved,
             last: self.nearest,
+            "nearest_degC": self.nearest_degC,
         }
 
 
@@ -74,24 +78,34 @@ def inverted(
     """
     _require_targets(target, film.output, where)
     inverse, memory = Inverse(film, *limits_degC), None
-    rows: list[tuple[float, bool, float, float, int]] = []
+    rows: list[tuple[float, bool, float, float, float, int]] = []
     outputs = sign_of(film.output) * (np.log10(target) if in_decades(film.output) else target)
     for wanted in outputs if mixing is None else mixing.unmixed(outputs):
-        solution = inverse.first(float(wanted), initial) if memory is None else inverse.solve(float(wanted), memory)
+        solution = _solved(inverse, float(wanted), memory, initial)
+        near = solution if solution.reachable else _solved(inverse, solution.nearest, memory, initial)
         if solution.reachable:
             memory = solution.memory
         achieved = _shown(film.output_at(memory) if memory is not None else math.nan, film.output, mixing)
         nearest = achieved if solution.reachable else _shown(solution.nearest, film.output, mixing)
         degC = memory.input_degC if memory is not None else math.nan
-        rows.append((degC, solution.reachable, achieved, nearest, solution.evaluations))
+        near_degC = near.temperature_degC if near.reachable else math.nan
+        rows.append((degC, solution.reachable, achieved, nearest, near_degC, solution.evaluations))
     return Inversion(
         np.array([row[0] for row in rows]),
         np.array([row[1] for row in rows], dtype=np.bool_),
         np.array([row[2] for row in rows]),
         np.array([row[3] for row in rows]),
-        np.array([row[4] for row in rows], dtype=np.int64),
+        np.array([row[4] for row in rows]),
+        np.array([row[5] for row in rows], dtype=np.int64),
         film.output,
     )
+
+
+def _solved(
+    inverse: Inverse, wanted: float, memory: Memory | None, initial: Literal["cooled", "heated"] | None
+) -> Solution:
+    """From a memory; of a first target, None, with the memory that the film begins with."""
+    return inverse.first(wanted, initial) if memory is None else inverse.solve(wanted, memory)
 
 
 def _shown(own: float, output: str, mixing: PhaseMixing | None) -> float:

@@ -6,6 +6,7 @@ rows and its reason down with the output off already.
 
 from __future__ import annotations
 
+from rig.core.errors import called
 from rig.core.outcome import NotConfirmedOff, OfOutput
 from rig.drivers.controller import TemperatureController
 from rig.files.configuration import ControllerTable
@@ -66,7 +67,8 @@ class OutputOff:
         if not verdict.confirmed:
             self._guard.given_up()
             port, driver = self._table.port, self._table.driver
-            reason = f" (after: {error})" if error is not None else ""
+            who = called(port, "controller", driver)
+            reason = f"; before that: {str(error).removeprefix(f'{who}: ')}" if error is not None else ""
             silent = nobody_answers(self._controller, port, "controller", driver, "to switch its output off")
             raise NotConfirmedOff(silent or f"{port}: {verdict.text}{reason}") from error
         if verdict.text and error is not None:

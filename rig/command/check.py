@@ -14,6 +14,8 @@ import argparse
 import math
 import statistics
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,7 @@ from rig.command.say import Voice
 
 if TYPE_CHECKING:
     from rig.bench.assembly import Bench
+    from rig.drivers.search import Tried
     from rig.files.configuration import ConfigurationFile
 
 STOPS = 11  # times that switching off is measured
@@ -42,13 +45,13 @@ def main(options: argparse.Namespace) -> int:
     from rig.safety.signals import SignalStop
     from rig.safety.switching_off import off_confirmed
 
-    with SignalStop() as signals, open_bench(file, only_look=True) as bench:
+    with SignalStop() as signals, _who_answers_instead(file), open_bench(file, only_look=True) as bench:
         signals.look()
         faults = [*_identities(file, bench, voice), *_not_alone(file)]
         result: dict[str, Any] = {
             "format": "peltier-check/1",
             "instruments": {role: str(identity) for role, identity in bench.identities.items()},
-            "temperature_degC": _temperature(bench, voice, faults),
+            "temperature_degC": _temperature(bench, file.content.limits.temperature_degC, voice, faults),
             "status": _status(bench, voice, faults, options.clear),
             **_limits(file, bench, voice, faults),
             **_film(bench, voice, faults),
@@ -59,6 +62,63 @@ def main(options: argparse.Namespace) -> int:
     voice.say(off_confirmed(bench.controller))
     voice.report({**result, "faults": faults})
     return 1 if faults else 0
+
+
+@contextmanager
+def _who_answers_instead(file: ConfigurationFile) -> Iterator[None]:
+    """Where an instrument does not answer at its port, ask who does: ports may be swapped, or a driver be another's.
+
+    Raises Faults for that, with the output off, confirmed, by a controller that answers at the ohmmeter's port;
+    otherwise NotConfirmedOff, or the InstrumentError that it was.
+    """
+    from rig.core.clock import RealClock
+    from rig.core.errors import Corrupt, OutOfStep, TimedOut
+    from rig.core.faults import Faults
+    from rig.core.outcome import NotConfirmedOff
+    from rig.drivers.registry import open_controller
+    from rig.safety.switching_off import off_confirmed, switch_off
+
+    try:
+        yield
+    except (NotConfirmedOff, TimedOut, Corrupt, OutOfStep) as error:
+        controller, meter = file.content.bench.controller, file.content.bench.meter
+        tables = {"controller": controller} | ({"meter": meter} if meter is not None else {})
+        drivers = [table.driver for table in tables.values()]
+        found = {} if file.content.simulated else {role: _who(table.port, drivers) for role, table in tables.items()}
+        lines = [
+            f"{file.path}: bench.{role}.port: {tables[role].port!r}: expected the {role} ({tables[role].driver}); "
+            f"there answers {who.identity} (driver {who.driver!r})"
+            for role, who in found.items()
+            if who is not None and who.driver != tables[role].driver
+        ]
+        if not lines:
+            raise
+        off = False
+        if meter is not None and (there := found["meter"]) is not None and there.driver == controller.driver:
+            lines.append(f"{file.path}: bench.controller.port, bench.meter.port: they are swapped; exchange them")
+            swapped = open_controller(controller.driver, meter.port, RealClock(), **controller.options)
+            off = switch_off(swapped).confirmed
+            swapped.close()
+            lines[-1] += f". {off_confirmed(swapped)}" if off else ""
+        if isinstance(error, NotConfirmedOff) and not off:
+            raise NotConfirmedOff("; ".join([*lines, str(error)])) from error
+        raise Faults(lines) from error
+
+
+def _who(port: str, first: list[str]) -> Tried | None:
+    """Who answers at a port, drivers that are likely there asked first; None where nobody does."""
+    from rig.core.clock import RealClock
+    from rig.core.errors import Disconnected
+    from rig.core.terminal_line import TerminalLine
+    from rig.drivers.search import tries
+
+    line = TerminalLine(sys.stderr)
+    with suppress(Disconnected):
+        for tried in tries(port, RealClock(), lambda text: line.show(f"{port}: {text}"), first):
+            line.clear()
+            if tried.identity is not None:
+                return tried
+    return None
 
 
 def _identities(file: ConfigurationFile, bench: Bench, voice: Voice) -> list[str]:
@@ -83,9 +143,12 @@ def _not_alone(file: ConfigurationFile) -> list[str]:
     ]
 
 
-def _temperature(bench: Bench, voice: Voice, faults: list[str]) -> float:
+def _temperature(bench: Bench, limits: tuple[float, float], voice: Voice, faults: list[str]) -> float:
     temperature = bench.controller.read_temperature()
     voice.say(f"temperature: {temperature.value:.3f} degC ({temperature.quality})")
+    low, high = limits
+    if temperature.is_number and not low <= temperature.value <= high:
+        faults.append(f"limits.temperature_degC: [{low:g}, {high:g}]: the temperature is outside, and trips each run")
     if not temperature.is_number:
         faults.append(f"the thermometer's reading is {temperature.quality}")
     return temperature.value

@@ -4,7 +4,8 @@ For a model of another output, such as curvature_per_m, the target is in target_
 are curvature_per_m and nearest_curvature_per_m instead of those in ohm.
 
 Of several temperatures the nearest to the row before is taken, in the first row the lowest. Where a target cannot be
-reached within the limits, temperature and memory stay, `reachable` is 0, and `nearest_ohm` is what could be.
+reached within the limits, temperature and memory stay, `reachable` is 0, `nearest_ohm` is what could be, and
+`nearest_degC` the temperature for that.
 """
 
 from __future__ import annotations

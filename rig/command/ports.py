@@ -2,7 +2,8 @@
 
 peltier ports                          what the computer knows of each port, and who holds it; nothing is sent
 peltier ports --ask [PORT ...]         and which of the instruments answers there: a harmless question in each
-                                       protocol, at each one's factory line settings, until one is answered
+                                       protocol, at each one's factory line settings, until one is answered; at a
+                                       silent port that takes half a minute, and each question is shown
 """
 
 from __future__ import annotations
@@ -58,20 +59,21 @@ def _asked(port: str, voice: Voice) -> dict[str, Any]:
     from rig.drivers.search import tries
 
     line = TerminalLine(sys.stderr)
-
-    def asks(text: str) -> None:
-        if line.due():
-            line.show(f"{'':<20} {text}")
-
+    came: dict[str, list[str]] = {}
     try:
-        for driver, identity in tries(port, RealClock(), asks):
+        for tried in tries(port, RealClock(), lambda text: line.show(f"{'':<20} {text}")):
             line.clear()
-            if identity is not None:
-                voice.say(f'{"":<20} {identity}: driver = "{driver}"')
-                return {"driver": driver, "instrument": str(identity)}
+            if tried.identity is not None:
+                voice.say(f'{"":<20} {tried.identity}: driver = "{tried.driver}"')
+                return {"driver": tried.driver, "instrument": str(tried.identity)}
+            if tried.came is not None:
+                came.setdefault(tried.came, []).append(tried.driver)
     except RigError as error:
         line.clear()
         voice.say(f"{'':<20} {error}")
         return {"driver": None, "error": str(error)}
-    voice.say(f"{'':<20} nobody answers (other line settings? see docs/instruments.md)")
-    return {"driver": None}
+    for text, drivers in came.items():
+        voice.say(f"{'':<20} {text}, asked as {', '.join(dict.fromkeys(drivers))}")
+    said = "somebody answers, and is not understood" if came else "nobody answers"
+    voice.say(f"{'':<20} {said} (other line settings? see docs/instruments.md)")
+    return {"driver": None, **({"came": list(came)} if came else {})}

@@ -1,4 +1,7 @@
-"""peltier reset --reason TEXT: clear a latched trip or stop. The queue goes on then, so look at it first."""
+"""peltier reset --reason TEXT: clear a latched trip or stop. Jobs that wait begin then, so look at the queue first.
+
+What waited when somebody stopped the bench is out of the queue, and begins only when it is asked for again.
+"""
 
 from __future__ import annotations
 

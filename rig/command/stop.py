@@ -1,4 +1,4 @@
-"""peltier stop: the output off at once, the running job ended, the queue held until `peltier reset --reason TEXT`.
+"""peltier stop: the output off at once, the running job ended, the waiting ones taken out of the queue..
 
 Asks the daemon's bench process itself, so that it works without the page. Exit status 11 where the controller did not
 confirm that its output is off.
@@ -47,5 +47,6 @@ def stopped(client: Client, by: str, target: str | None) -> int:
         return NotConfirmedOff.exit_status
     rests_on = f" ({answer['confirmed_by']})" if answer.get("confirmed_by") else ""
     text = f"{name}: output off, confirmed by the controller in {1e3 * answer['took_s']:.0f} ms{rests_on}"
-    print(f"{text}; the queue is held", file=teller(target), flush=True)
+    queue = "what waited is out of the queue, and nothing begins until `peltier reset`"
+    print(f"{text}; {queue}", file=teller(target), flush=True)
     return 0

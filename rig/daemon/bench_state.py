@@ -18,11 +18,12 @@ def bench_state(desk: Desk) -> dict[str, Any]:
     word = latch.state if latch is not None else "running" if job is not None else "idle"
     if not desk.online:
         word = "offline" if word in ("idle", "running") else word
-    row = desk.live if desk.writer.failure is not None or not desk.recent else desk.recent[-1]
+    waits = desk.writer.trouble is not None and desk.writer.stands_in_the_way() is not None
+    row = desk.live if waits or not desk.recent else desk.recent[-1]
     shown = ("time_s", "temperature_degC", "setpoint_degC", "current_A", "resistance_ohm", "target_ohm", "quality")
     reading = {name: row.get(name) for name in shown}
-    if desk.writer.failure is not None:
-        reading["quality"] = "not recorded"
+    if waits:
+        reading["quality"] = "not recorded" if desk.writer.failure is not None else "not recorded yet"
     now_s, label_s = desk.clock.now_s(), desk.label_s()
     doing: dict[str, Any] | None = None
     if job is not None:
@@ -43,6 +44,7 @@ def bench_state(desk: Desk) -> dict[str, Any]:
         "trip": latch.table() if latch is not None and latch.state != STOPPED else None,
         "stop": latch.table() if latch is not None and latch.state == STOPPED else None,
         "job": doing,
+        "last_job": desk.queue.last_ended(),
         "queue": len(desk.queue),
         "no_job_because": no_job_because(desk),
         "reading": reading,
@@ -72,6 +74,8 @@ def no_job_because(desk: Desk) -> list[str]:
         found.append(f"the latch cannot be written: {trouble}")
     if desk.writer.failure is not None:
         found.append(f"the history cannot be written: {desk.writer.failure}")
+    elif not desk.had_history and desk.writer.trouble is not None:
+        found.append(f"the history cannot be read yet: {desk.writer.trouble.text}")
     if not desk.confirmed:
         found.append("the output is not confirmed off")
     return found
@@ -84,9 +88,9 @@ def warnings(desk: Desk) -> list[str]:
         found.append(f"the latch cannot be written, no job starts: {trouble}")
     if not desk.online and desk.offline_because:
         found.append(f"offline: {desk.offline_because}")
-    if desk.writer.failure is not None:
-        lost = f"{desk.writer.dropped} rows lost, no job starts"
-        found.append(f"the history cannot be written, {lost}: {desk.writer.failure}")
+    if (why := desk.writer.stands_in_the_way()) is not None:
+        what = "has to wait" if desk.writer.failure is None else "cannot be written, no job starts"
+        found.append(f"the history {what}: {why}")
     if desk.online and not desk.has_dead_man:
         found.append("the controller has no dead man of its own")
     return found

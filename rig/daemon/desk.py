@@ -5,8 +5,6 @@ Its methods may be called from any thread and never wait for an instrument, but 
 
 from __future__ import annotations
 
-import contextlib
-import sqlite3
 import threading
 import time
 from collections import deque
@@ -23,7 +21,7 @@ from rig.daemon.admission import admit
 from rig.daemon.announce import Announcer
 from rig.daemon.bench_state import bench_state, no_job_because
 from rig.daemon.configured_paths import history_folder, model_of
-from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off
+from rig.daemon.ended_before import OFF_CONTRADICTED, not_confirmed_off, report_left_behind
 from rig.daemon.gaps import Gaps
 from rig.daemon.gate import Gate, Off
 from rig.daemon.job import Job, JobStopped, Queue, new_id
@@ -94,16 +92,15 @@ class Desk:
         self.began_s = self.steady_s()
         self.live: dict[str, Any] = {}
         self.lock = threading.RLock()
-        self._had_history = False
+        self.had_history = False  # was opened: what it says of the jobs of before is known
         history = self.folder / HISTORY
         was_there = any(self.folder.glob(f"{HISTORY}*"))  # one that was put aside is one, too
-        self.writer = Writer(history, self._open_history, self._committed, self._history_failed, self._clock_jumped)
+        told = self._shown, self._history_failed, self._clock_jumped, self._keep_beside, self._history_says
+        self.writer = Writer(history, self._open_history, *told)
         self.writer.open()
         found = found_at_start(self.folder / LATCH, was_there, self.writer.store, self.label_s())
         self.latching = Latching(self.folder / LATCH, *found)
-        if self._not_off is not None:
-            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
-            self.latching.keep()
+        self._hold_not_off()
         # whether the temperature says that the output is not off: nobody is believed until a reset
         self.contradicted = self.latch is not None and self.latch.cause == OFF_CONTRADICTED
 
@@ -133,7 +130,7 @@ class Desk:
             self._take_folder()
         except PortHeld as error:
             raise OSError(str(error)) from None
-        serve = self.file.content.serve
+        serve, was_there = self.file.content.serve, (self.folder / HISTORY).exists()
         store = Store(self.folder / HISTORY, Retention(serve.raw_days, serve.minute_days, serve.hour_days))
         ours = self.queue.tables()[::-1]  # where it is begun anew, or has come back, while the daemon runs
         try:
@@ -143,21 +140,25 @@ class Desk:
         except BaseException:
             store.close()
             raise
-        if self._had_history:
+        if self.had_history and not was_there:
             self.note(f"history: {store.path} was moved or deleted while the daemon ran; a new one was begun")
-        self._had_history = True
+        self.had_history = True
         if store.damage:
             self.notes = [*self.notes, store.damage]
         return store
 
     def _jobs_of_before(self, store: Store, ours: set[str]) -> list[dict[str, Any]]:
         """Those that are not ours. What waited or ran when the daemon ended does not go on."""
+        left: list[str | None] = []
         jobs = [job for job in store.jobs() if job["id"] not in ours]
         for job in jobs:
             if job["state"] in ("queued", "running"):
                 self._not_off = self._not_off or not_confirmed_off(job["folder"])
+                left.append(job["folder"])
                 job |= {"state": "stopped", "ended_s": self.label_s(), "reason": ENDED}
                 store.save_job(job)
+        if folders := [folder for folder in left if folder is not None]:
+            threading.Thread(target=report_left_behind, args=(folders,), name="reports", daemon=True).start()
         return jobs
 
     # -- what happens on the bench -------------------------------------------------------------------------------
@@ -189,26 +190,33 @@ class Desk:
             period_s = max(period_s, job.file.content.experiment.period_s)
         return 2.0 * period_s + 1.0
 
-    def _committed(self, row: dict[str, Any]) -> None:
-        """In the writer's thread."""
+    def _shown(self, row: dict[str, Any]) -> None:
+        """In the writer's thread: a row that was committed, or waits for that."""
         self.recent.append(row)
-        store = self.writer.store
-        if store is not None:
-            with contextlib.suppress(sqlite3.Error):  # the next row tells of a full disk
-                self._keep_beside(store, row)
+        latch = self.latching.told
+        if latch is not None and latch.state != STOPPED and latch.take(row):
+            self.writer.do(lambda store: self._save_trip(store, latch))
         self.announcer.tell("row", row)
 
-    def _keep_beside(self, store: Store, row: dict[str, Any]) -> None:
-        """With a row go the trip that it follows, and, once, that the latch has a file of its own."""
+    def _keep_beside(self, store: Store) -> None:
+        """In the writer's thread: with rows go the trip that they follow, and, once, that the latch has a file of its
+        own; and what is found of jobs only when a history can be opened at last."""
         if not store.has_latch and self.latching.on_disk:
             store.mark_latch()
         latch = self.latching.told
-        if latch is None or latch.state == STOPPED:
-            return
-        if latch.number is None:  # it came from the latch's file, or the history had no room for it
-            self._save_trip(store, latch)
-        if latch.take(row):
-            self._save_trip(store, latch)
+        if latch is not None and latch.state != STOPPED and latch.number is None:
+            self._save_trip(store, latch)  # it came from the latch's file, or the history had no room for it
+        if self._not_off is not None:
+            self.contradicted = True
+            self.output_now("off", confirmed=False)
+            self._hold_not_off()
+
+    def _hold_not_off(self) -> None:
+        """Latch what the guard wrote of a job that ran when the daemon's process died, where it was not known off."""
+        if self._not_off is not None:
+            self.latching.hold(tripped(OFF_CONTRADICTED, self._not_off, self.label_s(), self.recent))
+            self.latching.keep()
+        self._not_off = None
 
     def _save_trip(self, store: Store, latch: Latch) -> None:
         """In the writer's thread: the trip with its rows, new or as it has become."""
@@ -232,6 +240,21 @@ class Desk:
             self.enter_in_log(text)
         self.latching.keep_again()
         self.changed()
+
+    def _history_says(self, line: str, stays: bool) -> None:
+        """In the writer's thread."""
+        if stays:
+            self.note(line)
+        else:
+            self.enter_in_log(line)
+            self.changed()
+
+    def close(self) -> None:
+        """The end: what was said and measured is on disk, or it is told that it is not."""
+        if lacks := self.writer.stop():
+            self.enter_in_log(f"{lacks}; run folders are in {self.folder}")
+        self.latching.close()
+        self.announcer.close()
 
     def trip(self, cause: str, text: str) -> None:
         """Latch a trip with the rows around it, tell everybody once it is on disk, hold the queue."""
@@ -274,13 +297,18 @@ class Desk:
     # -- what people ask for -------------------------------------------------------------------------------------
 
     def stop(self, by: str) -> Off:
-        """The output off at once, the running job ended, the queue held until a reset."""
+        """Switch the output off at once, end the running job, take those that wait out of the queue, and begin none
+        until a reset. What was asked for before the stop begins only when somebody asks for it again."""
         with self.lock:  # first, so that no job starts in between
             self.latching.hold(Latch(STOPPED, "stop", f"stopped by {by}", self.label_s()))
+            waited = [job for table in self.queue.tables() if (job := self.queue.remove(table["id"])) is not None]
         off = self._switched_off(JobStopped(f"stopped by {by}"))
         self.latching.keep()
+        reason = f"it waited when the bench was stopped by {by}: ask for it again after `peltier reset`"
+        for job in waited[::-1]:
+            self._taken_out(job, reason)
         said = f"output off, confirmed in {1e3 * off.took_s:.0f} ms" if off.confirmed else "OUTPUT NOT CONFIRMED OFF"
-        self.enter_in_log(f"STOP by {by}: {said}; the queue is held")
+        self.enter_in_log(f"STOP by {by}: {said}; {len(waited)} jobs that waited are out of the queue")
         self.wake.set()
         self.changed()
         return off
@@ -324,10 +352,7 @@ class Desk:
         """Take a job out of the queue, or end it when it runs; None where there is no such job."""
         job = self.queue.remove(number)
         if job is not None:
-            job.state, job.reason, job.ended_s = "stopped", f"taken out of the queue by {by}", self.label_s()
-            job.exit_status = JobStopped.exit_status
-            self.queue.keep(job)
-            self.job_changed(job)
+            self._taken_out(job, f"taken out of the queue by {by}")
             return job
         with self.lock:  # no other job starts in between
             running = self.queue.running
@@ -336,6 +361,13 @@ class Desk:
             self._switched_off(JobStopped(f"ended by {by}"))
         self.wake.set()
         return running
+
+    def _taken_out(self, job: Job, reason: str) -> None:
+        """End a job that waited."""
+        job.state, job.reason, job.ended_s = "stopped", reason, self.label_s()
+        job.exit_status = JobStopped.exit_status
+        self.queue.keep(job)
+        self.job_changed(job)
 
     # -- what people see -----------------------------------------------------------------------------------------
 

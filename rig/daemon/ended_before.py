@@ -11,11 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rig.guard.left_behind import DIED
+from rig.guard.left_behind import DIED, REPORT_S, report_of
 
 OFF_CONTRADICTED = "off_contradicted"  # the trip of a temperature that goes on as if the output were on
 
 
+GUARD_S = REPORT_S  # for the guard of the daemon that ended, which has looked at the temperature before
 LOOK_AGAIN_S = 0.2  # for what the guard writes
 
 
@@ -42,6 +43,14 @@ def end_of_the_last_run(folder: str, within_s: float) -> tuple[bool, str] | None
         if time.monotonic() >= until_s:
             return None
         time.sleep(LOOK_AGAIN_S)
+
+
+def report_left_behind(folders: list[str]) -> None:
+    """Write the reports of jobs that ran when the daemon ended, where their guard has not: it may have died, too."""
+    time.sleep(GUARD_S)
+    for folder in folders:
+        if not (Path(folder) / "report.html").exists():
+            report_of(folder)
 
 
 def _ends(folder: str | None) -> Iterator[tuple[bool, str]]:

@@ -178,7 +178,8 @@ def _left_to_the_guard(verb: str, folder: str | None, why: str, config: Path) ->
     confirmed, text = found
     if not confirmed:
         return _not_confirmed(verb, f"{text}. Switch the controller off by hand.")
-    print(f"peltier {verb}: {text}; what was recorded is in {folder}", file=sys.stderr)
+    drawn = f"{folder}/report.html, or `peltier report {folder}` draws it"
+    print(f"peltier {verb}: {text}; what was recorded is in {folder}; report: {drawn}", file=sys.stderr)
     return DIED
 
 
@@ -201,6 +202,7 @@ def _told_of_the_end(verb: str, client: Client, events: Any, job: dict[str, Any]
         print(f"{said}\nreport: {job['folder']}/report.html", file=teller(json_target), flush=True)
     else:
         place = f"; what was recorded is in {job['folder']}" if job["folder"] else ""
+        place += f"; report: {job['folder']}/report.html" if job.get("report") else ""
         print(f"peltier {verb}: {job['reason'] or 'the job is done'}; {said}{place}", file=sys.stderr)
     return int(job["exit_status"]) if confirmed else NotConfirmedOff.exit_status
 
@@ -276,6 +278,10 @@ def _until_it_ends(events: Any, job: dict[str, Any], stream: Any, course: _Cours
 
 def _held_by(state: dict[str, Any]) -> str | None:
     """Why no job runs; None where one may start."""
+    latch = state.get("trip") or state.get("stop")
+    if latch:
+        cleared = "once that is seen to, `peltier reset --reason TEXT` lets it begin"
+        return f"the bench is {state['state']} ({latch['text']}): the job waits; {cleared}"
     if state["state"] in HOLDING:
         return f"the bench is {state['state']}: the job waits (`peltier status` says why)"
     return f"the job waits: {state['no_job_because'][0]}" if state["no_job_because"] else None

@@ -45,7 +45,7 @@ class Job:
 
     def table(self) -> dict[str, Any]:
         """As others see it."""
-        folder = self.folder
+        folder = str(self.folder) if self.folder is not None else None
         return {
             "id": self.id,
             "name": self.name,
@@ -55,10 +55,16 @@ class Job:
             "started_s": self.started_s,
             "ended_s": self.ended_s,
             "reason": self.reason,
-            "folder": str(folder) if folder is not None else None,
-            "report": f"/runs/{self.id}/report.html" if folder and (folder / "report.html").is_file() else None,
+            "folder": folder,
+            "report": report_of(self.id, folder),
             "exit_status": self.exit_status,
         }
+
+
+def report_of(number: str, folder: str | None) -> str | None:
+    """Where the page has the report of a job's folder; None where there is none yet."""
+    there = folder is not None and (Path(folder) / "report.html").is_file()
+    return f"/runs/{number}/report.html" if there else None
 
 
 def new_id() -> str:
@@ -128,4 +134,14 @@ class Queue:
         """All of them, the newest first: those that wait, the one that runs, those that ended."""
         with self._lock:
             running = [self.running] if self.running is not None else []
-            return [job.table() for job in [*self._waiting[::-1], *running]] + self._ended[::-1]
+            return [job.table() for job in [*self._waiting[::-1], *running]] + [_now(job) for job in self._ended[::-1]]
+
+    def last_ended(self) -> dict[str, Any] | None:
+        """The job that ended last; None where none has."""
+        with self._lock:
+            return _now(self._ended[-1]) if self._ended else None
+
+
+def _now(table: dict[str, Any]) -> dict[str, Any]:
+    """An ended job with its report, which may have been written since."""
+    return table if table.get("report") else {**table, "report": report_of(table["id"], table["folder"])}

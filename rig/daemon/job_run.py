@@ -148,8 +148,7 @@ class JobRun(Watcher):
             desk.trip(end.trip, end.trip_text or end.reason or end.trip)
             if end.trip in NO_VOICE:
                 desk.after_off = None
-        told = end.exit_status in (0, NotConfirmedOff.exit_status) or self._pass.void is not None
-        if not told and part_of(job.out).is_dir():
+        if end.exit_status != 0 and self._pass.void is None and part_of(job.out).is_dir():
             from rig.report.run import write_missing_reports
 
             write_missing_reports(part_of(job.out))

@@ -81,9 +81,7 @@ class Keeper:
                 raise
             finally:
                 desk.online = False
-                desk.writer.stop()
-                desk.latching.close()
-                desk.announcer.close()
+                desk.close()
 
     def _why_not_off(self) -> str:
         """Why the output is not known to be off, with the controller's port in front; "" where it is."""

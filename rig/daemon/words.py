@@ -68,6 +68,11 @@ def rows_of(state: dict[str, Any]) -> list[tuple[str, str]]:
         if job["to_go_s"] > 0.0:
             done += f"; in all about {span(job['to_go_s'])} to go"
         found.append(("job", f"{job['name']} ({job['kind']}): {job['phase']}{done}"))
+    elif state.get("last_job"):
+        last = state["last_job"]
+        found.append(("last job", job_in_words(last)))
+        if last.get("report"):
+            found.append(("report", f"{last['folder']}/report.html"))
     wanted, unit = number(reading.get("setpoint_degC"), "degC", 3), state.get("drive_unit", "A")
     unread = f"at most {number(ticks.get('unwatched_s'), 's', 2)} without a reading with a current on"
     found += [

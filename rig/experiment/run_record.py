@@ -166,8 +166,8 @@ def _note(error: BaseException, what: str, problem: Exception) -> None:
 
 
 def _write_report(folder: RunFolder, error: BaseException, report: Report) -> None:
-    """The report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is told
-    first, and `peltier report` writes it later. A daemon latches a trip first, and then writes it itself."""
+    """Write the report of a run that ended early. Where the output is not confirmed off nobody waits for one: that is
+    told first, and the guard, or `peltier report`, writes it later. A daemon does once a trip is latched."""
     if report is no_report or len(folder.rows) < FEWEST_ROWS:
         return
     if isinstance(error, NotConfirmedOff):

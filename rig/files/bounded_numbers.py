@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from rig.core.clock import DAY_S
 
 LARGEST = 1e6  # A, K, ohm per A, s: six digits before the point in any unit that a key here has
+HOTTEST_START_DEGC = 150.0  # beyond what any rig is left at; a limit in kelvin is above it down to -123 degC
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(ge=1e-12, le=LARGEST)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
@@ -31,4 +32,13 @@ def _ordered(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
+def _in_degC(pair: tuple[float, float]) -> tuple[float, float]:
+    """The same, unless it was meant in kelvin: no plate begins at HOTTEST_START_DEGC."""
+    if pair[0] >= HOTTEST_START_DEGC:
+        low, high = (round(kelvin - 273.15, 2) for kelvin in pair)
+        raise ValueError(f"expected degC, with room temperature inside; in kelvin this would be [{low:g}, {high:g}]")
+    return pair
+
+
 Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Limits = Annotated[Range, AfterValidator(_in_degC)]  # degC, that a plate may have

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from rig.core.faults import Faults
-from rig.files.bounded_numbers import NotNegative, Period, Positive, Range, Span, Wait
+from rig.files.bounded_numbers import Limits, NotNegative, Period, Positive, Range, Span, Wait
 from rig.files.epics_table import EpicsTable
 from rig.files.secret_keys import without_secrets
 from rig.files.serve_table import ServeTable
@@ -101,7 +101,7 @@ class LimitsTable(Table):
     move against the current, or not at all. polarity_share: of current_A, for the pulse before a run; 0: no pulse.
     """
 
-    temperature_degC: Range = (5.0, 100.0)
+    temperature_degC: Limits = (5.0, 100.0)
     current_A: Positive
     meter_current_A: Positive = 1e-3
     stale_s: Span = 2.0

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import datetime
 import json
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 from rig.files.written import replaced
 
 DIED = "process_died"
+REPORT_S = 60.0  # loading what draws takes some seconds on a small computer, drawing hours of rows some more
 
 
 @dataclass(frozen=True)
@@ -43,3 +46,15 @@ def write_end(left: Left | None, text: str, confirmed: bool) -> str:
     except (OSError, ValueError):
         return unfinished
     return unfinished
+
+
+def report_of(folder: str) -> bool:
+    """Whether the report of a run that was left behind could be written, by a process of its own: the guard stays
+    small, and a report that fails fails nobody else."""
+    quiet = subprocess.DEVNULL
+    command = [sys.executable, "-P", "-m", "rig", "report", folder]
+    try:
+        done = subprocess.run(command, stdin=quiet, stdout=quiet, stderr=quiet, timeout=REPORT_S, check=False)
+    except (OSError, subprocess.SubprocessError):
+        return False
+    return done.returncode == 0

@@ -32,7 +32,7 @@ from rig.core.outcome import NotConfirmedOff
 from rig.core.patient_lines import PatientLines
 from rig.guard.keep_trying import keep_trying
 from rig.guard.last_breath import LastBreath
-from rig.guard.left_behind import Left, write_end
+from rig.guard.left_behind import Left, report_of, write_end
 from rig.guard.line import UNGUARDED, Guard, GuardLine
 from rig.guard.takeover import Held, look_once_more, off_at_once, prepare, sentence, switch_off, temperature_after
 from rig.safety.after_off import Courses, courses_of
@@ -301,9 +301,17 @@ class _Watch:
         if text:
             self.tell(f"OUTPUT NOT CONFIRMED OFF: {text}. Switch the controller off by hand.")
             self._end_the_run(text, confirmed=False)
+        elif self._left is not None:  # the child has said that, and waited for no report
+            self._report(self._left.folder)
         return NotConfirmedOff.exit_status
 
     def _end_the_run(self, text: str, confirmed: bool) -> None:
         """Written into its folder, and that is told last: a disk that does not answer holds up nothing else."""
         if folder := write_end(self._left, text, confirmed):
             self.tell(f"the run, as far as it went, is in {folder}")
+            self._report(folder)
+
+    def _report(self, folder: str) -> None:
+        """Of a run that had no time for one. Where it has rows, that is: others have no report."""
+        if report_of(folder):
+            self.tell(f"report: {folder}/report.html")

@@ -9,8 +9,7 @@ import sqlite3
 from pathlib import Path
 
 from rig.history.tables import COLUMNS, connect_to_write, create
-
-SIDE_FILES = ("", "-wal", "-shm")
+from rig.history.trouble import SIDE_FILES, trouble_of
 
 
 def opened(path: Path) -> tuple[sqlite3.Connection, str | None]:
@@ -40,13 +39,13 @@ def what_is_wrong(path: Path) -> str | None:
     connection: sqlite3.Connection | None = None
     try:
         connection = connect_to_write(path)  # recovers what a killed writer left in the log
+        connection.execute("BEGIN IMMEDIATE")  # a lock is met before the long check
+        connection.execute("ROLLBACK")
         lines = [str(row[0]) for row in connection.execute("PRAGMA quick_check(5)")]
         return _not_ours(connection) if lines == ["ok"] else "; ".join(lines)[:300]
-    except sqlite3.OperationalError as error:
-        if "locked" in str(error) or "disk" in str(error) or "unable to open" in str(error):
-            raise
-        return str(error)
     except (sqlite3.DatabaseError, ValueError) as error:
+        if isinstance(error, sqlite3.DatabaseError) and not trouble_of(error, path).damage:
+            raise
         return str(error)
     finally:
         if connection is not None:

@@ -10,7 +10,7 @@ import math
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from rig.core.clock import DAY_S
 from rig.core.columns import KEPT
 from rig.history.damage import opened
 from rig.history.tables import BUCKETS_S, RAW_COLUMNS, ROLLED, VERSION_LATCHED, version
+from rig.history.trouble import stat_of
 
 DELETED_AT_ONCE = 5000  # rows: a deletion must not hold up the next row for long
 KEPT_JOBS = 2000
@@ -46,16 +47,23 @@ class Store:
         self.path = path
         self._retention = retention
         self._connection, self.damage = opened(path)
-        self._file = os.stat(path)
+        self._files = self._stats()
         self.has_latch = version(self._connection) >= VERSION_LATCHED
         self._rolled: dict[str, int] = {}  # bucket that is open now
 
     def in_place(self) -> bool:
-        """Whether its file still is the one of its name: a file that was moved or deleted takes rows without a word."""
-        try:
-            return os.path.samestat(self._file, os.stat(self.path))
-        except OSError:
-            return False
+        """Whether its file and its log still are those of their names: one that was moved or deleted takes rows without
+        a word."""
+        pairs = zip(self._files, self._stats(), strict=True)
+        return all(was is None or (now is not None and os.path.samestat(was, now)) for was, now in pairs)
+
+    def _stats(self) -> list[os.stat_result | None]:
+        return [stat_of(Path(f"{self.path}{ending}")) for ending in ("", "-wal")]
+
+    def log_bytes(self) -> int:
+        """The size of its log; 0 where it has none."""
+        log = self._stats()[1]
+        return log.st_size if log is not None else 0
 
     def add(self, rows: Iterable[dict[str, Any]], aged_s: float | None = None) -> None:
         """Commit rows, {column: value} each; columns that a row lacks are NULL."""
@@ -181,11 +189,12 @@ class Store:
         self._connection.execute(f"PRAGMA max_page_count = {pages}")
 
     def close(self) -> None:
-        """Close the file; never raises."""
-        try:
+        """Close the file; never raises. Its log is emptied before: SQLite leaves that of a file that was moved where it
+        is, with rows in it that are nowhere else."""
+        with suppress(sqlite3.Error):
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with suppress(sqlite3.Error):
             self._connection.close()
-        except sqlite3.Error:
-            return
 
     def _number(self, name: str) -> float | None:
         row = self._connection.execute("SELECT value FROM kept WHERE name = ?", (name,)).fetchone()

@@ -29,7 +29,8 @@ COLUMNS = {  # without written_s, which an older program's tables lack
 }
 VERSION = 1  # PRAGMA user_version
 VERSION_LATCHED = 2  # the same tables, and the latch's file was beside them
-BUSY_S = 5.0
+BUSY_S = 5.0  # that a question waits for a lock
+WRITER_BUSY_S = 0.5  # that a try to write does; there is another one soon
 
 
 def create(connection: sqlite3.Connection) -> None:
@@ -68,7 +69,7 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     synchronous = NORMAL: what is committed survives the end of the process at any moment; the end of the computer's
     power may take the last second.
     """
-    connection = sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False)
+    connection = sqlite3.connect(path, timeout=WRITER_BUSY_S, isolation_level=None, check_same_thread=False)
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = NORMAL")
     connection.execute("PRAGMA journal_size_limit = 33554432")

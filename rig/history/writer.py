@@ -1,38 +1,60 @@
-"""A thread that commits rows and only then tells of them, so that no disk holds up the control loop.
+"""A thread that commits rows and only then shows them, so that no disk holds up the control loop.
 
-A row is published after its commit. Where a commit fails, nothing of it is published, and `on_failure` is called at
-once, in this thread: the output goes off first. Rows that come while the disk is full are dropped and counted; a try a
-second finds out when there is room again. A history that cannot even be opened, or was moved or deleted, is a failure
-of the same kind.
+Rows and other work wait in memory, in order, until they are in the file, whatever stands in the way (`Trouble`): a lock
+of another program's, a full disk, a disk that does not answer, a file that was moved or damaged. A try a second finds
+out when it has gone. Rows that have to wait are shown at once, as not recorded yet. Only trouble that does not pass by
+itself calls `on_failure`, at once and in this thread: the output goes off first.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-import queue
 import sqlite3
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rig.history.aging import AgedClock
 from rig.history.store import Store
+from rig.history.trouble import Trouble, trouble_of, who_reads
 
-TRY_AGAIN_S = 1.0  # a full disk is not emptied faster
+TRY_AGAIN_S = 1.0  # a lock is not released, and a full disk not emptied, faster
 PART_OF_TIME = 10.0  # a try that takes long, as the check of a large file does, comes that many times its length later
-WAITING = 5000  # rows; beyond, who brings them waits
+MOST_WAITING = 36_000  # rows, an hour at ten a second: some 40 MB
+ROOM_S = 1.0  # for room among the rows that wait, before one is lost: simulated rows come faster than disks write
+AT_ONCE = 200  # rows in a transaction
+UNSAID_S = 3.0  # a lock that is shorter, as a backup's, is nobody's concern
+SLOW_S = 5.0  # a card or a disk under load answers within a second or two
+LEAVE_S = 5.0  # at the end, for what waits
 RETAIN_EVERY_S = 60.0
-Row = tuple[dict[str, Any], float]  # and when it was made, by a clock that does not jump
+MUCH_LOG_BYTES = 64 << 20  # of -wal, which begins anew at 4 MB unless somebody reads all the time
+GATHER_S = 10.0  # of rows for a transaction where the log only grows: each takes whole pages in it
+
+
+@dataclass(slots=True)
+class _Row:
+    """A row; when it was made, by a clock that does not jump; when it came, by time.monotonic; whether it was shown."""
+
+    row: dict[str, Any]
+    clock_s: float
+    came_s: float
+    shown: bool = False
+
+
+Work = Callable[[Store], object]
 
 
 class Writer:
-    """Owns a store, from `open` on. failure: why nothing is recorded, None where all is well.
+    """Owns a store, from `open` on. trouble: what stands in the way of it, None where all is well.
 
-    opened: opens the store; publish: called with each committed row; on_failure: with what went wrong, once a failure;
-    on_jump: with the seconds by which the time of day jumped between two rows.
+    opened: opens the store; publish: called with each row, after it was committed or has to wait; on_failure: with what
+    went wrong, once a failure; on_jump: with the seconds by which the time of day jumped between two rows; beside:
+    writes what belongs to rows that were committed; say: takes a line for people, and whether it is to stay.
     """
 
     def __init__(
@@ -42,25 +64,38 @@ class Writer:
         publish: Callable[[dict[str, Any]], None],
         on_failure: Callable[[str], None],
         on_jump: Callable[[float], None] = lambda seconds: None,
+        beside: Work = lambda store: None,
+        say: Callable[[str, bool], None] = lambda line, stays: None,
     ) -> None:
         self.path = path
         self.store: Store | None = None
-        self.failure: str | None = None
+        self.trouble: Trouble | None = None
         self.committed = 0
-        self.dropped = 0
+        self.dropped = 0  # rows that found no room in memory
+        self._lost: tuple[int, float, float] | None = None  # of those: how many, and the first's and the last's label
         self._opened, self._publish, self._on_failure, self._on_jump = opened, publish, on_failure, on_jump
-        self._queue: queue.Queue[Row | Callable[[Store], object] | threading.Event | None] = queue.Queue(WAITING)
+        self._beside, self._say = beside, say
+        self._changed = threading.Condition()
+        self._waiting: deque[_Row | Work] = deque()
+        self._rows = 0  # among them
+        self._full = False
+        self._ends_s: float | None = None  # time.monotonic
         self._thread = threading.Thread(target=self._work, name="history", daemon=True)
-        self._try_at_s = -math.inf
+        self._rests_until_s = self._troubled_s = -math.inf  # time.monotonic
+        self._said = False
         self._aged = AgedClock()
-        self._retained_s = -math.inf
+        self._tidied_s = -math.inf
+        self._log_bytes = 0
+
+    # -- for any thread ------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Open the store; where that fails `failure` says why, and it is tried again with the rows that come."""
+        """Open the store; where that fails `trouble` says why, and it is tried again from `start` on."""
         try:
-            self._open()
+            self._there()
         except (sqlite3.Error, OSError) as error:
-            self.failure = f"{self.path}: {error}"
+            self.trouble, self._troubled_s = trouble_of(error, self.path), time.monotonic()
+            self.do(_nothing)  # there is something to try
 
     def start(self) -> None:
         """Begin."""
@@ -68,122 +103,219 @@ class Writer:
 
     def row(self, row: dict[str, Any], clock_s: float) -> None:
         """A row to commit and publish, in order. clock_s: when it was made, by a clock that does not jump."""
-        self._queue.put((row, clock_s))
+        with self._changed:
+            if self._rows >= MOST_WAITING:  # waits once, not for each row: a control loop may bring them
+                patience_s = 0.0 if self._full or self.trouble is not None else ROOM_S
+                self._full = not self._changed.wait_for(lambda: self._rows < MOST_WAITING, patience_s)
+                if self._full:
+                    lost, first_s, _ = self._lost or (0, row["time_s"], 0.0)
+                    self._lost = lost + 1, first_s, row["time_s"]
+                    self.dropped += 1
+                    return
+            self._waiting.append(_Row(row, clock_s, time.monotonic()))
+            self._rows += 1
+            self._changed.notify_all()
 
-    def do(self, work: Callable[[Store], object]) -> None:
-        """Something else to write, in order with the rows; nothing is done where the store is not open."""
-        self._queue.put(work)
+    def do(self, work: Work) -> None:
+        """Something else to write, in order with the rows."""
+        with self._changed:
+            self._waiting.append(work)
+            self._changed.notify_all()
 
     def settle(self, timeout_s: float = 10.0) -> bool:
-        """Wait until what was given so far is committed or dropped; False where that takes longer."""
+        """Wait until what was given so far is committed; False where that takes longer."""
         done = threading.Event()
-        self._queue.put(done)
+        self.do(lambda store: done.set())
         return done.wait(timeout_s)
 
-    def stop(self) -> None:
-        """Commit what is there, roll up, close."""
-        self._queue.put(None)
-        self._thread.join(10.0)
+    def stop(self) -> str | None:
+        """Commit what is there, roll up, close; what could not be written, in words, None where nothing is missing."""
+        with self._changed:
+            self._ends_s = time.monotonic() + LEAVE_S
+            self._changed.notify_all()
+        self._thread.join(2.0 * LEAVE_S)
+        with self._changed:
+            labels = [item.row["time_s"] for item in self._waiting if isinstance(item, _Row)]
+        if not labels and self._lost is None:
+            return None
+        lost, first_s, last_s = self._lost or (0, labels[0], labels[-1])
+        why = f" ({self.trouble.text})" if self.trouble is not None else ""
+        return self._lack(lost + len(labels), min([first_s, *labels]), max([last_s, *labels])) + why
+
+    @property
+    def failure(self) -> str | None:
+        """Why no job should begin: rows cannot be written, or no longer wait in memory; None where they can."""
+        if self._full:
+            return f"{self._rows} rows wait, and there is no room for more: {self.stands_in_the_way()}"
+        return self.trouble.text if self.trouble is not None and not self.trouble.passes else None
+
+    def stands_in_the_way(self) -> str | None:
+        """What keeps rows waiting, and how many; None where nothing does, or not yet for UNSAID_S."""
+        trouble, now_s = self.trouble, time.monotonic()
+        with self._changed:
+            first = next((item for item in self._waiting if isinstance(item, _Row)), None)
+            rows = self._rows
+        waits = f"{rows} rows wait in memory, and are written when that is over" + (
+            f"; {self.dropped} found no room there" if self.dropped else ""
+        )
+        if trouble is not None:
+            short = trouble.passes and now_s - self._troubled_s < UNSAID_S
+            return None if short else f"{trouble.text}: {waits}"
+        if self._log_bytes > MUCH_LOG_BYTES:
+            who = who_reads(self.path) or "another program"
+            size = f"{self._log_bytes / 1e6:.0f} MB"
+            return f"{self.path}-wal has grown to {size}, as {who} reads the history without an end; close it there"
+        slow_s = now_s - first.came_s if first is not None and now_s >= self._rests_until_s else 0.0
+        return f"{self.path}: the disk has not answered for {slow_s:.0f} s: {waits}" if slow_s > SLOW_S else None
+
+    # -- the thread ----------------------------------------------------------------------------------------------
 
     def _work(self) -> None:
         while True:
-            rows: list[Row] = []
-            item = self._queue.get()
-            while isinstance(item, tuple):
-                rows.append(item)
-                if len(rows) >= 200:
-                    item = _nothing
-                    break
-                try:
-                    item = self._queue.get_nowait()
-                except queue.Empty:
-                    item = _nothing
-            if rows:
-                self._commit(rows)
-            if item is None:
-                self._close()
+            with self._changed:
+                rests_s = self._rests_until_s - time.monotonic()
+                self._changed.wait_for(self._something_to_do, rests_s if rests_s > 0.0 and self._waiting else None)
+                ends_s, new, head = self._ends_s, self._unshown(), self._head()
+            if ends_s is None and time.monotonic() < self._rests_until_s:
+                self._follow(new)
+                self._show(new)
+            elif not self._try(head) and ends_s is not None:
+                time.sleep(LEAVE_S / 20.0)
+            if ends_s is not None and (not self._waiting or time.monotonic() > ends_s):
+                if self.store is not None:
+                    self._done(lambda store: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s()))
+                    self.store.close()
                 return
-            if isinstance(item, threading.Event):
-                item.set()
-            elif self.store is not None:
-                self._guarded(partial(item, self.store))
 
-    def _commit(self, rows: list[Row]) -> None:
-        self._follow(rows)
-        if (self.failure is not None and time.monotonic() < self._try_at_s) or not self._written(rows):
-            self.dropped += len(rows)
-            return
-        self.failure = None
-        self.committed += len(rows)
-        for row, _ in rows:
-            self._publish(row)
-        self._tidy(*rows[-1])
+    def _something_to_do(self) -> bool:
+        rests = time.monotonic() < self._rests_until_s
+        return self._ends_s is not None or bool(self._unshown() if rests else self._waiting)
 
-    def _follow(self, rows: list[Row]) -> None:
+    def _unshown(self) -> list[_Row]:
+        """The rows at the end that nobody has seen yet, in order."""
+        rows = (item for item in reversed(self._waiting) if isinstance(item, _Row))
+        return list(itertools.takewhile(lambda row: not row.shown, rows))[::-1]
+
+    def _head(self) -> list[_Row] | Work:
+        """What comes first: some rows, or other work."""
+        if self._waiting and not isinstance(self._waiting[0], _Row):
+            return self._waiting[0]
+        first = itertools.islice(self._waiting, AT_ONCE)
+        return list(itertools.takewhile(lambda item: isinstance(item, _Row), first))  # type: ignore[arg-type]
+
+    def _try(self, head: list[_Row] | Work) -> bool:
+        """Write what comes first; whether it is in the file now."""
+        if not isinstance(head, list):
+            done = self._done(head)
+            if done:
+                self._take_out(1)
+            return done
+        new = [row for row in head if not row.shown]
+        self._follow(new)
+        done = not head or self._done(lambda store: store.add((row.row for row in head), self._aged.aged_s()))
+        if done:
+            self._take_out(len(head))
+        self._show(new)
+        if done and head and self._done(self._beside):
+            self._tidy(head[-1])
+        return done
+
+    def _take_out(self, items: int) -> None:
+        with self._changed:
+            for _ in range(items):
+                if isinstance(self._waiting.popleft(), _Row):
+                    self._rows -= 1
+                    self.committed += 1
+                    self._full = False
+            self._changed.notify_all()
+
+    def _show(self, rows: list[_Row]) -> None:
+        for row in rows:
+            row.shown = True
+            self._publish(row.row)
+
+    def _follow(self, rows: list[_Row]) -> None:
         """Let the aged clock follow; where the time of day jumped before one of the rows, that is told."""
-        for row, clock_s in rows:
-            if jumped_s := self._aged.row(float(row["time_s"]), clock_s):
+        for row in rows:
+            if jumped_s := self._aged.row(float(row.row["time_s"]), row.clock_s):
                 self._on_jump(jumped_s)
 
-    def _written(self, rows: list[Row]) -> bool:
-        """Whether they are committed now."""
-        if self.store is not None and not self._guarded(self._look):
-            return False
-        if self.store is None and not self._guarded(self._open):
-            return False
-        store = self._there()
-        return self._guarded(lambda: store.add((row for row, _ in rows), self._aged.aged_s()))
+    def _tidy(self, last: _Row) -> None:
+        """Roll up, and now and then delete what is old; see how large the log has become."""
+        now_s, aged_s = float(last.row["time_s"]), self._aged.aged_s()
+        rolled = self._done(lambda store: store.roll_up(now_s, aged_s=aged_s))
+        if rolled and abs(last.clock_s - self._tidied_s) >= RETAIN_EVERY_S:
+            self._tidied_s = last.clock_s
+            self._done(lambda store: store.retain(now_s, aged_s))
+            self._log_bytes = MUCH_LOG_BYTES + 1  # it is time to look
+        if self._log_bytes > MUCH_LOG_BYTES:
+            self._log_bytes = self.store.log_bytes() if self.store is not None else 0
+        if self._log_bytes > MUCH_LOG_BYTES and self.trouble is None:
+            self._rests_until_s = time.monotonic() + GATHER_S
 
-    def _tidy(self, row: dict[str, Any], clock_s: float) -> None:
-        """Roll up, and now and then delete what is old."""
-        store, now_s, aged_s = self._there(), float(row["time_s"]), self._aged.aged_s()
-        rolled = self._guarded(lambda: store.roll_up(now_s, aged_s=aged_s))
-        if rolled and abs(clock_s - self._retained_s) >= RETAIN_EVERY_S:
-            self._retained_s = clock_s
-            self._guarded(lambda: store.retain(now_s, aged_s))
-
-    def _open(self) -> None:
-        store = self._opened()
-        try:
-            self._aged.begin(store.aged_s(), store.last_label_s())
-        except BaseException:
-            store.close()
-            raise
-        self.store = store
-
-    def _look(self) -> None:
-        """Raises OSError where the file has gone from its place; the next try begins a new one there."""
-        store = self._there()
-        if not store.in_place():
-            store.close()
-            self.store = None
-            raise OSError("was moved or deleted, and is begun anew")
-
-    def _there(self) -> Store:
-        assert self.store is not None
-        return self.store
-
-    def _close(self) -> None:
-        store = self.store
-        if store is not None:
-            self._guarded(lambda: store.roll_up(0.0, everything=True, aged_s=self._aged.aged_s()))
-            store.close()
-
-    def _guarded(self, work: Callable[[], object]) -> bool:
-        """Do it; False where it failed, after the failure was told."""
+    def _done(self, work: Work) -> bool:
+        """Do it; False where something stands in the way, after that was told."""
         begin_s = time.monotonic()
         try:
-            work()
+            work(self._there())
         except (sqlite3.Error, OSError) as error:
-            first = self.failure is None
-            self.failure = f"{self.path}: {error}"
-            end_s = time.monotonic()
-            self._try_at_s = end_s + max(TRY_AGAIN_S, PART_OF_TIME * (end_s - begin_s))
-            if first:
-                self._on_failure(self.failure)
+            self._hindered(trouble_of(error, self.path), time.monotonic() - begin_s)
             return False
+        if self.trouble is not None:
+            self._over()
         return True
+
+    def _there(self) -> Store:
+        """The store, opened where it is not. Raises OSError where its file has gone; the next try begins a new one."""
+        if self.store is not None and not self.store.in_place():
+            self._let_go()
+            raise OSError("was moved or deleted, and is begun anew")
+        if self.store is None:
+            store = self._opened()
+            try:
+                self._aged.begin(store.aged_s(), store.last_label_s())
+            except BaseException:
+                store.close()
+                raise
+            self.store = store
+        return self.store
+
+    def _let_go(self) -> None:
+        if self.store is not None:
+            self.store.close()
+        self.store = None
+
+    def _hindered(self, trouble: Trouble, took_s: float) -> None:
+        """Rest until the next try, and tell."""
+        now_s, before = time.monotonic(), self.trouble
+        self.trouble = trouble
+        self._rests_until_s = now_s + (TRY_AGAIN_S if trouble.passes else max(TRY_AGAIN_S, PART_OF_TIME * took_s))
+        if before is None:
+            self._troubled_s = now_s
+        if trouble.anew:
+            self._let_go()
+        if not self._waiting:
+            self.do(_nothing)  # there is something to try
+        if not trouble.passes and (before is None or before.passes):
+            self._said = True
+            self._on_failure(trouble.text)
+        elif not self._said and (text := self.stands_in_the_way()):
+            self._said = True
+            self._say(f"the history has to wait: {text}", False)
+
+    def _over(self) -> None:
+        self.trouble, self._rests_until_s = None, -math.inf
+        if self._said:
+            self._say(f"the history is written again; {self._rows} rows had waited for that", False)
+        self._said = False
+        if self._lost is not None:
+            self._say(self._lack(*self._lost), True)
+        self._lost = None
+
+    def _lack(self, rows: int, first_s: float, last_s: float) -> str:
+        at = [time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(time_s)) for time_s in (first_s, last_s)]
+        return f"the history lacks {rows} rows, {at[0]} to {at[1]}; those of a run are in its record.csv"
 
 
 def _nothing(store: Store) -> None:
-    """There is nothing else to do."""
+    """There is nothing to do but to open it."""

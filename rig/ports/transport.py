@@ -27,6 +27,7 @@ except ImportError:  # Windows
 
 GONE = (OSError, _TermiosError, TypeError)  # a SerialException is an OSError; termios.error is not
 LONGEST_LINE = 4096
+LAST_HEARD = 80  # bytes, for messages: an identity is shorter
 SHORTEST_WAIT_S = 1e-6  # select takes no less
 
 
@@ -35,6 +36,8 @@ def in_words(error: BaseException) -> str:
     number = getattr(error, "errno", None)
     if number:
         return os.strerror(number)
+    if isinstance(error, TypeError):  # pyserial reads from a descriptor that it has closed
+        return "it was closed"
     return str(error) if isinstance(error, SerialException) else f"{type(error).__name__}: {error}"
 
 
@@ -57,7 +60,7 @@ class Transport:
     """One serial line. port: open, with a write time-out; clock: the one its reads block by.
 
     who: the instrument at its other end, for what is told of it. heard_s: when anything at all came from there last,
-    on the clock; None: never.
+    on the clock; None: never. heard: the last bytes of it; lines: how many had their terminator.
     """
 
     def __init__(self, port: Port, clock: Clock, who: str = "") -> None:
@@ -66,6 +69,7 @@ class Transport:
         self.who = who
         self.stale_bytes = 0
         self.heard_s: float | None = None
+        self.heard, self.lines = b"", 0
         self._received = b""
         self._asked, self._asked_s = b"", 0.0  # what was sent last, and when
 
@@ -87,16 +91,17 @@ class Transport:
                 end = received.find(terminator)
                 if end >= 0:
                     self._received = received[end + len(terminator) :]
-                    self.heard_s = self.clock.now_s()
+                    self._hear(received)
+                    self.lines += 1
                     return received[:end]
                 if len(received) > LONGEST_LINE:
                     self._received = b""
+                    self._hear(received)
                     raise Corrupt(self.told(f"{len(received)} bytes without a terminator"))
                 remaining_s = deadline_s - self.clock.now_s()
                 if remaining_s < SHORTEST_WAIT_S:
                     self._received = received
-                    if received:
-                        self.heard_s = self.clock.now_s()
+                    self._hear(received)
                     raise TimedOut(self._gave_up(len(received), deadline_s))
                 port = self.port
                 port.timeout = remaining_s
@@ -128,9 +133,12 @@ class Transport:
         except GONE as error:
             raise self._meaning(error) from error
         self.stale_bytes += len(stale)
-        if stale:
-            self.heard_s = self.clock.now_s()
+        self._hear(stale)
         return stale
+
+    def _hear(self, data: bytes) -> None:
+        if data:
+            self.heard_s, self.heard = self.clock.now_s(), data[-LAST_HEARD:]
 
     def reopen(self) -> None:
         """Close and open again, for a device that was gone; Disconnected where it still is."""
@@ -158,4 +166,4 @@ class Transport:
     def _meaning(self, error: BaseException) -> InstrumentError:
         if isinstance(error, SerialTimeoutException):
             return TimedOut(self.told("the line does not take what is written"))
-        return Disconnected(self.told(in_words(error)))
+        return Disconnected(self.told(f"the port has gone: look at its cable and its supply ({in_words(error)})"))

@@ -66,7 +66,7 @@ def switch_off(
     except Stopped:  # a signal: whoever ends the run switches off again
         raise
     except Exception as error:  # a driver of the user's own may do anything
-        why = f"{NOT_CONFIRMED}: {error}"
+        why = f"{NOT_CONFIRMED} ({_of(controller, error)})"
     said_s = controller.transport.clock.now_s()
     if confirmed:
         return Verdict(True, "", said_s)
@@ -90,7 +90,7 @@ def look_after_silence(
     is_off, what = looks_off(controller)
     if is_off:
         return Verdict(True, BY_ITS_DEAD_MAN, said_s)
-    return Verdict(False, f"{NOT_CONFIRMED}, nor after {dead_man_s:g} s of silence for its dead man: {what}", said_s)
+    return Verdict(False, f"{NOT_CONFIRMED}, nor after {dead_man_s:g} s of silence for its dead man ({what})", said_s)
 
 
 def looks_off(controller: TemperatureController) -> tuple[bool, str]:
@@ -99,7 +99,12 @@ def looks_off(controller: TemperatureController) -> tuple[bool, str]:
     try:
         return _look_where_it_is(controller)
     except Exception as error:
-        return False, str(error)
+        return False, _of(controller, error)
+
+
+def _of(controller: TemperatureController, error: Exception) -> str:
+    """What an error says, without the controller's name, which stands in front of all of it."""
+    return str(error).removeprefix(f"{getattr(controller.transport, 'who', '')}: ")
 
 
 def _look_where_it_is(controller: TemperatureController) -> tuple[bool, str]:

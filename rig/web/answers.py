@@ -13,6 +13,7 @@ from starlette.responses import FileResponse, Response
 
 from rig.core.clock import DAY_S
 from rig.history import reading
+from rig.history.trouble import trouble_of
 from rig.web.bench_link import BenchGone, BenchLink
 from rig.web.history_desk import Busy, HistoryDesk, TooLong
 from rig.web.loop_plane import LoopPlane
@@ -80,7 +81,9 @@ class Requests:
         except TooLong:
             line = "history: no answer in time; expected a try some seconds later, or a shorter stretch"
             return failed(503, line, retry_after="3")
-        except (sqlite3.Error, OverflowError) as error:
+        except sqlite3.Error as error:
+            return failed(503, f"history: {trouble_of(error, self._history).text}")
+        except OverflowError as error:
             return failed(503, f"history: {error}")
         return Response(found, media_type="application/json")
 

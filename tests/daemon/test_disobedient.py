@@ -23,7 +23,7 @@ from rig.bench.simulation import simulated_world
 from rig.core.errors import Disconnected
 from rig.core.outcome import NotConfirmedOff, Stopped
 from rig.daemon import keeper
-from rig.daemon.desk import Desk
+from rig.daemon.desk import HISTORY, Desk
 from rig.daemon.ended_before import OFF_CONTRADICTED
 from rig.daemon.systemd import Notifier
 from rig.files.configuration import read_configuration
@@ -33,6 +33,7 @@ from rig.ports.pseudo_terminal import PseudoTerminals
 from rig.safety.switching_off import BY_ITS_DEAD_MAN
 from sim.world.plant import SimulatedPlant
 from tests.daemon.benches import LONGEST_S, SERVE, RunningBench, environment, put_on, running, until, write_current
+from tests.daemon.test_history import locked
 from tests.instruments.disobedient import Disobedient
 
 DEAD_MAN_S, LATE_S = 2.0, 1.5  # LATE_S: that a busy computer may be
@@ -151,8 +152,8 @@ def test_an_end_while_the_output_is_unknown_says_of_which_controller(
     assert tried_again == (left == "gone since")  # no log promises another attempt to a daemon that ends
 
 
-@pytest.mark.parametrize("confirmed", [True, False])
-def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirmed: bool) -> None:
+@pytest.mark.parametrize(("confirmed", "lock"), [(True, False), (False, False), (False, True)])
+def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirmed: bool, lock: bool) -> None:
     """The daemon's process died in a job; the controller says "off" to the next one, as it did to the guard."""
     path = write_current(tmp_path, '["start 1 A", "hold 60 s"]', more=SERVE)
     folder = tmp_path / "job.part"
@@ -170,8 +171,13 @@ def test_what_the_guard_found_out_holds_after_a_restart(tmp_path: Path, confirme
         died = {**job.table(), "state": "running", "folder": str(folder)}
         bench.desk.writer.do(lambda store: store.save_job(died))
         assert bench.desk.writer.settle()
-    with running(path, ends=Stopped if confirmed else NotConfirmedOff) as bench:
+    history = locked(bench.desk.folder / HISTORY) if lock else contextlib.nullcontext(lambda: None)
+    with history as let_go, running(path, ends=Stopped if confirmed else NotConfirmedOff) as bench:
         until(lambda: bench.desk.ticks.done > 3, "some readings")
+        if lock:  # nobody can read yet what became of the job: no other one begins
+            assert "cannot be read yet" in bench.state()["no_job_because"][0]
+            let_go()
+            bench.until_state("tripped")
         state = bench.state()
         if confirmed:
             assert (state["state"], state["output_confirmed"]) == ("idle", True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import math
 import os
@@ -10,6 +11,9 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +25,10 @@ from rig.core.errors import PortHeld
 from rig.history import reading
 from rig.history.alone import Alone
 from rig.history.store import DAY_S, Retention, Store
-from rig.history.tables import connect_to_read
-from rig.history.writer import Writer
+from rig.history.tables import WRITER_BUSY_S, connect_to_read
+from rig.history.trouble import trouble_of
+from rig.history.writer import MOST_WAITING, Writer
+from tests.daemon.benches import until
 
 NOON_S = 1_790_000_000.0 // 3600 * 3600
 
@@ -138,7 +144,7 @@ def test_a_damaged_file_is_put_aside_and_told(tmp_path: Path, how: str) -> None:
     assert reading.stretch(path, NOON_S - 1, NOON_S + 1, 10)["time_s"] == [NOON_S]
 
 
-def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tmp_path: Path) -> None:
+def test_rows_are_published_after_their_commit_and_on_a_full_disk_wait_for_room(tmp_path: Path) -> None:
     path = tmp_path / "h.sqlite"
     shown: list[float] = []
     told: list[str] = []
@@ -158,23 +164,34 @@ def test_rows_are_published_after_their_commit_and_a_full_disk_publishes_none(tm
         writer.row(row(NOON_S + k), float(k))
     assert writer.settle()
     assert shown == [NOON_S + k for k in range(50)]
+    assert not missing
     writer.do(lambda store: store.limit_size(1))
     for k in range(50, 2000):
         writer.row(row(NOON_S + k), float(k))
-    assert writer.settle()
+    until(lambda: writer.failure, "the failure")
+    writer.do(lambda store: store.limit_size(100_000))  # behind the rows: it is not reached while they wait
+    assert not writer.settle(0.5)
     assert len(told) == 1
     assert "full" in told[0]
-    assert writer.dropped > 0
-    assert len(shown) + writer.dropped == 2000
-    writer.stop()
-    assert not missing
+    assert "make room" in told[0]
+    assert set(shown) > stored_times(path)
+    lacks = writer.stop()
+    assert lacks is not None
+    assert "record.csv" in lacks
+    assert f"{2000 - len(stored_times(path))} rows" in lacks
     connection = connect_to_read(path)
     assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
-    assert {r[0] for r in connection.execute("SELECT time_s FROM raw")} >= set(shown)
     connection.close()
 
 
-@pytest.mark.parametrize("how", ["deleted", "moved", "replaced"])
+def stored_times(path: Path) -> set[float]:
+    connection = connect_to_read(path)
+    found = {time_s for (time_s,) in connection.execute("SELECT time_s FROM raw")}
+    connection.close()
+    return found
+
+
+@pytest.mark.parametrize("how", ["deleted", "moved", "replaced", "the file alone"])
 def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,6 +206,8 @@ def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     assert writer.settle()
     if how == "deleted":
         shutil.rmtree(path.parent)
+    elif how == "the file alone":
+        path.rename(tmp_path / "old.sqlite")  # without its log, in which all the rows are
     else:
         path.parent.rename(tmp_path / "elsewhere")
     if how == "replaced":
@@ -199,12 +218,255 @@ def test_a_history_that_goes_from_its_place_is_told_and_begun_anew(
     writer.stop()
     assert len(told) == 1
     assert "moved or deleted" in told[0]
-    assert shown == [NOON_S, NOON_S + 2]
-    assert writer.dropped == 1
+    assert shown == [NOON_S, NOON_S + 1, NOON_S + 2]
+    assert writer.dropped == 0
     connection = connect_to_read(path)
     kept = [r[0] for r in connection.execute("SELECT time_s FROM raw ORDER BY id")]
     connection.close()
-    assert kept == ([NOON_S, NOON_S + 2] if how == "replaced" else [NOON_S + 2])
+    if how == "the file alone":
+        assert stored_times(tmp_path / "old.sqlite") == {NOON_S}
+    assert kept == [*([NOON_S] if how == "replaced" else []), NOON_S + 1, NOON_S + 2]
+
+
+TEN_MINUTES = 6000  # rows, ten a second
+
+
+@contextlib.contextmanager
+def locked(path: Path, how: str = "BEGIN IMMEDIATE") -> Iterator[Callable[[], None]]:
+    """Another program's process that has the history locked; what ends it."""
+    code = (
+        "import sqlite3, sys\n"
+        "connection = sqlite3.connect(sys.argv[1], isolation_level=None)\n"
+        f"for line in {how!r}.split(';'): connection.execute(line).fetchone()\n"
+        "print(flush=True); sys.stdin.read()\n"
+    )
+    command = [sys.executable, "-c", code, str(path), "a_database_browser"]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert child.stdin is not None
+    assert child.stdout is not None
+
+    def let_go() -> None:
+        child.communicate()
+
+    try:
+        assert child.stdout.readline()
+        yield let_go
+    finally:
+        if child.returncode is None:
+            let_go()
+
+
+@dataclass
+class Told:
+    """What a writer says."""
+
+    shown: list[float] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+
+    def writer(self, path: Path) -> Writer:
+        return Writer(
+            path,
+            lambda: Store(path, Retention()),
+            lambda one: self.shown.append(one["time_s"]),
+            self.failures.append,
+            say=lambda line, stays: self.lines.append(line),
+        )
+
+
+@pytest.mark.parametrize(
+    ("when", "how"),
+    [
+        ("in mid run", "BEGIN IMMEDIATE"),
+        ("at the start", "BEGIN IMMEDIATE"),
+        ("at the start", "PRAGMA locking_mode = EXCLUSIVE;PRAGMA user_version = 1"),  # keeps readers out, too
+    ],
+)
+def test_rows_wait_for_a_lock_of_ten_minutes_and_none_is_missing(
+    when: str, how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A database browser that is left open with an edit in it ended runs of hours."""
+    monkeypatch.setattr("rig.history.writer.UNSAID_S", 0.0)
+    path, told = tmp_path / "h.sqlite", Told()
+    stored(path, [row(NOON_S)]).close()
+    writer = told.writer(path)
+    if when == "in mid run":
+        writer.open()
+    with locked(path, how) as let_go:
+        writer.open()
+        writer.start()
+        for k in range(1, TEN_MINUTES + 1):
+            writer.row(row(NOON_S + k), float(k))
+        writer.do(lambda store: store.save_job({"id": "1", "queued_s": 1.0}))
+        until(lambda: len(told.shown) == TEN_MINUTES, "rows that are shown meanwhile")
+        text = until(writer.stands_in_the_way, "a word")
+        assert "a_database_browser" in text
+        assert "close it there" in text
+        assert writer.failure is None
+        let_go()
+    assert writer.settle()
+    assert writer.stands_in_the_way() is None
+    assert told.failures == []
+    waits, again = told.lines
+    assert waits.startswith("the history has to wait: ")
+    assert again.startswith("the history is written again; ")
+    assert writer.stop() is None
+    connection = connect_to_read(path)
+    assert [r[0] for r in connection.execute("SELECT time_s FROM raw ORDER BY id")] == [
+        NOON_S + k for k in range(TEN_MINUTES + 1)
+    ]
+    assert connection.execute("SELECT count(*) FROM job").fetchone() == (1,)
+    connection.close()
+
+
+def test_a_backup_of_a_moment_is_not_worth_a_word(tmp_path: Path) -> None:
+    path, told = tmp_path / "h.sqlite", Told()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    with locked(path) as let_go:
+        for k in range(10):
+            writer.row(row(NOON_S + k), float(k))
+        time.sleep(3.0 * WRITER_BUSY_S)  # until it has met the lock
+        assert writer.trouble is not None
+        assert writer.stands_in_the_way() is None
+        let_go()
+    assert writer.settle()
+    writer.stop()
+    assert (told.failures, told.lines) == ([], [])
+    assert len(stored_times(path)) == 10
+
+
+def test_what_a_lock_at_the_end_keeps_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.history.writer.LEAVE_S", 1.0)
+    path, told = tmp_path / "h.sqlite", Told()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    with locked(path):
+        for k in range(70):
+            writer.row(row(NOON_S + k), float(k))
+        lacks = writer.stop()
+    assert lacks is not None
+    assert lacks.startswith("the history lacks 70 rows, ")
+    assert "record.csv" in lacks
+    assert "locked by process" in lacks
+
+
+def test_a_memory_that_is_full_is_told_and_holds_up_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.history.writer.MOST_WAITING", 100)
+    path, told = tmp_path / "h.sqlite", Told()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    with locked(path) as let_go:
+        writer.row(row(NOON_S), 0.0)
+        until(lambda: writer.trouble, "the lock")
+        begin_s = time.monotonic()
+        for k in range(1, 140):
+            writer.row(row(NOON_S + k), float(k))
+        assert time.monotonic() - begin_s < 0.5
+        assert writer.failure is not None
+        assert writer.dropped == 40
+        let_go()
+    assert writer.settle()
+    assert writer.failure is None
+    writer.stop()
+    assert told.failures == []
+    assert [line for line in told.lines if "lacks 40 rows" in line]
+    assert stored_times(path) == {NOON_S + k for k in range(100)}
+
+
+def test_memory_is_enough_for_half_an_hour(tmp_path: Path) -> None:
+    assert MOST_WAITING >= 3 * TEN_MINUTES
+
+
+def test_who_reads_without_an_end_is_named_and_the_log_grows_slowly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SQLite cannot begin its log anew while somebody reads: at ten rows a second it takes gigabytes a day."""
+    monkeypatch.setattr("rig.history.writer.MUCH_LOG_BYTES", 100_000)
+    monkeypatch.setattr("rig.history.writer.RETAIN_EVERY_S", 0.0)
+    path, told = tmp_path / "h.sqlite", Told()
+    stored(path, [row(NOON_S)]).close()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    with locked(path, "BEGIN;SELECT * FROM raw") as let_go:
+        for k in range(1, 40):
+            writer.row(row(NOON_S + k), float(k))
+            if writer.stands_in_the_way():
+                break
+            writer.settle(0.5)
+        text = writer.stands_in_the_way()
+        assert text is not None
+        assert "a_database_browser" in text
+        assert "-wal has grown" in text
+        before = path.with_name("h.sqlite-wal").stat().st_size
+        for k in range(100, 200):
+            writer.row(row(NOON_S + k), float(k))
+            time.sleep(0.005)
+        until(lambda: NOON_S + 199 in told.shown, "rows that are shown at once")
+        assert path.with_name("h.sqlite-wal").stat().st_size == before
+        let_go()
+    writer.stop()
+    assert NOON_S + 199 in stored_times(path)
+
+
+def code_error(code: int, text: str) -> sqlite3.OperationalError:
+    error = sqlite3.OperationalError(text)
+    error.sqlite_errorcode = code
+    return error
+
+
+@pytest.mark.parametrize(
+    ("code", "text", "passes", "says"),
+    [
+        (sqlite3.SQLITE_BUSY, "database is locked", True, "close it there"),
+        (sqlite3.SQLITE_BUSY_SNAPSHOT, "database is locked", True, "close it there"),
+        (sqlite3.SQLITE_LOCKED, "database table is locked", True, "close it there"),
+        (sqlite3.SQLITE_PROTOCOL, "locking protocol", True, "serve.folder"),
+        (sqlite3.SQLITE_IOERR_LOCK, "disk I/O error", True, "serve.folder"),
+        (sqlite3.SQLITE_IOERR_SHMMAP, "disk I/O error", True, "serve.folder"),
+        (sqlite3.SQLITE_IOERR_WRITE, "disk I/O error", False, "disk I/O error"),
+        (sqlite3.SQLITE_FULL, "database or disk is full", False, "make room"),
+        (sqlite3.SQLITE_READONLY, "attempt to write a readonly database", False, "let this user write"),
+        (sqlite3.SQLITE_CORRUPT, "database disk image is malformed", False, "put aside"),
+        (None, "database or disk is full", False, "make room"),
+        (None, "database is locked", True, "close it there"),
+    ],
+)
+def test_a_lock_is_told_from_what_does_not_pass(code: int | None, text: str, passes: bool, says: str) -> None:
+    error = code_error(code, text) if code is not None else sqlite3.OperationalError(text)
+    trouble = trouble_of(error, Path("/bench/history.sqlite"))
+    assert trouble.passes is passes
+    assert says in trouble.text
+    assert trouble.text.startswith("/bench/history.sqlite")
+
+
+def test_a_history_that_is_damaged_in_mid_run_is_put_aside_and_no_row_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by a backup that is copied back over it."""
+    monkeypatch.setattr("rig.history.writer.TRY_AGAIN_S", 0.0)
+    monkeypatch.setattr("rig.history.writer.PART_OF_TIME", 0.0)
+    path, told = tmp_path / "h.sqlite", Told()
+    writer = told.writer(path)
+    writer.open()
+    writer.start()
+    broken = [True]
+
+    def damaged(store: Store) -> None:
+        if broken.pop():
+            broken.append(False)
+            raise code_error(sqlite3.SQLITE_CORRUPT, "database disk image is malformed")
+
+    writer.do(damaged)
+    writer.row(row(NOON_S), 0.0)
+    assert writer.settle()
+    writer.stop()
+    assert len(told.failures) == 1
+    assert stored_times(path) == {NOON_S}
 
 
 CHILD = """
@@ -221,6 +483,8 @@ writer.start()
 k = 0
 while True:
     writer.row({"time_s": float(sys.argv[2]) + k, "temperature_degC": 1.0 * k}, float(k)); k += 1
+    if k % 1000 == 0:
+        writer.settle()
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import os
 import re
@@ -32,7 +33,9 @@ from rig.daemon.words import in_a_line, in_a_log, rows_of
 from rig.files.configuration import read_configuration
 from rig.history.reading import loop_points
 from rig.history.store import Retention, Store
+from rig.history.tables import connect_to_read
 from tests.daemon.benches import SERVE, RunningBench, running, until, write_current
+from tests.daemon.test_history import locked
 
 
 @pytest.fixture
@@ -137,6 +140,9 @@ def test_a_job_that_was_ended_has_its_report(bench: RunningBench) -> None:
     bench.desk.cancel(job, "a test")
     ended = ended_job(bench, job)
     assert ended["report"] == f"/runs/{job}/report.html"
+    shown = dict(rows_of(bench.state()))
+    assert job in shown["last job"]
+    assert shown["report"] == f"{ended['folder']}/report.html"
     assert "ended early" in (Path(ended["folder"]) / "report.html").read_text()
 
 
@@ -324,3 +330,32 @@ def test_the_unit_for_systemd_says_what_the_daemon_does(root: Path) -> None:
         done = subprocess.run([analyze, "verify", str(copy)], capture_output=True, text=True)
         shutil.rmtree(copy.parent)
         assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_history_that_is_locked_in_mid_run_ends_no_run(bench: RunningBench) -> None:
+    """A database browser ended runs of hours after 5 s."""
+    text = bench.file.path.read_text()
+    with locked(bench.desk.folder / HISTORY) as let_go:
+        job = Answers(bench.desk).answer({"do": "submit", "text": text, "name": "beside a lock"})["job"]["id"]
+        bench.until_phase("profile")
+        until(lambda: bench.desk.writer.trouble, "the lock")
+        waits = "the history has to wait: "
+        warnings = until(lambda: [line for line in bench.state()["warnings"] if line.startswith(waits)], "a word")
+        assert "close it there" in warnings[0]
+        assert bench.state()["reading"]["quality"] == "not recorded yet"
+        assert bench.state()["no_job_because"] == []
+        seen = bench.desk.recent[-1]["time_s"]
+        until(lambda: bench.desk.recent[-1]["time_s"] > seen, "rows that are shown meanwhile")
+        bench.desk.cancel(job, "a test")
+        assert ended_job(bench, job)["state"] == "stopped"
+        assert bench.state()["trip"] is None
+        let_go()
+    assert bench.desk.writer.settle()
+    assert not any("history" in line for line in bench.state()["warnings"])
+    with contextlib.closing(connect_to_read(bench.desk.folder / HISTORY)) as connection:
+        found = connection.execute("SELECT temperature_degC FROM raw WHERE job = ? ORDER BY id", [job])
+        kept = [degC for (degC,) in found]
+    with (Path(ended_job(bench, job)["folder"]) / "record.csv").open() as file:
+        recorded = [float(row["temperature_degC"]) for row in csv.DictReader(file)]
+    assert len(recorded) > 5
+    assert kept == recorded

@@ -135,16 +135,18 @@ def test_what_is_wrong_comes_back_from_the_daemon(here: Daemon, peltier: Peltier
     assert "limits.current_A: 6: expected at most the bench's, 4" in err
 
 
-def long_run(here: Daemon, tmp_path: Path) -> subprocess.Popen[str]:
+def long_run(here: Daemon, tmp_path: Path, name: str = "long", begins: bool = True) -> subprocess.Popen[str]:
     path = here.path.with_name("long.toml")
     path.write_text(here.path.read_text().replace("hold 0.5 s", "hold 300 s").replace("start 0 A", "start 1 A"))
     process = subprocess.Popen(
-        [sys.executable, "-m", "rig", "run", str(path), "--out", str(tmp_path / "long")],
+        [sys.executable, "-m", "rig", "run", str(path), "--out", str(tmp_path / name)],
         env=environment(here.folder),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
+    if not begins:
+        return process
     until(lambda: (here.ask("state")["state"]["job"] or {}).get("phase") == "profile", "the job")
     until(lambda: output_is_on(here), "the output coming on")
     return process
@@ -193,7 +195,14 @@ def test_stop_and_reset(here: Daemon, peltier: Peltier, tmp_path: Path) -> None:
     status, text = ended(process)
     assert status == 1
     assert "stopped by peltier stop; output off, confirmed by the controller" in text
+    process = long_run(here, tmp_path, "later", begins=False)
+    until(lambda: here.ask("state")["state"]["queue"], "a job that waits")
     assert peltier("reset", "--reason", "")[0] == 2
+    assert peltier("reset", "--reason", "a test")[0] == 0
+    until(lambda: output_is_on(here), "its beginning")
+    assert peltier("stop")[0] == 0
+    assert "the bench is stopped (stopped by peltier stop): the job waits; once" in (said := ended(process)[1])
+    assert "`peltier reset --reason TEXT`" in said
     assert peltier("reset", "--reason", "a test")[0] == 0
     status, _, err = peltier("reset", "--reason", "a test")
     assert status == 1

@@ -102,7 +102,7 @@ def test_a_meter_through_pyvisa_py(plant: StillPlant) -> None:
 def test_who_answers_there(plant: StillPlant) -> None:
     registry.register("visa-ask", Keithley2450(plant), RealClock())
     try:
-        found = [driver for driver, identity in tries("visa://ASRLsim://visa-ask::INSTR", RealClock()) if identity]
+        found = [one.driver for one in tries("visa://ASRLsim://visa-ask::INSTR", RealClock()) if one.identity]
         assert found == ["keithley2450"]
     finally:
         registry.unregister("visa-ask")

@@ -43,6 +43,7 @@ def test_the_output_is_off_whatever_kills_the_process(runs: KilledRuns, after_s:
     assert "output off, confirmed by the controller" in killed.err
     assert signal.Signals(number).name in killed.err
     assert f"the run, as far as it went, is in {runs.path.parent.absolute()}" in killed.err
+    assert "report.html" in killed.err
 
 
 def test_a_process_that_is_suspended_is_ended(runs: KilledRuns) -> None:

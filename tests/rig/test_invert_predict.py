@@ -122,6 +122,8 @@ def test_invert_gives_temperatures_that_give_the_targets(peltier: Peltier, tmp_p
         if reachable:
             assert given == pytest.approx(target, rel=1e-8)
             assert row["nearest_ohm"] == row["resistance_ohm"]
+            assert row["nearest_degC"] == row["temperature_degC"]
+    assert [float(written[k]["nearest_degC"]) for k in (2, 5)] == pytest.approx([0.0, 120.0], abs=1e-9)
     coldest = moved(0.0, float(written[1]["temperature_degC"]), _plays_after(written[:2]))
     assert float(written[2]["nearest_ohm"]) == pytest.approx(10.0 ** -output(0.0, coldest), rel=1e-8)
 
@@ -144,6 +146,7 @@ def test_no_first_target_yet(peltier: Peltier, tmp_path: Path) -> None:
     assert written[0]["resistance_ohm"] == ""
     assert written[0]["reachable"] == "0"
     assert float(written[0]["nearest_ohm"]) < 1e12
+    assert float(written[0]["nearest_degC"]) == -50.0
     assert written[1]["reachable"] == "1"
 
 

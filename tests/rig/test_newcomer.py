@@ -62,6 +62,57 @@ def test_a_port_on_which_nobody_answers(tmp_path: Path, peltier: Peltier, role: 
     assert ("output off, confirmed" in err) == (role == "meter")
 
 
+def test_check_says_that_the_ports_are_swapped(tmp_path: Path, peltier: Peltier) -> None:
+    """Two adapters of a kind change their names with the order in which they are plugged in."""
+    path = write_bench(tmp_path)
+    with PseudoTerminals({n: i for n, _, i in emulated_instruments(read_configuration(path), 0.0)}) as terminals:
+        ports = terminals.paths
+        path = write_bench(tmp_path, time="real", controller=ports["meter"], meter=ports["controller"])
+        status, _, err = peltier("check", path)
+    assert status == 2
+    lines = [line for line in err.splitlines() if line.startswith(str(path))]
+    assert len(lines) == 3
+    assert ports["meter"] in lines[0]
+    assert "there answers Keithley 2000" in lines[0]
+    assert "there answers Meerstetter" in lines[1]
+    assert "they are swapped; exchange them. output off, confirmed by the controller" in lines[2]
+
+
+def test_limits_in_kelvin_never_reach_the_controller(tmp_path: Path, peltier: Peltier) -> None:
+    path = write_bench(tmp_path)
+    for low, high, degC in ((283, 368, "[9.85, 94.85]"), (223.15, 473.15, "[-50, 200]")):
+        path.write_text(path.read_text().replace("[10, 95]", f"[{low}, {high}]"))
+        status, _, err = peltier("check", path)
+        assert status == 2
+        assert f"limits.temperature_degC: [{low}, {high}]: expected degC" in err
+        assert f"in kelvin this would be {degC}" in err
+        path = write_bench(tmp_path)
+
+
+class ByCarriageReturn:
+    """A meter whose menu has CR for its terminator."""
+
+    def __init__(self, meter: Any) -> None:
+        self._meter = meter
+        self.receive, self.next_transmit_s = meter.receive, meter.next_transmit_s
+
+    def transmit(self, time_s: float) -> bytes:
+        return bytes(self._meter.transmit(time_s).replace(b"\n", b"\r"))
+
+
+def test_a_meter_whose_answers_have_another_end_is_told_from_a_silent_one(tmp_path: Path, peltier: Peltier) -> None:
+    path = write_bench(tmp_path)
+    instruments = {name: i for name, _, i in emulated_instruments(read_configuration(path), 0.0)}
+    instruments["meter"] = cast(Any, ByCarriageReturn(instruments["meter"]))
+    with PseudoTerminals(instruments) as terminals:
+        ports = terminals.paths
+        path = write_bench(tmp_path, time="real", controller=ports["controller"], meter=ports["meter"])
+        status, _, err = peltier("run", path, "--out", tmp_path / "run")
+    assert status == 1
+    assert "they end in CR (its terminator)" in err
+    assert "nobody" not in err
+
+
 def test_a_port_that_is_not_there_leaves_no_folder(
     tmp_path: Path, peltier: Peltier, monkeypatch: pytest.MonkeyPatch
 ) -> None:

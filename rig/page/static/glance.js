@@ -174,7 +174,7 @@ function latch(name) {
   say($("latch-text"), byHand + (why?.text ?? "The output was switched off and the run was ended."));
   say($("latch-facts"), [why?.at_s ? `at ${when(why.at_s)}` : null,
     trip?.rows ? `${trip.rows} rows around it are kept` : null,
-    trip || !took ? null : `answered after ${took}`, "the queue is held until the reset"].filter(Boolean).join(" · "));
+    trip || !took ? null : `answered after ${took}`, "nothing starts until the reset"].filter(Boolean).join(" · "));
   if (name === "lost") say($("latch-facts"), "no connection: this is the last that is known");
 }
 
