@@ -26,6 +26,7 @@ for last; do :; done
 case "$1" in
 venv) exec {python} -I -m venv --without-pip "$last" ;;
 pip)
+    if [ -e {no_network} ]; then exit 1; fi
     touch {venv}/lib/half_a_package
     if [ -e {hang} ]; then exec sleep 60; fi
     sleep 0.2
@@ -86,7 +87,7 @@ class Checkout:
 
     def __init__(self, root: Path, folder: Path) -> None:
         self.folder, self.venv = folder, folder / ".venv"
-        self._calls, self._hang = folder / "calls", folder / "hang"
+        self._calls, self._hang, self.no_network = folder / "calls", folder / "hang", folder / "no_network"
         shutil.copy(root / "peltier", folder)
         for name in ("rig", "sim", "compensator"):
             (folder / name).symlink_to(root / name)
@@ -96,7 +97,7 @@ class Checkout:
         (folder / "away.toml").write_text('[bench.controller]\ndriver = "meerstetter"\nport = "/dev/no_such_port"\n')
         uv = folder / "bin" / "uv"
         uv.parent.mkdir()
-        places = {"calls": self._calls, "hang": self._hang, "venv": self.venv}
+        places = {"calls": self._calls, "hang": self._hang, "no_network": self.no_network, "venv": self.venv}
         uv.write_text(INSTALLER.format(python=getattr(sys, "_base_executable", sys.executable), **places))
         uv.chmod(0o755)
 
@@ -234,9 +235,15 @@ def test_what_is_whole_is_not_made_anew(checkout: Checkout) -> None:
     stamp.write_text(f"{lock} 1 2")
     assert checkout.comes_up()
     assert (checkout.called(), stamp.read_text().split()) == ([], [lock, *made_with])
-    (checkout.folder / "requirements" / "run.txt").write_text("# another\n")
+    listed = checkout.folder / "requirements" / "run.txt"
+    listed.write_text("# another\n")
+    checkout.no_network.touch()
+    process = checkout.begin("--version")
+    assert "is there a network?" in process.communicate()[1]
+    assert (process.returncode, checkout.called(), stamp.exists()) == (1, ["pip"], True)
+    checkout.no_network.unlink()
     assert checkout.comes_up()
-    assert checkout.called() == ["pip"]
+    assert checkout.called() == ["pip", "pip"]  # the first only asks whether all is there
 
 
 def test_two_set_ups_at_the_same_time_are_one(checkout: Checkout) -> None:
