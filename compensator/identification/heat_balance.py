@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import KELVIN, Array
 from compensator.identification.levenberg_marquardt import Linearized, descend, held_at_bounds
 
@@ -34,7 +34,7 @@ USUAL_AMBIENT_DEGC: Final = (25.0, 15.0)  # and its spread
 USUAL_SHARE: Final = (0.4, 0.3)  # r I_max / (300 K s), and its spread
 
 
-@njit(cache=True)
+@njit
 def simulate_with_slopes(par: Array, first: float, steps: Array, current: Array, out: Array, slopes: Array) -> None:
     """Readings (n,) and slopes (n, 7): d/d(s, r, g, q, h, tau) and d/d(first); par = (s, r, g, q, h, tau).
 

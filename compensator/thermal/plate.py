@@ -20,12 +20,12 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import KELVIN, Array
 
 
-@njit(cache=True)
+@njit
 def exact_step(temperature: float, forcing: float, decay: float, dt: float) -> float:
     """T after dt of dT/dt = forcing - decay T."""
     x = decay * dt
@@ -34,7 +34,7 @@ def exact_step(temperature: float, forcing: float, decay: float, dt: float) -> f
     return temperature * math.exp(-x) - forcing * math.expm1(-x) / decay
 
 
-@njit(cache=True)
+@njit
 def run(par: Array, first_degC: float, times_s: Array, currents_A: Array, temperatures: Array) -> None:
     """Temperatures at the times, the current of each row held until the next; par = (s, r, g, q, T_a)."""
     s, r, g, q, ambient = par[0], par[1], par[2], par[3], par[4]
@@ -47,7 +47,7 @@ def run(par: Array, first_degC: float, times_s: Array, currents_A: Array, temper
             temperature = exact_step(temperature, forcing, g - s * current, times_s[k + 1] - times_s[k])
 
 
-@njit(cache=True)
+@njit
 def rate(par: Array, temperature: float, current: float) -> float:
     """dT/dt (K/s) at a temperature (degC) and current (A); par as for `run`, and 1 for a heater, 0 for a Peltier."""
     s, r, g, q, ambient = par[0], par[1], par[2], par[3], par[4]
@@ -55,7 +55,7 @@ def rate(par: Array, temperature: float, current: float) -> float:
     return float(s * current * (temperature + KELVIN) + joule - g * (temperature - ambient))
 
 
-@njit(cache=True)
+@njit
 def step(par: Array, temperature: float, current: float, dt: float) -> float:
     """Temperature (degC) after dt with the current held: exact."""
     s, r, g, q, ambient = par[0], par[1], par[2], par[3], par[4]
@@ -63,13 +63,13 @@ def step(par: Array, temperature: float, current: float, dt: float) -> float:
     return exact_step(temperature, s * KELVIN * current + joule + g * ambient, g - s * current, dt)
 
 
-@njit(cache=True)
+@njit
 def drive_rate(par: Array, temperature: float, current: float) -> float:
     """What the drive alone gives of dT/dt (K/s): the Peltier heat, or a heater's power. Joule heat is not of it."""
     return float((par[0] * (temperature + KELVIN) + par[3]) * current)
 
 
-@njit(cache=True)
+@njit
 def with_drive(par: Array, share: float) -> Array:
     """The same plate, its drive heating and cooling that share of what it does."""
     other = par.copy()
@@ -78,7 +78,7 @@ def with_drive(par: Array, share: float) -> Array:
     return other
 
 
-@njit(cache=True)
+@njit
 def current_range(par: Array, temperature: float, limit: float) -> tuple[float, float]:
     """Least and largest useful current (A): within the limit, and not beyond the largest cooling."""
     if par[5] > 0.0:
@@ -88,7 +88,7 @@ def current_range(par: Array, temperature: float, limit: float) -> tuple[float, 
     return -min(limit, max(par[0] * (temperature + KELVIN) / par[1], 0.0)), limit
 
 
-@njit(cache=True)
+@njit
 def current_for_rate(par: Array, temperature: float, wanted_rate: float, limit: float) -> float:
     """The plate's inverse: the current (A) that gives dT/dt, held within `current_range`."""
     low, high = current_range(par, temperature, limit)

@@ -12,7 +12,6 @@ from rig.core.faults import fault
 from rig.files.effect_tables import add_effect_files, assumed
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
 from rig.report.diagnosis_lines import lines
@@ -59,7 +58,6 @@ class RecordDiagnosis(Shown):
         return place / "report.html"
 
 
-@says_when_it_compiles
 def diagnose(
     record: Any,
     *further: Any,

@@ -12,7 +12,6 @@ import numpy as np
 
 from rig.core.outcome import Tripped
 from rig.files.record import Record
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.configuration import tables_of, text_of
 from rig.rehearsal.simulated import read_effects, simulated_configuration, simulated_rig
 from rig.rehearsal.simulated import simulate as simulated
@@ -28,7 +27,6 @@ class Simulation:
     ended: Tripped | None
 
 
-@says_when_it_compiles
 def simulate(
     configuration: str | PathLike[str] | Mapping[str, Any] | None = None,
     *,

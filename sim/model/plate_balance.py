@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import KELVIN, Array
 from sim.effects.effect import HeatFlow, Switched
 from sim.effects.heat_term import ARGUMENTS, SIGNATURE, heat_term
@@ -44,7 +45,7 @@ def _call(typing_context: Any, address: Any, p0: Any, p1: Any, s: Any, r: Any, g
 call: Any = _call
 
 
-@njit(cache=True)
+@njit
 def _rates(
     par: Array,
     terms: NDArray[np.int64],
@@ -73,7 +74,7 @@ def _rates(
     return float(rate)
 
 
-@njit(cache=True)
+@njit
 def run(
     par: Array,
     terms: NDArray[np.int64],
