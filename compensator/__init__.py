@@ -3,7 +3,11 @@
 No clock, no port, no file and no log is known here; time is a parameter.
 """
 
+import os
+
 from compensator.moved import moved
+
+os.environ.pop("NUMBA_DISABLE_JIT", None)  # meant for a user's own loops: ours need what only compiled code has
 
 moved(
     "compensator",

@@ -61,15 +61,10 @@ def njit(function: F) -> F: ...
 @overload
 def njit(**options: Any) -> Callable[[F], F]: ...
 def njit(function: Any = None, **options: Any) -> Any:
-    """Compile a function as `numba.njit` does, and keep the machine code on disk. Also while NUMBA_DISABLE_JIT asks for
-    none, for a user's own loops: ours need what only compiled code has."""
+    """Compile a function as `numba.njit` does, and keep the machine code on disk."""
     if function is None:
         return lambda function: njit(function, **options)
-    disabled, config.DISABLE_JIT = config.DISABLE_JIT, 0
-    try:
-        loop = numba.njit(**options)(function)
-    finally:
-        config.DISABLE_JIT = disabled
+    loop: Any = numba.njit(**options)(function)
     loop._cache = _Cache(loop)
     return loop
 
