@@ -120,7 +120,7 @@ class _Cache:
                 continue
         if _Cache.spent_s > LONG_S and not _Cache.told:
             _Cache.told = True
-            _log.warning("compiling loops, once (up to a minute; `peltier precompile` does it ahead)")
+            _log.warning("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
         self._began_s = time.monotonic()
         return None
 
