@@ -13,19 +13,17 @@ same file. A file begins with a digest of the rest, and one that is damaged is c
 folder can be written, and mixes up the files of two processes that compile one function for other types.)
 
 Loops are kept in NUMBA_CACHE_DIR where that is set; else beside the sources, in `__pycache__`, and where that cannot be
-written in the user's cache folder. Where nothing can be written they are compiled in memory, and a warning says so.
+written in the user's cache folder. Where nothing can be written they are compiled in memory, and a line says so.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
-import logging
 import os
 import pickle
 import secrets
 import sys
-import time
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
@@ -43,6 +41,8 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.misc.appdirs import AppDirs
 
+import compensator
+
 config: Any = numba.config
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -51,8 +51,7 @@ OF_A_VERSION = frozenset(("numba", "llvmlite", "numpy", *sys.stdlib_module_names
 OPTIONS = ("OPT", "BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "SLP_VECTORIZE")  # of numba.config
 COMPILED: Any = Dispatcher | CFunc | _Intrinsic
 CHECK = 32  # bytes of digest at the beginning of a file
-LONG_S = 0.5  # of compiling in a process: less is not worth a line
-_log = logging.getLogger(__name__)
+FEW = 5  # loops compiled in a process, seconds: not worth a line
 _made: dict[int, tuple[Any, bytes, list[Any]]] = {}  # of a function or class: itself, digest, what it refers to
 
 
@@ -96,11 +95,10 @@ class _Cache:
 
     told = False  # that it compiles, and that nothing can be kept: once a process each
     told_unkept = False
-    spent_s = 0.0  # on compiling
+    count = 0  # of the loops that are compiled
 
     def __init__(self, loop: Any, options: Any = None) -> None:
         self._loop, self._options = loop, options
-        self._began_s = 0.0
 
     @property
     def cache_path(self) -> str:
@@ -118,15 +116,14 @@ class _Cache:
                     return CompileResult._rebuild(context, *pickle.loads(content[CHECK:]))  # type: ignore[no-untyped-call]
             except Exception:  # whatever is wrong with a file, compiling makes it anew
                 continue
-        if _Cache.spent_s > LONG_S and not _Cache.told:
+        _Cache.count += 1
+        if _Cache.count > FEW and not _Cache.told:
             _Cache.told = True
-            _log.warning("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
-        self._began_s = time.monotonic()
+            compensator.report("compiling loops, once (about a minute; `peltier precompile` does it ahead)")
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
         """Keep what has been compiled, unless it holds for this process only."""
-        _Cache.spent_s += time.monotonic() - self._began_s
         if result.library.has_dynamic_globals or not all(each.can_cache for each in result.lifted):
             return
         content: bytes = dumps(result._reduce())  # type: ignore[no-untyped-call]
@@ -141,7 +138,7 @@ class _Cache:
         if not _Cache.told_unkept:
             _Cache.told_unkept = True
             text = f"compiled loops cannot be kept ({'; '.join(problems)})"
-            _log.warning("%s: set NUMBA_CACHE_DIR to a folder that can be written", text)
+            compensator.report(f"{text}: set NUMBA_CACHE_DIR to a folder that can be written")
 
     def flush(self) -> None:
         """Forget nothing: a file that is there is right."""

@@ -25,7 +25,7 @@ FILM = FilmModel(
     Envelope("tanh", 0.2, -11.8),
     Memoryless("tanh", 0.4, 0.03, -1.6, -4.0),
 )
-PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
+PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)  # a usual one of 30 J/K
 
 
 def precompile() -> None:

@@ -80,10 +80,6 @@ def main(arguments: list[str] | None = None) -> int:
         hint = f"; did you mean {near[0]!r}?" if near else "."
         print(f"peltier: {verb!r} is no verb{hint} There are: {', '.join(VERBS)}", file=sys.stderr)
         return 2
-    if own_process:
-        import logging
-
-        logging.basicConfig(format=f"peltier {verb}: %(message)s")  # what a package warns of is a line like ours
     # small matrices: threads cost more than they give, and wait for each other, for seconds on a busy computer
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     status = ended(lambda: _act(verb, words[1:], own_process), verb, own_process)

@@ -207,17 +207,9 @@ def identify_calibration(
     read_s = folder.column("resistance_time_s")
     plate_degC = plate_course(time, temperature, plate_fit.lag_s)
     pauses = own_pauses(time, current, folder.column("tick"), fitted)
-    rows_s, rows_degC, rows_output, rows_read_s = through_pauses(
-        pauses, time[fitted], plate_degC[fitted], output[fitted], read_s[fitted]
-    )
-    film_fit = identify_film(
-        rows_s,
-        rows_degC,
-        rows_output,
-        output_time_s=rows_read_s,
-        output_name=name,
-        seed=configuration.calibration.seed,
-    )
+    *rows, output_time_s = through_pauses(pauses, *(column[fitted] for column in (time, plate_degC, output, read_s)))
+    seed = configuration.calibration.seed
+    film_fit = identify_film(*rows, output_time_s=output_time_s, output_name=name, seed=seed)
     film: FilmModel = film_fit.model
     path = temperature_path(time, plate_degC).temperature_degC
     when_read = np.interp(np.where(np.isfinite(read_s), read_s, time), time, path)

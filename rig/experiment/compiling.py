@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import compensator
 from compensator.control.law import Law, LawSettings
 from compensator.control.law_step import LawName
 from compensator.control.pid import PidGains
@@ -43,13 +43,9 @@ def compile_ahead(say: Callable[[str], None], calibrates: bool) -> None:
 
 @contextmanager
 def _reported(say: Callable[[str], None]) -> Iterator[None]:
-    """What the compiler warns of is said to whoever follows the experiment."""
-    log, handler = logging.getLogger("compensator.compiled"), logging.Handler()
-    handler.emit = lambda record: say(record.getMessage())  # type: ignore[method-assign]
-    log.addHandler(handler)
-    log.propagate = False
+    """What the compiler reports is said to whoever follows the experiment."""
+    before, compensator.report = compensator.report, say
     try:
         yield
     finally:
-        log.propagate = True
-        log.removeHandler(handler)
+        compensator.report = before

@@ -14,11 +14,14 @@ from pathlib import Path
 import pytest
 
 CALLER = """
+import sys
+import compensator
 import compensator.compiled as compiled
 from compensator.compiled import cfunc, njit
 import callee
 from callee import scaled
-compiled.LONG_S = 0.0
+compiled.FEW = 0
+compensator.report = lambda text: print(text, file=sys.stderr)
 
 @njit
 def doubled(x):
