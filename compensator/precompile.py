@@ -1,6 +1,6 @@
-"""Compiles what the control law needs, so that the first run need not wait for it: `python -m compensator.precompile`.
+"""Compiles what the control law and the fit of a film need: `python -m compensator.precompile`.
 
-The compiled loops are cached beside their sources; `./peltier` starts this in the background after a set-up.
+The loops are kept on disk (`compensator.compiled`); `./peltier` starts this in the background after a set-up.
 """
 
 from __future__ import annotations
@@ -12,32 +12,57 @@ from compensator.control.law_step import Inputs
 from compensator.control.model_error import FEWEST, lacking
 from compensator.control.pid import PidGains
 from compensator.hysteresis.film import Envelope, FilmModel, Memoryless
+from compensator.identification.film import identify_film
+from compensator.inverse.check import check_model
 from compensator.inverse.inverse import Inverse
 from compensator.thermal.plate import PlateModel
 
+FILM = FilmModel(
+    np.array([0.1, 0.4]),
+    np.array([0.6, 0.4]),
+    Envelope("tanh", 0.2, -12.6),
+    Envelope("tanh", 0.2, -11.8),
+    Memoryless("tanh", 0.4, 0.03, -1.6, -4.0),
+)
+PLATE = PlateModel(1.6e-3, 0.06, 0.018, 25.0)  # a usual one of 30 J/K
+
 
 def precompile() -> None:
+    """Compile the control law and the fit of a film."""
+    precompile_law()
+    precompile_film_fit()
+
+
+def precompile_law() -> None:
     """One step of each law, from a known and from an unknown memory, one inversion, and what a run taught, with a small
     film."""
-    film = FilmModel(
-        np.array([0.1, 0.4]),
-        np.array([0.6, 0.4]),
-        Envelope("tanh", 0.2, -12.6),
-        Envelope("tanh", 0.2, -11.8),
-        Memoryless("tanh", 0.4, 0.03, -1.6, -4.0),
-    )
-    plate = PlateModel(1.6e-3, 0.06, 0.018, 25.0)
-    inverse = Inverse(film)
-    inverse.solve(-4.0, inverse.first(-4.2).memory)
+    inverse = Inverse(FILM)
+    memory = inverse.first(-4.2).memory
+    inverse.solve(-4.0, memory)
+    inverse.trajectory(np.array([-4.0, -4.1]), memory)
     for name in ("full", "temperature"):
         settings = LawSettings(name, 0.1, 4.0, 10.0, 95.0, PidGains(1.0, 0.1))
-        law = Law(settings, plate, film)
+        law = Law(settings, PLATE, FILM)
         wanted = np.full(settings.preview, 60.0 if name == "temperature" else -4.2)
         inputs = Inputs(58.0, -4.3, float(wanted[0]), wanted)
-        law.step(law.start(58.0, None), inputs)
+        _, state = law.step(law.start(58.0, None), inputs)
+        law.late(state, 0.0, 0.01)
         if name == "full":
             law.step(law.start_anywhere(58.0, -4.3), inputs)
+    PLATE.rate_range_K_per_s(50.0, 1.0)
+    PLATE.current_for_rate_A(50.0, 0.0, 1.0)
     lacking(np.sin(np.arange(2.0 * FEWEST)), np.ones(2 * FEWEST))
+
+
+def precompile_film_fit() -> None:
+    """Fit a small film to two sweeps, and check it."""
+    time_s = np.arange(150.0) * 0.4
+    degC = 60.0 + 25.0 * np.sin(time_s * np.pi / 15.0)
+    output, _ = FILM.simulate(degC, FILM.initial_memory(float(degC[0])))
+    fit = identify_film(
+        time_s, degC, output, kind="extended_generalized_pi", form="tanh", operators=2, initial="heated"
+    )
+    check_model(fit.model, 40.0, 80.0)
 
 
 if __name__ == "__main__":

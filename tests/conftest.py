@@ -1,15 +1,12 @@
 """Shared fixtures: the folder of measured records, and the command line in this process.
 
-Tests run side by side, in some processes. So each calculates with one thread; and each keeps the loops that numba
-compiles for itself: two that compile the same function for other arguments at once may mix up each other's files. It
-begins with a copy of those that were compiled ahead.
+Tests run side by side, in some processes. So each calculates with one thread.
 """
 
 from __future__ import annotations
 
 import os
 import pickle
-import shutil
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from pathlib import Path
@@ -19,13 +16,6 @@ import pytest
 
 for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")
-if "PYTEST_XDIST_WORKER" in os.environ and "NUMBA_CACHE_DIR" in os.environ:
-    _ahead = Path(os.environ["NUMBA_CACHE_DIR"])
-    _own = _ahead / os.environ["PYTEST_XDIST_WORKER"]
-    os.environ["NUMBA_CACHE_DIR"] = str(_own)
-    for _compiled in [] if _own.exists() else _ahead.glob("*/*.nb[ic]"):
-        (_own / _compiled.parent.name).mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(_compiled, _own / _compiled.parent.name / _compiled.name)
 
 from rig.__main__ import main  # noqa: E402 - numpy and numba read these where they are imported
 

@@ -25,8 +25,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.control.estimate import TINY, less_likely
 from compensator.hysteresis.functions import Array
 
@@ -54,7 +54,7 @@ def one_error(disturbance: float, doubt: float) -> Array:
     return errors
 
 
-@njit(cache=True)
+@njit
 def told(errors: Array) -> tuple[float, float]:
     """(disturbance, its variance), of all sizes."""
     if errors.shape[0] == 0:
@@ -71,7 +71,7 @@ def told(errors: Array) -> tuple[float, float]:
     return mean, square
 
 
-@njit(cache=True)
+@njit
 def grown(errors: Array, output_range: float, moved: float, period_s: float) -> Array:
     """A period later, in which the output was to move by that, before a reading."""
     later = errors.copy()
@@ -82,7 +82,7 @@ def grown(errors: Array, output_range: float, moved: float, period_s: float) -> 
     return later
 
 
-@njit(cache=True)
+@njit
 def corrected(errors: Array, off: float, variance: float, most_share: float) -> Array:
     """After a reading that is `off` the film model, with noise of that variance.
 
@@ -103,7 +103,7 @@ def corrected(errors: Array, off: float, variance: float, most_share: float) -> 
     return after
 
 
-@njit(cache=True)
+@njit
 def moved_to(errors: Array, disturbance: float) -> Array:
     """The same with that mean: where something else has told it."""
     after, off = errors.copy(), disturbance - told(errors)[0]

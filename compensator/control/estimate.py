@@ -12,7 +12,7 @@ import math
 from math import nan
 from typing import Final, NamedTuple
 
-from numba import njit
+from compensator.compiled import njit
 
 NOISE_FIRST, NOISE_MANY = 20.0, 300.0  # readings that the first guess of the noise counts for, and that count at most
 TINY: Final = 1e-12  # of a variance: an instrument without noise
@@ -44,7 +44,7 @@ class Estimate(NamedTuple):
     output: Noise = Noise(4e-6)
 
 
-@njit(cache=True)
+@njit
 def learned_noise(noise: Noise, value: float, since_s: float) -> Noise:
     """since_s later one more reading, or nan: none. Its noise's variance from how far it is off the straight line
     through the two before it (with even times that is their second difference), over some hundred readings."""
@@ -60,7 +60,7 @@ def learned_noise(noise: Noise, value: float, since_s: float) -> Noise:
     return Noise(variance, value, noise.last, readings, ago_s, 0.0)
 
 
-@njit(cache=True)
+@njit
 def less_likely(log_weight: float, innovation: float, variance: float) -> float:
     """The logarithm of a filter's weight after a reading that is so far off what it foretold, with that variance."""
     return log_weight - 0.5 * (math.log(variance) + min(innovation * innovation / variance, STRANGE))

@@ -12,8 +12,8 @@ from math import nan
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.control.disturbance import NONE as NO_ERRORS
 from compensator.control.disturbance import corrected, grown, moved_to, told
 from compensator.control.estimate import Estimate, learned_noise
@@ -152,7 +152,7 @@ class Rule(NamedTuple):
     gains: PidGains
 
 
-@njit(cache=True)
+@njit
 def read_temperature(
     rule: Rule, estimate: Estimate, heats: Array, told: Foretold, lag_s: float, inputs: Inputs
 ) -> tuple[float, float, Estimate, Array]:
@@ -173,7 +173,7 @@ def read_temperature(
     return corrected_temperature(estimate, heats, told, reading, since_s, inputs.acts_after_s, lag_s)
 
 
-@njit(cache=True)
+@njit
 def read_output(
     rule: Rule, estimate: Estimate, errors: Array, off: float, moved: float, inputs: Inputs
 ) -> tuple[Estimate, Array]:
@@ -190,7 +190,7 @@ def read_output(
     return known, corrected(errors, off, noise.variance, rule.most_share)
 
 
-@njit(cache=True)
+@njit
 def remembered(
     rule: Rule,
     before: Array,
@@ -219,7 +219,7 @@ def remembered(
     return possible, mean, errors
 
 
-@njit(cache=True)
+@njit
 def planned(
     rule: Rule,
     plate: Array,
@@ -252,7 +252,7 @@ def planned(
     return Planned(Reference(film_degC, own_degC), found.output, found.move, found.reached)
 
 
-@njit(cache=True)
+@njit
 def driven(
     rule: Rule, plate: Array, plate_degC: float, now_degC: float, next_degC: float, pid: PidState
 ) -> tuple[float, PidState]:
@@ -274,7 +274,7 @@ def driven(
     return current, pid
 
 
-@njit(cache=True)
+@njit
 def on_the_output(
     rule: Rule, plate: Array, here: float, pid: PidState, current: float, inputs: Inputs
 ) -> tuple[float, PidState]:
@@ -291,7 +291,7 @@ def on_the_output(
 Answer = tuple[float, float, float, float, bool]  # what a `Command` is made of
 
 
-@njit(cache=True)
+@njit
 def law_step(
     ruled: Array,
     film: Packed,

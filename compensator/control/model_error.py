@@ -15,9 +15,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize_scalar
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 FEWEST: Final = 64  # readings; of fewer neither noise nor error can be told
@@ -26,7 +26,7 @@ MEDIAN: Final = 0.6745  # of the absolute value of a normal variable, in standar
 WALKS: Final = (-6.0, 2.0)  # log10 of the walk's variance over the noise's, a mean step: from none to no smoothing
 
 
-@njit(cache=True)
+@njit
 def _filtered(off: Array, variances: Array, noise: float) -> tuple[float, Array, Array]:
     """(log-likelihood, estimates, their variances); variances: of each step; off: nan where there is no reading."""
     found, doubts = np.empty(off.size), np.empty(off.size)
@@ -45,7 +45,7 @@ def _filtered(off: Array, variances: Array, noise: float) -> tuple[float, Array,
     return likelihood, found, doubts
 
 
-@njit(cache=True)
+@njit
 def _back(found: Array, doubts: Array, variances: Array) -> Array:
     """The estimates with the readings after them."""
     smooth = found.copy()

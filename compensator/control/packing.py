@@ -13,9 +13,10 @@ from functools import cache
 from typing import Any, TypeVar, cast, get_type_hints
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 Numbers = TypeVar("Numbers")
@@ -114,7 +115,7 @@ stored: Callable[[Any, Array], None] = cast(Any, _store)
 """A tuple's numbers into an array that has room for them, a row of another as well; for compiled loops."""
 
 
-@njit(cache=True)
+@njit
 def packed(numbers: Any, count: int) -> Array:
     """A new array of a tuple's count numbers; for compiled loops."""
     array = np.empty(count)

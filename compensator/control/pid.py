@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
+from compensator.compiled import njit
 
 
 class PidGains(NamedTuple):
@@ -38,7 +38,7 @@ class PidState(NamedTuple):
     weighted_error: float = math.nan
 
 
-@njit(cache=True)
+@njit
 def pid_output(
     gains: PidGains, state: PidState, setpoint: float, measured: float, period_s: float
 ) -> tuple[float, PidState]:
@@ -50,7 +50,7 @@ def pid_output(
     return output, PidState(state.integral, derivative, error)
 
 
-@njit(cache=True)
+@njit
 def pid_integrate(
     gains: PidGains, state: PidState, setpoint: float, measured: float, shortfall: float, period_s: float
 ) -> PidState:

@@ -20,8 +20,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array
@@ -88,7 +88,7 @@ class Planned(NamedTuple):
     reached: bool
 
 
-@njit(cache=True)
+@njit
 def held_temperature(target: float, film: FilmNow, reference_degC: float) -> float:
     """Where a film stays (degC) that asks for no move: where it was to be, unless that leads away from the target; then
     where it is. A reference that followed the film would take every drift of the plate for its own."""
@@ -99,7 +99,7 @@ def held_temperature(target: float, film: FilmNow, reference_degC: float) -> flo
     return reference_degC if (there - here) * (target - here) >= 0.0 else film.degC
 
 
-@njit(cache=True)
+@njit
 def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures: Array) -> bool:
     """Temperatures (degC) for the coming targets from the present memory.
 
@@ -134,7 +134,7 @@ def wanted_temperatures(targets: Array, turn: Turn, film: FilmNow, temperatures:
     return first_reached
 
 
-@njit(cache=True)
+@njit
 def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, period_s: float) -> float:
     """How much of the way to a target that stays is not gone in this period: as much as the output is not known by, but
     for what closes in `CLOSES_S`.
@@ -150,13 +150,13 @@ def left_for_later(targets: Array, doubt: float, film: FilmNow, toward: float, p
     return math.copysign(min(later, CAUTION * math.sqrt(doubt)), gap)
 
 
-@njit(cache=True)
+@njit
 def limited(value: float, low: float, high: float) -> float:
     """The value held within [low, high]."""
     return min(max(value, low), high)
 
 
-@njit(cache=True)
+@njit
 def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
     """Where the plate has to be at each moment to arrive in time: the wanted temperatures limited backwards."""
     slower = 1.0 / (1.0 + reach.lag_s / SLOWED_S)
@@ -168,7 +168,7 @@ def latest_departures(wanted: Array, reach: Reach, departures: Array) -> None:
         departures[i] = limited(wanted[i], after - fastest, after - slowest)
 
 
-@njit(cache=True)
+@njit
 def stopping_rate(distance: float, braking: float, lag_s: float) -> float:
     """The fastest rate (K/s, > 0) from which a lagging film comes to rest within a distance (K, >= 0)."""
     share = distance / (lag_s * braking)
@@ -179,7 +179,7 @@ def stopping_rate(distance: float, braking: float, lag_s: float) -> float:
     return max(r, 0.0) * braking
 
 
-@njit(cache=True)
+@njit
 def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) -> Reference:
     """The reference dt later on its way to a goal that is wanted ahead_s from now, at the plate's rates."""
     slowest, fastest, lag = reach.slowest * dt, reach.fastest * dt, reach.lag_s
@@ -195,7 +195,7 @@ def moved(now: Reference, goal: float, ahead_s: float, dt: float, reach: Reach) 
     return Reference(film, now.plate_degC + step)
 
 
-@njit(cache=True)
+@njit
 def first_goal(i: int, reach: Reach) -> tuple[int, float]:
     """(which goal the i-th step of the reference makes for, how far ahead it lies, s).
 
@@ -206,14 +206,14 @@ def first_goal(i: int, reach: Reach) -> tuple[int, float]:
     return (0, reach.first_s) if reach.lag_s == 0.0 else (1, reach.first_s + reach.spacing_s)
 
 
-@njit(cache=True)
+@njit
 def lead_of(choice: int, reach: Reach) -> int:
     """A lead, in targets: more of them are short than long."""
     share = choice / (LEADS - 1.0)
     return round(share * share * LONGEST_LEAD * reach.lag_s / reach.spacing_s)
 
 
-@njit(cache=True)
+@njit
 def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
     """The reference after first_s where temperatures themselves are wanted: half-way between now and in time."""
     departures = np.empty(wanted.size)
@@ -222,7 +222,7 @@ def next_temperature(wanted: Array, now: Reference, reach: Reach) -> Reference:
     return moved(now, 0.5 * (wanted[k] + departures[k]), ahead_s, reach.first_s, reach)
 
 
-@njit(cache=True)
+@njit
 def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, reach: Reach) -> Planned:
     """The reference after first_s. targets: outputs, shape (targets,).
 
@@ -262,7 +262,7 @@ def next_reference(targets: Array, turn: Turn, film: FilmNow, now: Reference, re
     return Planned(best, best_output, best_output - before, reached)
 
 
-@njit(cache=True)
+@njit
 def headed(toward: float, before: Reference, plan: Planned) -> float:
     """The sign of the output's last move, with this plan's."""
     if plan.move != 0.0 and plan.reference.film_degC != before.film_degC:

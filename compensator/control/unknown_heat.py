@@ -31,8 +31,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.control.estimate import TINY, Estimate, learned_noise, less_likely
 from compensator.control.packing import flattener, stored, unpacked
 from compensator.hysteresis.functions import Array
@@ -118,7 +118,7 @@ class Passage(NamedTuple):
     driven_K_per_s: float
 
 
-@njit(cache=True)
+@njit
 def passage(lag_s: float, known_lag_s: float, period_s: float, told: Foretold) -> Passage:
     """Of a filter that supposes that lag, where the model has known_lag_s."""
     h, lag = period_s, max(lag_s, known_lag_s)
@@ -130,7 +130,7 @@ def passage(lag_s: float, known_lag_s: float, period_s: float, told: Foretold) -
     return Passage(h, a, b, forced, 0.5 * h * h - lag * b, 0.5 * h * h, told.driven_K_per_s)
 
 
-@njit(cache=True)
+@njit
 def passed(heat: Heat, by: Passage) -> Heat:
     """A period later, before a reading."""
     h, a, b, u, c = by.period_s, by.taken, by.late_s, by.driven_K_per_s, heat.covariance
@@ -159,7 +159,7 @@ def passed(heat: Heat, by: Passage) -> Heat:
     return Heat(heat.unsteady_K_per_s2, heat.lag_s, shown, p + h * f, d, e, later, heat.log_weight)
 
 
-@njit(cache=True)
+@njit
 def corrected(heat: Heat, off_K: float, variance_K2: float) -> Heat:
     """After a reading that is off what was told, with noise of that variance."""
     c = heat.covariance
@@ -190,7 +190,7 @@ def corrected(heat: Heat, off_K: float, variance_K2: float) -> Heat:
     )
 
 
-@njit(cache=True)
+@njit
 def weighed(heats: Array, period_s: float) -> Array:
     """How likely each filter is, shape (lags * sizes,); the weights of a lag's sizes are then faded, in heats, without
     the lag's own weight changing."""
@@ -219,7 +219,7 @@ def weighed(heats: Array, period_s: float) -> Array:
     return likely
 
 
-@njit(cache=True)
+@njit
 def corrected_temperature(
     estimate: Estimate,
     heats: Array,

@@ -16,8 +16,8 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import FilmModel, Packed
 from compensator.hysteresis.functions import Array
 from compensator.hysteresis.play import advance, output_of, weighted_sum
@@ -35,7 +35,7 @@ NONE: Final = np.zeros((0, 0))
 NONE.setflags(write=False)
 
 
-@njit(cache=True)
+@njit
 def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) -> float:
     """The output at v after an excursion to `turn` and back, from `before`; plays: the memory then."""
     plays[:] = before
@@ -44,7 +44,7 @@ def _returned(v: float, turn: float, film: Packed, before: Array, plays: Array) 
     return output_of(film, v, plays)
 
 
-@njit(cache=True)
+@njit
 def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, plays: Array) -> bool:
     """A memory at v with that output into `plays`; False where this course leads to none.
 
@@ -73,7 +73,7 @@ def _one(output: float, v: float, ends: Array, film: Packed, chance: Array, play
     return True
 
 
-@njit(cache=True)
+@njit
 def _drawn(output: float, v: float, ends: Array, film: Packed, chances: Array, noise: Array, start: Array) -> Array:
     """The memories that were found, as `possible`; start: the plays at the ends, shape (2, operators)."""
     operators = film[1].size
@@ -102,7 +102,7 @@ def possible_memories(film: FilmModel, degC: float, output: float, low_degC: flo
     return rows if rows.shape[0] > 0 else NONE
 
 
-@njit(cache=True)
+@njit
 def mean_of(possible: Array, plays: Array) -> float:
     """The mean memory into `plays`, and the mean disturbance, each weighed by its likelihood."""
     operators = plays.size
@@ -118,14 +118,14 @@ def mean_of(possible: Array, plays: Array) -> float:
     return disturbance / total
 
 
-@njit(cache=True)
+@njit
 def taken_along(possible: Array, v: float, v_before: float, film: Packed) -> None:
     """All memories to a temperature, in place."""
     for row in possible:
         advance(v, v_before, film[0], film[1], row[: film[1].size])
 
 
-@njit(cache=True)
+@njit
 def weighed(possible: Array, plays: Array, off: float, share: float, variance: float, film: Packed) -> Array:
     """The memories after a reading, those dropped that are unlikely; none where all that are likely are alike.
 

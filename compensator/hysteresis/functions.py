@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.own_functions import HIGH, INFLECTION, LOW, SLOPE, THIRD, VALUE, call_at, number_at
 
 ENVELOPE_CODES: Final = {"linear": 0, "tanh": 1}  # by which compiled loops know them
@@ -51,11 +51,10 @@ def lean(function: Function) -> Function:
     Counting costs two locked instructions an array and call, two thirds of the inverse's time. The caller holds the
     arrays. A division by zero gives inf or nan.
     """
-    compiled = njit(cache=True, error_model="numpy", _nrt=False)(function)  # type: ignore[call-overload]
-    return cast(Function, compiled)
+    return njit(error_model="numpy", _nrt=False)(function)
 
 
-@njit(cache=True)
+@njit
 def tanh_and_slope(s: float) -> tuple[float, float]:
     """tanh(s) and its slope 1 / cosh(s)^2."""
     t = math.exp(-2.0 * abs(s))
@@ -63,7 +62,7 @@ def tanh_and_slope(s: float) -> tuple[float, float]:
     return math.copysign((1.0 - t) * inverse, s), 4.0 * t * inverse * inverse
 
 
-@njit(cache=True)
+@njit
 def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
     """Value and slope dgamma/dv (1/K) of an envelope function at v in degC."""
     s = a * v + b
@@ -76,7 +75,7 @@ def envelope(code: float, a: float, b: float, v: float) -> tuple[float, float]:
     return call_at(table, VALUE, s), a * call_at(table, SLOPE, s)
 
 
-@njit(cache=True)
+@njit
 def envelope_value(code: float, a: float, b: float, v: float) -> float:
     """Value of an envelope function at v in degC: the same bits as `envelope` gives."""
     s = a * v + b
@@ -87,7 +86,7 @@ def envelope_value(code: float, a: float, b: float, v: float) -> float:
     return float(call_at(np.int64(code), VALUE, s))
 
 
-@njit(cache=True)
+@njit
 def envelope_values(row: Array, v: Array) -> Array:
     """Values of the envelope (code, a, b) at temperatures v in degC."""
     values = np.empty(v.size)
@@ -96,7 +95,7 @@ def envelope_values(row: Array, v: Array) -> Array:
     return values
 
 
-@njit(cache=True)
+@njit
 def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
     """The v in degC at which the envelope has the value; +-inf beyond the ends of its range."""
     if code == 0.0:
@@ -111,7 +110,7 @@ def envelope_inverse(code: float, a: float, b: float, value: float) -> float:
     return float((call_at(np.int64(code), THIRD, value) - b) / a)
 
 
-@njit(cache=True)
+@njit
 def envelope_limits(code: float, a: float) -> tuple[float, float]:
     """The values of an increasing envelope (a > 0) at v = -inf and v = +inf."""
     if code == 1.0:
@@ -121,7 +120,7 @@ def envelope_limits(code: float, a: float) -> tuple[float, float]:
     return number_at(np.int64(code), LOW), number_at(np.int64(code), HIGH)
 
 
-@njit(cache=True)
+@njit
 def envelope_inflection(code: float, a: float, b: float) -> float:
     """The one v at which the envelope is steepest or flattest; nan where its slope is monotone."""
     if code == 1.0:
@@ -131,7 +130,7 @@ def envelope_inflection(code: float, a: float, b: float) -> float:
     return float((number_at(np.int64(code), INFLECTION) - b) / a)
 
 
-@njit(cache=True)
+@njit
 def memoryless_value(code: int, par: Array, v: float) -> float:
     """D at v in degC: the same bits as `memoryless` gives."""
     s = par[1] * v + par[2]
@@ -144,7 +143,7 @@ def memoryless_value(code: int, par: Array, v: float) -> float:
     return memoryless(code, par, v)[0]
 
 
-@njit(cache=True)
+@njit
 def memoryless(code: int, par: Array, v: float) -> tuple[float, float, float]:
     """D, dD/dv and d2D/dv2 at v in degC."""
     amplitude, a, b, offset = par[0], par[1], par[2], par[3]

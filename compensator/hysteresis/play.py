@@ -11,12 +11,11 @@ The classical play operator is the case gamma_R(v) = gamma_L(v) = v. `envelopes`
 
 from __future__ import annotations
 
-from numba import njit
-
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array, envelope_value, memoryless_value
 
 
-@njit(cache=True)
+@njit
 def move(side: float, gamma: float, radii: Array, memory: Array) -> None:
     """Move every operator to the envelope's value gamma, rising (side +1) or falling (-1), in place: eq (6)."""
     if side > 0.0:
@@ -27,7 +26,7 @@ def move(side: float, gamma: float, radii: Array, memory: Array) -> None:
             memory[j] = min(gamma + radii[j], memory[j])
 
 
-@njit(cache=True)
+@njit
 def advance(v: float, v_before: float, envelopes: Array, radii: Array, memory: Array) -> None:
     """Move every operator to the input v, in place: eq (6)."""
     if v > v_before:
@@ -45,7 +44,7 @@ def advance(v: float, v_before: float, envelopes: Array, radii: Array, memory: A
         memory[j] = max(gamma - radii[j], memory[j]) if side > 0.0 else min(gamma + radii[j], memory[j])
 
 
-@njit(cache=True)
+@njit
 def weighted_sum(weights: Array, memory: Array) -> float:
     """sum_j p_j w_j in a fixed order of additions, so that every caller gets the same bits."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0  # eight lanes: one vector register
@@ -65,14 +64,14 @@ def weighted_sum(weights: Array, memory: Array) -> float:
     return ((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7))
 
 
-@njit(cache=True)
+@njit
 def output_of(film: tuple[Array, Array, Array, int, Array], v: float, memory: Array) -> float:
     """Output u of a film at v (degC) with this memory, eq (9). film: as of `run`."""
     _, _, weights, code, par = film
     return memoryless_value(code, par, v) + weighted_sum(weights, memory)
 
 
-@njit(cache=True)
+@njit
 def run(
     inputs: Array,
     v_before: float,
@@ -117,7 +116,7 @@ def run(
     return v_before
 
 
-@njit(cache=True)
+@njit
 def play_outputs(inputs: Array, v_before: float, memory: Array, envelopes: Array, radii: Array, outputs: Array) -> None:
     """Output of each operator for a sequence of inputs: outputs has the shape (samples, operators)."""
     for i in range(inputs.size):

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 Integers = NDArray[np.int64]
@@ -25,7 +25,7 @@ GROUP = 4  # parameters of a group: log a_R, c_R, log a_L, c_L
 WIDE, FINE = 80, 16  # steps to each side of the middle, in which the widest place between envelopes is looked for
 
 
-@njit(cache=True)
+@njit
 def operator_outputs(
     gamma: Array, side: Sides, radii: Array, group: Integers, top: float, rows: Integers, out: Array
 ) -> None:
@@ -64,7 +64,7 @@ def operator_outputs(
             r += 1
 
 
-@njit(cache=True)
+@njit
 def weighted_outputs(
     gamma: Array, side: Sides, radii: Array, weights: Array, top: float, rows: Integers, out: Array
 ) -> None:
@@ -102,7 +102,7 @@ def weighted_outputs(
             r += 1
 
 
-@njit(cache=True)
+@njit
 def _hand_over(
     first: int,
     by_log_a: float,
@@ -126,7 +126,7 @@ def _hand_over(
     total_by_floor[0] += by_floor
 
 
-@njit(cache=True)
+@njit
 def output_derivatives(
     inputs: Array,
     gamma: Array,
@@ -196,7 +196,7 @@ def envelope_values(inputs: Array, side: Sides, shapes: Array) -> Array:
     return np.asarray(np.tanh(a * (inputs[:, None] - c)), dtype=np.float64)
 
 
-@njit(cache=True)
+@njit
 def radius_floor(shape: Array) -> tuple[float, Array]:
     """The smallest radius that the order condition allows for tanh envelopes, and its gradient, shape (4,)."""
     slope_r, centre_r, slope_l, centre_l = math.exp(shape[0]), float(shape[1]), math.exp(shape[2]), float(shape[3])
@@ -221,7 +221,7 @@ def radius_floor(shape: Array) -> tuple[float, Array]:
     return floor + 1e-9, gradient
 
 
-@njit(cache=True)
+@njit
 def _largest_gap(
     slope_r: float, centre_r: float, slope_l: float, centre_l: float, middle: float, reach: float, steps: int
 ) -> tuple[float, float]:

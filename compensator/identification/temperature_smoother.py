@@ -27,10 +27,10 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import isotonic_regression
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from compensator.identification.checked_columns import check_noise
 from compensator.identification.outliers import lone_outliers
@@ -62,7 +62,7 @@ class TemperaturePath:
     density: Array | None = None
 
 
-@njit(cache=True)
+@njit
 def _smooth(
     steps: Array, readings: Array, used: NDArray[np.bool_], density: Array, backward: bool, work: Array
 ) -> float:
@@ -118,7 +118,7 @@ def _smooth(
     return logs
 
 
-@njit(cache=True)
+@njit
 def turning_points(values: Array, threshold: float) -> NDArray[np.int64]:
     """Indices of the turning points whose reversals exceed the threshold; the first and last row are among them."""
     found = np.empty(values.size + 1, dtype=np.int64)

@@ -12,14 +12,14 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 JITTER: Final = 1e-13  # of the mean diagonal: what rank deficiency may cost
 
 
-@njit(cache=True)
+@njit
 def _reduce(jitter: float, out: Array) -> None:
     """Upper triangle R with R'R = out, in its place; a column that depends on others counts as nothing."""
     k = out.shape[0]

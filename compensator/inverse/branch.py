@@ -23,8 +23,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, envelope, envelope_inflection, envelope_inverse, lean, memoryless
@@ -54,7 +54,7 @@ class Work(NamedTuple):
     root: Array
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def workspace(film: Packed) -> Work:
     """Room for a search on this film."""
     envelopes, operators = film[0].shape[0], film[1].size
@@ -191,7 +191,7 @@ def bounds(
     return least, most, floor - slack, ceiling + slack, least_e, most_e
 
 
-@njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+@njit(error_model="numpy", fastmath={"reassoc", "nsz"})
 def moving_sums(g: float, held: Array, radii: Array, weights: Array) -> tuple[float, float]:
     """(rest, moving) of sum_j p_j max(g - r_j, held_j) = moving g + rest; summed in any order, for steps only."""
     rest, moving = 0.0, 0.0

@@ -24,13 +24,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import FilmModel, Memory
 from compensator.hysteresis.functions import Array, envelope_inverse, memoryless
 
 
-@njit(cache=True)
+@njit
 def _inverse_parameters(radii: Array, weights: Array) -> tuple[Array, Array]:
     """Radii s_i and weights q_i of the inverse, eqs (16)-(18); index 0 holds radius 0 and 1 / p_0."""
     inverse_radii, inverse_weights = np.zeros(radii.size), np.zeros(radii.size)
@@ -45,7 +45,7 @@ def _inverse_parameters(radii: Array, weights: Array) -> tuple[Array, Array]:
     return inverse_radii, inverse_weights
 
 
-@njit(cache=True)
+@njit
 def _analytic(
     y: float, envelope_row: Array, weights: Array, memory: Array, inverse_radii: Array, inverse_weights: Array
 ) -> float:
@@ -68,7 +68,7 @@ def _analytic(
     return envelope_inverse(envelope_row[first], envelope_row[first + 1], envelope_row[first + 2], gamma)
 
 
-@njit(cache=True)
+@njit
 def _iterate(
     u: float,
     v: float,

@@ -14,9 +14,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.polynomial import Polynomial
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import FIRST_COEFFICIENT, Array, memoryless
 
@@ -80,14 +80,14 @@ def _bisected(code: int, par: Array, which: int, left: float, right: float) -> f
     return 0.5 * (left + right)
 
 
-@njit(cache=True)
+@njit
 def inside(table: Array, low: float, high: float) -> tuple[int, int]:
     """Indices (first, one past the last) of the points strictly between low and high."""
     first = int(np.searchsorted(table[0], low, side="right"))
     return first, max(first, int(np.searchsorted(table[0], high, side="left")))
 
 
-@njit(cache=True)
+@njit
 def range_between(
     table: Array, row: int, low: float, high: float, at_low: float, at_high: float
 ) -> tuple[float, float]:

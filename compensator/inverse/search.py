@@ -14,9 +14,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, lean
 from compensator.inverse.bracket import DEEPEST, FOUND, HERE, TOP, bracketed, common_root, copy_row
@@ -220,7 +220,7 @@ def divide(
     stale[row + 1] = before + 1 if trial - near > LITTLE * (far - near) else 0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def search(
     side: float,
     target: float,
@@ -283,7 +283,7 @@ def search(
     return found, count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def largest(
     sign: float,
     side: float,

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis import play
 from compensator.hysteresis.film import Packed
 from compensator.hysteresis.functions import Array, envelope, lean, memoryless
@@ -134,7 +134,7 @@ def solve_monotone(
     return found, v_found if found else math.nan, residual, count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def solve_any(
     target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
 ) -> tuple[bool, float, float, int]:
@@ -176,7 +176,7 @@ def solve_any(
     return not math.isnan(up), up, up_residual, count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def solve(
     target: float, v: float, film: Packed, settings: Settings, memory: Array, work: Work
 ) -> tuple[bool, float, float, int]:
@@ -222,7 +222,7 @@ def arrive(
             play.move(side, side * points[FOUND, GAMMA], radii, memory)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def trajectory(
     targets: Array,
     v: float,
@@ -246,7 +246,7 @@ def trajectory(
     return v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def solutions_on_branch(
     side: float,
     target: float,
@@ -277,7 +277,7 @@ def solutions_on_branch(
     return found, count + 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def output_range(
     side: float, v: float, end: float, film: Packed, settings: Settings, memory: Array
 ) -> tuple[float, float]:

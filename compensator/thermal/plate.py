@@ -29,8 +29,8 @@ from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import KELVIN, Array
 
 Kind = Literal["peltier", "heater"]
@@ -52,7 +52,7 @@ SEEBECK_SLOPE_PRIOR_PER_K: Final = (0.0015, 0.0008)  # see above
 RESISTANCE_SLOPE_PRIOR_PER_K: Final = (0.004, 0.0015)  # see above
 
 
-@njit(cache=True)
+@njit
 def seebeck(par: Array, temperature: float) -> float:
     """Return s at a temperature (degC)."""
     if par[5] == 0.0:  # of a temperature without bound, too
@@ -60,7 +60,7 @@ def seebeck(par: Array, temperature: float) -> float:
     return float(par[0] * (1.0 + par[5] * (temperature - SLOPES_AT_DEGC)))
 
 
-@njit(cache=True)
+@njit
 def resistance(par: Array, temperature: float) -> float:
     """Return r at a temperature (degC)."""
     if par[6] == 0.0:
@@ -68,7 +68,7 @@ def resistance(par: Array, temperature: float) -> float:
     return float(par[1] * (1.0 + par[6] * (temperature - SLOPES_AT_DEGC)))
 
 
-@njit(cache=True)
+@njit
 def balance(par: Array, current: float) -> tuple[float, float, float]:
     """Return (c0, c1, c2) of dT/dt = c0 + c1 T + c2 T^2 (K/s, T in degC) with a current held."""
     pumps, makes = par[0] * current, 0.5 * par[1] * current * current
@@ -78,7 +78,7 @@ def balance(par: Array, current: float) -> tuple[float, float, float]:
     return constant, linear, par[5] * pumps
 
 
-@njit(cache=True)
+@njit
 def balanced_rate(constant: float, linear: float, square: float, temperature: float) -> float:
     """Return dT/dt of a balance at a temperature."""
     if square == 0.0:  # of a temperature without bound, too
@@ -86,7 +86,7 @@ def balanced_rate(constant: float, linear: float, square: float, temperature: fl
     return constant + (linear + square * temperature) * temperature
 
 
-@njit(cache=True)
+@njit
 def after(constant: float, linear: float, square: float, temperature: float, dt: float) -> float:
     """Return T after dt of dT/dt = constant + linear T + square T^2: exact."""
     rate = balanced_rate(constant, linear, square, temperature)
@@ -109,7 +109,7 @@ def after(constant: float, linear: float, square: float, temperature: float, dt:
     return min(max(temperature + 2.0 * rate * t / divisor, -FARTHEST_DEGC), FARTHEST_DEGC)
 
 
-@njit(cache=True)
+@njit
 def run(par: Array, first_degC: float, times_s: Array, currents_A: Array, temperatures: Array) -> None:
     """Temperatures at the times, the current of each row held until the next."""
     temperature = first_degC
@@ -119,7 +119,7 @@ def run(par: Array, first_degC: float, times_s: Array, currents_A: Array, temper
             temperature = step(par, temperature, currents_A[k], times_s[k + 1] - times_s[k])
 
 
-@njit(cache=True)
+@njit
 def rate(par: Array, temperature: float, current: float) -> float:
     """Return dT/dt (K/s) at a temperature (degC) and current (A)."""
     joule = 0.5 * resistance(par, temperature) * current * current + par[3] * current
@@ -127,7 +127,7 @@ def rate(par: Array, temperature: float, current: float) -> float:
     return float(pumped + joule - par[2] * (temperature - par[AMBIENT]))
 
 
-@njit(cache=True)
+@njit
 def step(par: Array, temperature: float, current: float, dt: float) -> float:
     """Return the temperature (degC) after dt with the current held: exact."""
     constant, linear, square = balance(par, current)
@@ -137,13 +137,13 @@ def step(par: Array, temperature: float, current: float, dt: float) -> float:
     return after(constant, linear, square, temperature, dt)
 
 
-@njit(cache=True)
+@njit
 def drive_rate(par: Array, temperature: float, current: float) -> float:
     """What the drive alone gives of dT/dt (K/s): the Peltier heat, or a heater's power. Joule heat is not of it."""
     return float((seebeck(par, temperature) * (temperature + KELVIN) + par[3]) * current)
 
 
-@njit(cache=True)
+@njit
 def with_drive(par: Array, share: float) -> Array:
     """The same plate, its drive heating and cooling that share of what it does."""
     other = par.copy()
@@ -152,7 +152,7 @@ def with_drive(par: Array, share: float) -> Array:
     return other
 
 
-@njit(cache=True)
+@njit
 def current_range(par: Array, temperature: float, limit: float) -> tuple[float, float]:
     """Least and largest useful current (A): within the limit, and not beyond the largest cooling."""
     if par[HEATER] > 0.0:
@@ -163,7 +163,7 @@ def current_range(par: Array, temperature: float, limit: float) -> tuple[float, 
     return -min(limit, max(seebeck(par, temperature) * (temperature + KELVIN) / r, 0.0)), limit
 
 
-@njit(cache=True)
+@njit
 def current_for_rate(par: Array, temperature: float, wanted_rate: float, limit: float) -> float:
     """The plate's inverse: the current (A) that gives dT/dt, held within `current_range`."""
     low, high = current_range(par, temperature, limit)

@@ -15,12 +15,14 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensator.control.design import design_temperature
 from compensator.control.law import Law, LawSettings
 from compensator.hysteresis.film import FilmModel
 from compensator.hysteresis.functions import Array
 from compensator.identification.film import FilmFit, identify_film
+from compensator.identification.gaps import rows_after_gaps
 from compensator.identification.output_sense import output_falls
 from compensator.identification.temperature_smoother import temperature_path
 from compensator.inverse.check import Finding, check_model
@@ -87,7 +89,7 @@ def record_calibration(loop: Loop, configuration: Configuration) -> None:
     c = configuration.calibration
     low, high = calibration_range(configuration)
     heat_by_pulses(loop, configuration)
-    with loop.resting("plate from the pulses, gains, compiled loops"):
+    with loop.resting("plate from the pulses, gains"):
         first = loop.watch.plate.known
         kind: Kind = "peltier" if cools(loop.bench.controller) else "heater"
         known = plate_of_pulses(loop.folder, kind, first.delay_s if first is not None else 0.0)
@@ -167,6 +169,30 @@ def _temperature_target(points: list[float], rate: float, dwell_s: float, hold_f
     return Target("temperature", np.array(times), np.array(values))
 
 
+def own_pauses(time_s: Array, current_A: Array, tick: Array, used: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the rows, of those that are used, after pauses of the program's own: between two phases, with the current
+    at 0 before."""
+    time, current, first = time_s[used], current_A[used], tick[used] == 0
+    after = rows_after_gaps(time)
+    return np.asarray(after[first[after] & (current[after - 1] == 0.0)], dtype=np.int64)
+
+
+def through_pauses(
+    after: NDArray[np.int64], time_s: Array, degC: Array, output: Array, read_s: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return the columns with rows at the usual pace in each pause, on the straight line from its begin to its end and
+    without an output: 0 A were commanded and held, so the plate has not turned round. Without these rows there is a gap
+    in which the film's memory is unknown. after: the row after each pause."""
+    step_s = float(np.median(np.diff(time_s)))
+    for k in after[::-1]:
+        within_s = np.arange(time_s[k - 1] + step_s, time_s[k] - 0.5 * step_s, step_s)
+        known = np.isfinite(degC)
+        degC = np.insert(degC, k, np.interp(within_s, time_s[known], degC[known]))
+        time_s = np.insert(time_s, k, within_s)
+        output, read_s = (np.insert(values, k, np.full(within_s.size, math.nan)) for values in (output, read_s))
+    return time_s, degC, output, read_s
+
+
 def identify_calibration(
     folder: RunFolder, configuration: Configuration, model_path: Path, kind: Kind = "peltier"
 ) -> Calibration:
@@ -183,14 +209,10 @@ def identify_calibration(
     plate_fit = identify_plate(time[fitted], temperature[fitted], current[fitted], kind=kind, lag=True)
     read_s = folder.column("resistance_time_s")
     plate_degC = plate_course(time, temperature, plate_fit.lag_s)
-    film_fit = identify_film(
-        time[fitted],
-        plate_degC[fitted],
-        output[fitted],
-        output_time_s=read_s[fitted],
-        output_name=name,
-        seed=configuration.calibration.seed,
-    )
+    pauses = own_pauses(time, current, folder.column("tick"), fitted)
+    *rows, output_time_s = through_pauses(pauses, *(column[fitted] for column in (time, plate_degC, output, read_s)))
+    seed = configuration.calibration.seed
+    film_fit = identify_film(*rows, output_time_s=output_time_s, output_name=name, seed=seed)
     film: FilmModel = film_fit.model
     path = temperature_path(time, plate_degC).temperature_degC
     when_read = np.interp(np.where(np.isfinite(read_s), read_s, time), time, path)

@@ -24,6 +24,7 @@ from rig.core.faults import fault
 from rig.drivers.heater_drive import cools, drive_unit
 from rig.drivers.meter import LOG_RESISTANCE, column_of
 from rig.experiment.calibration import Calibration, identify_calibration, record_calibration
+from rig.experiment.compiling import compile_ahead
 from rig.experiment.expected import Onlooker, Phases, expected_run
 from rig.experiment.extended_model import known_plate, plate_observer
 from rig.experiment.polarity import check_polarity
@@ -85,6 +86,7 @@ def one_run(session: Session, path: Path, what: str) -> AbstractContextManager[t
 def calibrate(session: Session, path: Path) -> Calibration:
     """Run the calibration into a folder, write MODEL.toml there and its report."""
     _tell_dead_man(session)
+    compile_ahead(session.say, calibrates=True)
     return _calibrated(session, path)
 
 
@@ -154,6 +156,7 @@ def run_on(session: Session, path: Path, target: Target, model: Model | None) ->
         text = f"reads {meter.output}; expected an ohmmeter to track a resistance, or kind = 'track_output'"
         raise fault(session.file.path, "bench.meter", text)
     _tell_dead_man(session)
+    compile_ahead(session.say, calibrates=kind in TRACKING and model is None)
     if kind in TRACKING:
         _track_all(session, path, result)
     else:

@@ -33,7 +33,6 @@ from rig.files.record_file import read_record
 from rig.files.run_folder import default_folder, prepared_folder
 from rig.guard.line import UNGUARDED
 from rig.guard.needed import require_who_switches_off
-from rig.notebook.compiling import said_when_compiling
 from rig.notebook.configuration import tables_of, text_of
 from rig.report.run import write_live_report
 from rig.safety.signals import NotebookStop, SignalStop
@@ -98,7 +97,7 @@ class OpenBench:
         file = self._with(experiment)
         path = Path(out) if out is not None else default_folder(file.content.experiment.name)
         target, model = wanted(file, say)
-        with said_when_compiling("rig.open_bench"), prepared_folder(path), _interrupted() as signals:
+        with prepared_folder(path), _interrupted() as signals:
             session = Session(self._bench, file, signals, say, report=write_live_report)
             result = run_on(session, path, target, model)
         record = read_record(result.folder / "record.csv")
@@ -109,7 +108,7 @@ class OpenBench:
         """Measure film and plate with the configuration's [calibration]; `Run.model` is their model, which stands in
         the run folder as MODEL.toml. Raises as `run`."""
         path = Path(out) if out is not None else default_folder("calibration")
-        with said_when_compiling("rig.open_bench"), prepared_folder(path), _interrupted() as signals:
+        with prepared_folder(path), _interrupted() as signals:
             found = calibrate(Session(self._bench, self._file, signals, say, report=write_live_report), path)
         return Run(path, read_record(path / "record.csv"), (), found.model)
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rig.analysis.diagnosed import diagnosed, model_of
 from rig.core.faults import fault
+from rig.core.python_words import in_python
 from rig.files.effect_tables import add_effect_files, assumed
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
 from rig.report.diagnosis_lines import lines
@@ -59,7 +59,7 @@ class RecordDiagnosis(Shown):
         return place / "report.html"
 
 
-@says_when_it_compiles
+@in_python()
 def diagnose(
     record: Any,
     *further: Any,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rig.analysis.film_numbers import FilmNumbers
 from rig.analysis.identified import AskedFit, Identified, identified
+from rig.core.python_words import in_python
 from rig.files.film_output import FALLING_RESISTANCE
 from rig.files.model_file import Model
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
 from rig.report.identified_records import compared, in_words
@@ -52,7 +52,7 @@ class Identification(Shown):
         return drawn_loop(one.time_s, one.degC, one.measured, one.modelled, self.found.output)
 
 
-@says_when_it_compiles
+@in_python()
 def identify(
     record: Any,
     *further: Any,

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from rig.analysis.beyond_seen import beyond_seen
 from rig.analysis.inverted import Inversion, inverted
 from rig.core.faults import fault
-from rig.notebook.compiling import says_when_it_compiles
+from rig.core.python_words import in_python
 from rig.notebook.models import as_model
 
 
-@says_when_it_compiles
+@in_python()
 def invert(
     model: Any,
     target: ArrayLike,

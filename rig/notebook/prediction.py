@@ -19,10 +19,10 @@ from rig.analysis.prediction_error import (
     require_something_to_predict,
     room_note,
 )
+from rig.core.python_words import in_python
 from rig.experiment.feasible import order_warning
 from rig.files.effect_tables import add_effect_files
 from rig.files.record import Record
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.models import as_model
 from rig.notebook.records import as_record
 from rig.notebook.shown import Shown
@@ -75,7 +75,7 @@ class PredictedRecord(Shown):
         return next((error.rmse for error in self.errors if error.unit == unit), None)
 
 
-@says_when_it_compiles
+@in_python()
 def predict(
     model: Any,
     record: Any,

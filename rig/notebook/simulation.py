@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from rig.core.outcome import Tripped
+from rig.core.python_words import in_python
 from rig.files.record import Record
-from rig.notebook.compiling import says_when_it_compiles
 from rig.notebook.configuration import tables_of, text_of
 from rig.rehearsal.simulated import read_effects, simulated_configuration, simulated_rig
 from rig.rehearsal.simulated import simulate as simulated
@@ -28,7 +28,7 @@ class Simulation:
     ended: Tripped | None
 
 
-@says_when_it_compiles
+@in_python()
 def simulate(
     configuration: str | PathLike[str] | Mapping[str, Any] | None = None,
     *,

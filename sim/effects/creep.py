@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
 from sim.effects.lag import first_order_lag, first_order_lag_of_columns
 
 
-@njit(cache=True)
+@njit
 def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> None:
     """The hysteretic part with its slow share."""
     if math.isnan(state[0]):
@@ -27,7 +26,7 @@ def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> Non
         out[k] = values[k] + par[0] * (out[k] - values[k])
 
 
-@njit(cache=True)
+@njit
 def run_columns(par: Array, time: Array, values: Array, out: Array) -> None:
     """The same of many parts."""
     first_order_lag_of_columns(par[1], time, values, out)

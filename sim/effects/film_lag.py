@@ -8,14 +8,13 @@ Mass Transfer (Wiley 2007), ch. 5, lumped capacitance.
 
 from __future__ import annotations
 
-from numba import njit
-
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
 from sim.effects.lag import first_order_lag
 
 
-@njit(cache=True)
+@njit
 def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> None:
     """The film's temperature for the plate's."""
     first_order_lag(par[0], time, values, state, out)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import cfunc, types
+from numba import types
+
+from compensator.compiled import cfunc
 
 ARGUMENTS = 10  # p0, p1, s, r, g, ambient_degC, time_s, plate_degC, own_degC, current_A
 SIGNATURE = types.float64(*[types.float64] * ARGUMENTS)
@@ -15,7 +17,4 @@ def heat_term(function: Any) -> Any:
 
     What it divides by zero is infinite: an exception has no way out of machine code, and the term would be 0 unseen.
     """
-    try:
-        return cfunc(SIGNATURE, cache=True, error_model="numpy")(function)
-    except RuntimeError:  # code that stands in no file has no place for its cache
-        return cfunc(SIGNATURE, error_model="numpy")(function)
+    return cfunc(SIGNATURE, error_model="numpy")(function)

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 
-@njit(cache=True)
+@njit
 def first_order_lag(tau: float, time: Array, values: Array, state: Array, out: Array) -> None:
     """out follows values, both of shape (nodes,) at `time` (s); state (1,): x at the first node, at the last on return
     (nan: as if values had been constant before)."""
@@ -36,7 +35,7 @@ def first_order_lag(tau: float, time: Array, values: Array, state: Array, out: A
     state[0] = x
 
 
-@njit(cache=True)
+@njit
 def first_order_lag_of_columns(tau: float, time: Array, values: Array, out: Array) -> None:
     """The same for each column of values, (nodes, columns), at rest before the first node, to the bit: the nodes'
     exponentials are computed once for all of them."""

@@ -8,20 +8,19 @@ Model 2000 Multimeter User's Manual, sec. 3, filter.
 
 from __future__ import annotations
 
-from numba import njit
-
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.effects.effect import Effect, Filter, Parameter
 from sim.effects.lag import first_order_lag, first_order_lag_of_columns
 
 
-@njit(cache=True)
+@njit
 def run(par: Array, time: Array, values: Array, state: Array, out: Array) -> None:
     """The meter's log R for the film's."""
     first_order_lag(par[0], time, values, state, out)
 
 
-@njit(cache=True)
+@njit
 def run_columns(par: Array, time: Array, values: Array, out: Array) -> None:
     """The same of many."""
     first_order_lag_of_columns(par[0], time, values, out)

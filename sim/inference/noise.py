@@ -23,11 +23,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import chdtri
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 FAR_OUT: Final = 4.0  # standard deviations beyond which a reading weighs less: 1 in 16,000 of normal readings
@@ -38,7 +38,7 @@ NOT_ALLOWED: Final = 1e300  # cost of a point outside a bound
 LOG_RATIO: Final = (-12.0, 20.0)  # bounds of ln(slow^2 / white^2): a thousandth, and ten thousand times, of the noise
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def _predicted(length: float, dt: float, ratio: float, p: Array, step: Array) -> None:
     """Step of the process by dt: its transition into step (2, 2), its covariance p (3,), of d, d and rate, rate, on."""
     x = dt / length
@@ -56,7 +56,7 @@ def _predicted(length: float, dt: float, ratio: float, p: Array, step: Array) ->
     p[2] = rate + step[1, 0] ** 2 * a + 2.0 * step[1, 0] * step[1, 1] * b + step[1, 1] ** 2 * c
 
 
-@njit(cache=True)
+@njit
 def _profile(residual: Array, steps: Array, variance: Array, ratio: float, length: float) -> tuple[float, float]:
     """(-2 log-likelihood with the white variance at its best, without constants; that variance).
 
@@ -85,7 +85,7 @@ def _profile(residual: Array, steps: Array, variance: Array, ratio: float, lengt
     return residual.size * math.log(white) + logs, white
 
 
-@njit(cache=True)
+@njit
 def _gains(steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
     """Filter of each row, into out (rows, 7): transition (4), gains of d and of its rate, 1 / standard deviation of the
     innovation (white = 1)."""
@@ -104,7 +104,7 @@ def _gains(steps: Array, variance: Array, ratio: float, length: float, out: Arra
         p[0] *= 1.0 - out[k, 4]
 
 
-@njit(cache=True)
+@njit
 def _whiten(columns: Array, gains: Array, out: Array) -> None:
     """Each column's innovations over their standard deviation, into out (rows, columns)."""
     count = columns.shape[1]
@@ -119,7 +119,7 @@ def _whiten(columns: Array, gains: Array, out: Array) -> None:
             out[k, j] = innovation * scale
 
 
-@njit(cache=True)
+@njit
 def _smooth(residual: Array, steps: Array, variance: Array, ratio: float, length: float, out: Array) -> None:
     """Mean and variance (white = 1) of d in each row given all rows, into out (rows, 2): Rauch, Tung and Striebel."""
     n = residual.size

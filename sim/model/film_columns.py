@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from compensator.identification.operator_outputs import envelope_values, operator_outputs, weighted_outputs
 from sim.model.film_nodes import FilmNodes
@@ -120,7 +120,7 @@ class SmoothCurve:
         return out[:, 0]
 
 
-@njit(cache=True)
+@njit
 def cubic_columns(knots: Array, cubics: Array, temperature: Array, out: Array) -> None:
     """Cubics between evenly spaced knots, into out (samples, columns); constant beyond the ends, no number of none."""
     low, high, last = knots[0], knots[-1], knots.size - 2

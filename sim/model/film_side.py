@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numba import njit
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import Array, memoryless_value
 from sim.effects.effect import Filter, Switched
@@ -55,7 +55,7 @@ class FilmState:
     late: Mapping[str, float] = field(default_factory=dict)
 
 
-@njit(cache=True)
+@njit
 def _memoryless(code: int, par: Array, inputs: Array) -> Array:
     out = np.empty(inputs.size)
     for k in range(inputs.size):

@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import KELVIN, Array
 from compensator.thermal.plate import AMBIENT, after, balance, balanced_rate, resistance, seebeck
 from sim.effects.effect import HeatFlow, Switched
@@ -48,7 +49,7 @@ def _call(typing_context: Any, address: Any, p0: Any, p1: Any, s: Any, r: Any, g
 call: Any = _call
 
 
-@njit(cache=True)
+@njit
 def _rates(
     par: Array,
     terms: NDArray[np.int64],
@@ -78,7 +79,7 @@ def _rates(
     return float(rate)
 
 
-@njit(cache=True)
+@njit
 def run(
     par: Array,
     terms: NDArray[np.int64],

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from compensator.thermal.plate import AMBIENT
 from sim.model.links import Links, followed
@@ -67,7 +67,7 @@ class PlatePath:
         return time, temperature
 
 
-@njit(cache=True)
+@njit
 def _cubic(x: Any, begin: Any, change: Any, p: Any, q: Any) -> Any:
     """Between two nodes, x from 0 to 1, with slopes p and q over the whole at its ends (Hermite); numbers or arrays.
     Compiled, it does not warn where a trial's steps are without an end."""
@@ -75,7 +75,7 @@ def _cubic(x: Any, begin: Any, change: Any, p: Any, q: Any) -> Any:
     return begin + x * (p + x * (bend + x * (p + q - 2.0 * change)))
 
 
-@njit(cache=True)
+@njit
 def _finer(
     time: Array, plate: Array, slopes: Array, begins: Mask, parts: int, finer_time: Array, finer_plate: Array
 ) -> None:
@@ -204,7 +204,7 @@ def _turning(nodes: Nodes, temperature: Array) -> Array:
     return nodes.time_s[_turns_between(temperature, nodes.rows)]
 
 
-@njit(cache=True)
+@njit
 def _turns_between(temperature: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
     """The nodes besides these, rising ones, at which the temperature turns round; a trial's may be without an end."""
     found, count, row = np.empty(temperature.size, dtype=np.int64), 0, 0

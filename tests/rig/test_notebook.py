@@ -24,7 +24,6 @@ from rig.core.outcome import NotConfirmedOff
 from rig.core.python_words import python_words
 from rig.drivers.meerstetter import MeerstetterController
 from rig.files.record_file import write_columns
-from rig.notebook.compiling import ahead
 from tests.instruments.disobedient import Disobedient
 from tests.rig.small import MODEL, write_bench
 from tests.rig.test_ways_out import at_row
@@ -144,41 +143,6 @@ def test_simulated_with_effects(tmp_path: Path) -> None:
     assert found.ended is None
     again = rig.simulate(path, effects=["sensor_lag:tau_s=2"], seed=3)
     np.testing.assert_array_equal(found.record["temperature_degC"], again.record["temperature_degC"])
-
-
-COMPILES = """
-from numba import njit
-from rig.notebook.compiling import says_when_it_compiles
-
-@njit(cache=True)
-def doubled(x):
-    return 2.0 * x
-
-@says_when_it_compiles
-def invert():
-    return doubled(1.0) + doubled(2)
-
-print(invert())
-"""
-
-
-def test_what_compiles_ahead_is_what_compiles_for_this_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`./peltier precompile` compiles into the launcher's folder, where a Python of one's own does not look."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "anywhere")
-    assert ahead() == "peltier precompile"
-    monkeypatch.delenv("NUMBA_CACHE_DIR")
-    assert ahead() == "python -m rig precompile"
-
-
-def test_only_a_call_that_compiles_says_so(tmp_path: Path) -> None:
-    (tmp_path / "compiles.py").write_text(COMPILES)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    command = [sys.executable, str(tmp_path / "compiles.py")]
-    runs = [subprocess.run(command, capture_output=True, text=True, check=True, env=environment) for _ in range(2)]
-    said = "rig.invert: compiling loops, once (up to a minute; `peltier precompile` does it ahead)\n"
-    assert [(run.stdout, run.stderr) for run in runs] == [("6.0\n", said), ("6.0\n", "")]
-    for name in ("identify", "predict", "invert", "diagnose", "simulate"):
-        assert hasattr(getattr(rig, name), "__wrapped__"), name
 
 
 @pytest.mark.long

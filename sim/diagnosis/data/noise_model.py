@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.noise_colour import ColouredWhitening, NoiseColour
 from sim.diagnosis.data.path_error import SeenPathError
@@ -181,7 +181,7 @@ class Whitening:
         return out.reshape(values.shape)
 
 
-@njit(cache=True)
+@njit
 def _innovations(
     values: Array, own: Array, before: Array, theta: float, begins: Rows, weight: Array, out: Array
 ) -> None:

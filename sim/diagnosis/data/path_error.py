@@ -23,9 +23,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 from sim.diagnosis.data.wandering import Rows
 
@@ -152,7 +152,7 @@ class PathWhitening:
         return out.reshape(values.shape)
 
 
-@njit(cache=True)
+@njit
 def _given_all(
     steps: Array, read: NDArray[np.bool_], density: Array, information: float, keep: Array, added: Array
 ) -> None:
@@ -183,7 +183,7 @@ def _given_all(
     added[0, 0, 1] = added[0, 1, 0] = -ctr / determinant
 
 
-@njit(cache=True)
+@njit
 def _deviations(keep: Array, added: Array, out: Array) -> None:
     ptt = ptr = prr = 0.0
     for k in range(out.size):
@@ -191,7 +191,7 @@ def _deviations(keep: Array, added: Array, out: Array) -> None:
         out[k] = math.sqrt(ptt)
 
 
-@njit(cache=True)
+@njit
 def _on(keep: Array, added: Array, ptt: float, ptr: float, prr: float) -> tuple[float, float, float]:
     """The covariance in the next row."""
     a, b, c, d = keep[0, 0], keep[0, 1], keep[1, 0], keep[1, 1]
@@ -201,7 +201,7 @@ def _on(keep: Array, added: Array, ptt: float, ptr: float, prr: float) -> tuple[
     return tt, tr, rr
 
 
-@njit(cache=True)
+@njit
 def _gains(
     keep: Array,
     added: Array,
@@ -232,7 +232,7 @@ def _gains(
         following += 1
 
 
-@njit(cache=True)
+@njit
 def _innovations(
     values: Array,
     keep: Array,

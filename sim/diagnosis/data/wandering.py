@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from compensator.compiled import njit
 from compensator.hysteresis.functions import Array
 
 Rows = NDArray[np.int64]
@@ -91,7 +91,7 @@ class WanderingWhitening:
         return -0.5 * float(z @ z) - math.fsum(np.log(deviation))
 
 
-@njit(cache=True)
+@njit
 def _between(keep: Array, added: Array, rows: Rows, of_rows: Array, came: Array) -> None:
     for k in range(rows.size):
         left, variance = 1.0, 0.0
@@ -101,7 +101,7 @@ def _between(keep: Array, added: Array, rows: Rows, of_rows: Array, came: Array)
         of_rows[k], came[k] = left, variance
 
 
-@njit(cache=True)
+@njit
 def _innovations(values: Array, keep: Array, added: Array, noise: Array, out: Array) -> None:
     d, variance = np.zeros(values.shape[1]), 0.0
     for k in range(values.shape[0]):
@@ -116,7 +116,7 @@ def _innovations(values: Array, keep: Array, added: Array, noise: Array, out: Ar
         variance *= 1.0 - gain
 
 
-@njit(cache=True)
+@njit
 def _deviations(keep: Array, added: Array, noise: Array, out: Array) -> None:
     variance = 0.0
     for k in range(keep.size):
@@ -125,7 +125,7 @@ def _deviations(keep: Array, added: Array, noise: Array, out: Array) -> None:
         variance *= noise[k] / (variance + noise[k])
 
 
-@njit(cache=True)
+@njit
 def _smoothed(values: Array, keep: Array, added: Array, noise: Array, out: Array) -> None:
     size = values.size
     before, after, filtered = np.empty(size), np.empty(size), np.empty(size)

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
+from compensator.compiled import njit
 from compensator.hysteresis.film import Memoryless
 from compensator.hysteresis.functions import Array, memoryless
 
@@ -38,7 +38,7 @@ class RelayMemory(NamedTuple):
     input_degC: float
 
 
-@njit(cache=True)
+@njit
 def _run(
     inputs: Array,
     up: Array,

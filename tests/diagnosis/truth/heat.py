@@ -8,8 +8,9 @@ thermometer, lagged film. Per heat capacity: a = S/C, b = R_e/C, g = G/C.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from compensator.compiled import njit
 
 Array = NDArray[np.float64]
 # plate: a, b, g, T_a, plate at start, I_max, gain, integral gain
@@ -28,7 +29,7 @@ NODE = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0])
 LAST = np.array([35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _slope(t: float, x: Array, current: float, p: Array, e: Array, o: Array, out: Array) -> None:
     ambient = p[3] + e[5] * t
     if o[0] != 0.0:
@@ -49,7 +50,7 @@ def _slope(t: float, x: Array, current: float, p: Array, e: Array, o: Array, out
         out[3] = (x[0] - x[3]) / e[7]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _step(t: float, h: float, x: Array, current: float, p: Array, e: Array, o: Array, k: Array, trial: Array,
           order: int) -> None:  # fmt: skip
     """One step in place; order 1 is explicit Euler, for the negative control."""
@@ -78,7 +79,7 @@ def _step(t: float, h: float, x: Array, current: float, p: Array, e: Array, o: A
         x[3] = x[0]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def march(
     time: Array, setpoint: Array, current: Array, closed: bool, noise_K: Array, reading_time: Array, p: Array, e: Array,
     o: Array, longest_step: float, order: int,

@@ -22,8 +22,9 @@ from __future__ import annotations
 from math import erf, sqrt, tanh
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from compensator.compiled import njit
 
 Array = NDArray[np.float64]
 PLAY, PREISACH, REVERSAL, MOVING, MEDIUM, MIXED = 0, 1, 2, 3, 4, 5
@@ -32,7 +33,7 @@ DEEPEST = 400  # turning points that a reversal film can remember
 COLD, HOT = -60.0, 200.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _branch(x: float, c: Array) -> float:
     """A major branch: two smooth steps, from 0 at COLD to 1 at HOT."""
     low = c[4] * tanh((COLD - c[0]) * c[1]) + (1.0 - c[4]) * tanh((COLD - c[2]) * c[3])
@@ -40,7 +41,7 @@ def _branch(x: float, c: Array) -> float:
     return (c[4] * tanh((x - c[0]) * c[1]) + (1.0 - c[4]) * tanh((x - c[2]) * c[3]) - low) / (high - low)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _curve(table: Array, v0: float, m0: float, v1: float, m1: float, x: float) -> float:
     """The share at x on the curve from the turning point (v0, m0) back to (v1, m1)."""
     if abs(v1 - v0) < 1e-10:
@@ -55,7 +56,7 @@ def _curve(table: Array, v0: float, m0: float, v1: float, m1: float, x: float) -
     return m0 + (m1 - m0) * u**q
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _reversal_film(table: Array, state: Array, x: float, after: Array) -> float:
     """State: count of turning points, T, share, then (T, share) of each turning point, the oldest first."""
     n, v, m = int(state[0]), state[1], state[2]
@@ -78,7 +79,7 @@ def _reversal_film(table: Array, state: Array, x: float, after: Array) -> float:
     return table[2, 0] * here
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _relays(table: Array, state: Array, x: float, after: Array) -> float:
     """Decades of all relays that see x, degC."""
     total = 0.0
@@ -89,7 +90,7 @@ def _relays(table: Array, state: Array, x: float, after: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _seen(table: Array, state: Array, x: float, decades: float) -> float:
     """What relays see at x in the mean field of all of them: a fixed point, since the field is weak."""
     shift, after = 0.0, np.empty(state.size)
@@ -101,7 +102,7 @@ def _seen(table: Array, state: Array, x: float, decades: float) -> float:
     return x + shift
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _medium(metal: float, decades: float, dimensions: float) -> float:
     """Decades by which the mixture conducts better than the insulator."""
     good = 10.0**decades
@@ -109,7 +110,7 @@ def _medium(metal: float, decades: float, dimensions: float) -> float:
     return np.log10((b + sqrt(b * b + 4.0 * (dimensions - 1.0) * good)) / (2.0 * (dimensions - 1.0)))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _mixed(metal: float, decades: float, exponent: float, activation: float, x: float) -> float:
     """Decades by which the mixture conducts better than the insulator at MIDDLE."""
     gap = decades + activation * (1.0 / (x + 273.15) - 1.0 / (MIDDLE + 273.15))
@@ -118,7 +119,7 @@ def _mixed(metal: float, decades: float, exponent: float, activation: float, x: 
     return decades - np.log10((1.0 - metal) * 10.0 ** (exponent * gap) + metal) / exponent
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def share(kind: int, table: Array, state: Array, x: float, after: Array) -> float:
     """Decades of the transition at film temperature x, degC; `after` gets the memory there, and may be `state`
     itself. (With a flag in its place each of its values would be compiled apart.)"""
@@ -144,7 +145,7 @@ def share(kind: int, table: Array, state: Array, x: float, after: Array) -> floa
     return _medium(_relays(table, state, x, after) / decades, decades, table[4, 0])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def memoryless(form: int, d: Array, x: float) -> float:
     """D(T) in decades: 0 none, 1 linear a T, 2 arrhenius a / T[K], 3 a tanh(b T + c); plus the offset d[3]."""
     if form == 1:
@@ -156,7 +157,7 @@ def memoryless(form: int, d: Array, x: float) -> float:
     return d[3]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _heated(
     kind: int, table: Array, state: Array, form: int, d: Array, base: float, q: float, creep_share: float, slow: float,
     scratch: Array,
@@ -185,7 +186,7 @@ def _heated(
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def film_path(
     kind: int, table: Array, state: Array, form: int, d: Array, time: Array, base_degC: Array, heat_K_per_ohm: Array,
     creep_share: float, creep_tau_s: float,

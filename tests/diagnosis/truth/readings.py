@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from compensator.compiled import njit
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def lagged(time: Array, y: Array, tau_s: float) -> Array:
     """First-order lag of y, exact for straight pieces between the fine times."""
     out = np.empty(y.size)
